@@ -9,6 +9,7 @@ from drcli.base.problems import Problem
 from drcli.checks.machine_rules import review_disk
 from drcli.checks.parameter_rules import ParametersReview, review_parameters
 from drcli.checks.reward_rules import Source, read_source, review_source
+from drcli.checks.settings_rules import upload_problems
 from drcli.checks.storage_rules import review_prefix, review_pretrained
 from drcli.checks.try_inputs import try_inputs
 from drcli.config.settings import Settings
@@ -98,6 +99,7 @@ def examine(
                 found += missing_files(files, settings.custom_files, bucket.name)
                 transfer, wrong = _of_bucket(settings, bucket, review.design, plans)
                 found += wrong
+            found += upload_problems(settings)
             found += review_disk(settings.storage, job.directory)
             known = {(item.rule, item.where) for item in found}  # such as undefined names
             found += [item for item in trying.result() if (item.rule, item.where) not in known]

@@ -8,6 +8,7 @@ from pathlib import Path
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings, catalogue
+from drcli.models.transfer_buckets import UNDEFINED
 
 MOST_REPAIRS = 5
 """How often wrong lines are removed: a removed line may reveal another problem."""
@@ -60,7 +61,31 @@ def _judged(settings: Settings) -> list[Problem]:
             what = f"{name}={value} is accepted and not needed: {setting.reason}."
             place, remedy = settings.place(name), "Keep or remove the line."
             found.append(Problem("V-06", "warning", *place, what, remedy, name))
-    return found
+    return [*found, *upload_problems(settings)]
+
+
+def upload_problems(settings: Settings) -> list[Problem]:
+    """V-12: uploads that the settings ask for have a bucket to go to."""
+    wanted = {
+        "DR_REGULAR_UPLOAD": settings.regular_upload > 0,
+        "DR_UPLOAD_BEST_MODEL": settings.upload_best_model,
+        "DR_UPLOAD_MODEL_ON_COMPLETION": settings.upload_model_on_completion,
+    }
+    if settings.upload_s3_bucket not in ("", UNDEFINED):
+        return []
+    remedy = "Set DR_UPLOAD_S3_BUCKET in system.env, or switch these uploads off."
+    return [
+        Problem(
+            "V-12",
+            "warning",
+            *settings.place(name),
+            f"{name} asks for uploads, but DR_UPLOAD_S3_BUCKET names no bucket, so they will fail.",
+            remedy,
+            name,
+        )
+        for name, is_wanted in wanted.items()
+        if is_wanted
+    ]
 
 
 def _take_out(

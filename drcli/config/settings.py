@@ -34,8 +34,9 @@ from drcli.config.groups.unattended import (
 )
 from drcli.config.setting_problems import hidden, setting_problem
 
-_OF_SUPERVISOR = {*declared(MessageSettings), "DR_ON_END"}
-"""Settings that only the supervisor needs, and that may hold secrets."""
+SUPERVISOR_ONLY = frozenset({*declared(MessageSettings), "DR_ON_END"})
+"""Settings that no worker or command of a run needs. They hold addresses of people, and a command
+that may contain anything, so no copy of a model tells them."""
 
 Cloud = Literal["local", "remote", "aws", "azure"]
 Engine = Literal["rclone", "minio", "moto"]
@@ -418,7 +419,7 @@ class Settings(
         texts = {
             name: setting.text(getattr(self, setting.field))
             for name, setting in catalogue().items()
-            if name in self.sources and setting.effect == "used" and name not in _OF_SUPERVISOR
+            if name in self.sources and setting.effect == "used" and name not in SUPERVISOR_ONLY
         }
         return {name: text for name, text in texts.items() if hidden(name, text) == text}
 

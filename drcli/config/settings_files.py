@@ -305,7 +305,8 @@ class Layers:
 
     def _reject(self, entry: Entry, reason: str, missing: str | None = None) -> None:
         remedy = (
-            f"Set {missing} in system.env or in the environment, or write the value itself."
+            f"Set {missing} in system.env or in the environment, or write the value itself. "
+            "In single quotes, a dollar sign stays as it is."
             if missing is not None
             else f"Write the value of {entry.name} itself."
         )

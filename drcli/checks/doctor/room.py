@@ -9,6 +9,9 @@ from pathlib import Path, PurePosixPath
 
 import psutil
 
+from drcli.base.control_groups import ROOT
+from drcli.base.memory_state import group_limits
+from drcli.base.control_groups import group_folders
 from drcli.checks.doctor.findings import Finding, State, shown_bytes
 from drcli.checks.machine_rules import LEAST_DISK_BYTES, TRAINER_BYTES, WORKER_BYTES
 
@@ -17,15 +20,12 @@ LEAST_INODES = 10_000
 
 LEAST_TEMPORARY_BYTES = 200_000_000
 SLOW_DISK_MB_S = 10.0
-_ROOT = Path("/")
 _TEST_BYTES = 32 << 20
 _CHUNK_BYTES = 1 << 20
 _TEST_S = 0.8
 
 _NETWORK = ("nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "ceph", "lustre", "glusterfs", "gpfs")
 _IN_MEMORY = ("tmpfs", "ramfs")
-_LIMITLESS = 1 << 60
-"""Version 1 of control groups writes such a number if there is no limit."""
 
 
 @dataclass(frozen=True)
@@ -38,20 +38,20 @@ class Memory:
     limit: int | None
 
 
-def read_memory(root: Path = _ROOT) -> Memory:
+def read_memory(root: Path = ROOT) -> Memory:
     """The memory of the machine, or of the container if that has less."""
     machine = psutil.virtual_memory()
     total, free = machine.total, machine.available
     limit = None
-    for allowed, used in _group_limits(root):
+    for allowed, used in group_limits(root):
         limit = allowed if limit is None else min(limit, allowed)
-        free = min(free, max(0, allowed - used))
+        free = min(free, max(0, allowed - (used or 0)))
     if limit is not None and limit < total:
         return Memory(limit, free, psutil.swap_memory().total, limit)
     return Memory(total, free, psutil.swap_memory().total, None)
 
 
-def examine_memory(workers: int, root: Path = _ROOT) -> Iterator[Finding]:
+def examine_memory(workers: int, root: Path = ROOT) -> Iterator[Finding]:
     """Whether a training with so many simulation workers has enough memory."""
     memory = read_memory(root)
     needed = workers * WORKER_BYTES + TRAINER_BYTES
@@ -74,7 +74,7 @@ def examine_memory(workers: int, root: Path = _ROOT) -> Iterator[Finding]:
     yield Finding("memory", "problem" if hopeless else "warning", text, remedy, facts)
 
 
-def examine_disks(directory: Path, data_dir: Path | None, root: Path = _ROOT) -> Iterator[Finding]:
+def examine_disks(directory: Path, data_dir: Path | None, root: Path = ROOT) -> Iterator[Finding]:
     """The disks of the working folder, of the local bucket, and of temporary files.
 
     Args:
@@ -91,7 +91,7 @@ def examine_disks(directory: Path, data_dir: Path | None, root: Path = _ROOT) ->
     yield from _temporary()
 
 
-def file_system(place: Path, root: Path = _ROOT) -> str:
+def file_system(place: Path, root: Path = ROOT) -> str:
     """The kind of file system that a folder is on, such as `ext4`; empty if unknown."""
     kind, longest = "", -1
     try:
@@ -189,43 +189,3 @@ def _temporary() -> Iterator[Finding]:
 
 def _existing(folder: Path) -> Path | None:
     return next((each for each in (folder, *folder.parents) if each.is_dir()), None)
-
-
-def _group_limits(root: Path) -> Iterator[tuple[int, int]]:
-    """Memory that each control group of this process may use, and uses, in bytes."""
-    try:
-        lines = (root / "proc/self/cgroup").read_text("utf-8", "replace").splitlines()
-    except OSError:
-        return
-    for line in lines:
-        if line.count(":") < 2:
-            continue
-        _, controllers, path = line.split(":", 2)
-        unified = controllers == ""
-        if not unified and "memory" not in controllers.split(","):
-            continue
-        mount = root / "sys/fs/cgroup" / controllers
-        group = PurePosixPath(path.lstrip("/"))
-        # A container sees the path that its group has outside, and its own group at the root.
-        for folder in (mount / group, *(mount / parent for parent in group.parents)):
-            limit = _number(folder / ("memory.max" if unified else "memory.limit_in_bytes"))
-            used = _number(folder / ("memory.current" if unified else "memory.usage_in_bytes"))
-            if limit is not None and limit < _LIMITLESS:
-                # Cached files are given back before anything is killed.
-                yield limit, max(0, (used or 0) - _cached(folder / "memory.stat"))
-
-
-def _cached(stat: Path) -> int:
-    try:
-        words = dict(line.split(" ", 1) for line in stat.read_text("ascii").splitlines())
-        return int(words.get("inactive_file", words.get("total_inactive_file", 0)))
-    except (OSError, ValueError):
-        return 0
-
-
-def _number(file: Path) -> int | None:
-    """The number in a file; None if there is none, as in `max`."""
-    try:
-        return int(file.read_text("ascii"))
-    except (OSError, ValueError):
-        return None

@@ -535,6 +535,13 @@ CASES = (
         ("gae_lambda=1.5", "above 1"),
     ),
     Case(
+        "V-12",
+        lambda f: f.settings(DR_REGULAR_UPLOAD=60, DR_UPLOAD_S3_BUCKET="models"),
+        lambda f: f.settings(DR_REGULAR_UPLOAD=60),
+        "warning",
+        ("DR_REGULAR_UPLOAD asks for uploads", "DR_UPLOAD_S3_BUCKET"),
+    ),
+    Case(
         "V-50",
         lambda f: None,
         lambda f: setattr(f.bucket, "put", refuse_put),

@@ -193,7 +193,8 @@ from drcli.config.loading import load_settings
         pytest.param(
             "DR_CAR_NAME=$TEAM",
             "run.env line 2: DR_CAR_NAME=$TEAM refers to TEAM, which is not set.",
-            "Set TEAM in system.env or in the environment, or write the value itself.",
+            "Set TEAM in system.env or in the environment, or write the value itself. "
+            "In single quotes, a dollar sign stays as it is.",
             id="reference-to-nothing",
         ),
         pytest.param(
