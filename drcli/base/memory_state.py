@@ -11,6 +11,8 @@ from drcli.base.control_groups import ROOT, group_folders
 _UNLIMITED = 1 << 60
 """The first version of control groups writes a number near 2**63 where there is no limit."""
 
+_FIRST_VERSION = ("memory.limit_in_bytes", "memory.usage_in_bytes")
+
 
 @dataclass(frozen=True)
 class MemoryState:
@@ -44,26 +46,26 @@ def read_memory(root: Path = ROOT) -> MemoryState:
     """Memory as it is now; `root` is that of the file system, for tests."""
     machine, swap = psutil.virtual_memory(), psutil.swap_memory()
     found = MemoryState(machine.total + swap.total, machine.available + swap.free)
-    for total, available in _groups(root):
-        if total < found.total_bytes and available < found.available_bytes:
-            found = MemoryState(total, max(0, available), limited=True)
+    for limit, used in group_limits(root):
+        if used is None:
+            continue
+        available = max(0, limit - used)
+        if limit < found.total_bytes and available < found.available_bytes:
+            found = MemoryState(limit, available, limited=True)
     return MemoryState(found.total_bytes, found.available_bytes, found.limited, _kills(root))
 
 
-def _groups(root: Path) -> Iterator[tuple[int, int]]:
-    """Limit and free part of it, in bytes, of each group that has a limit."""
+def group_limits(root: Path = ROOT) -> Iterator[tuple[int, int | None]]:
+    """Limit and use, in bytes, of each control group with a limit; None if the use is unknown."""
     for folder, unified in group_folders("memory", root):
         names = ("memory.max", "memory.current") if unified else _FIRST_VERSION
         limit, used = (_number(folder / name) for name in names)
-        if limit is None or used is None or limit >= _UNLIMITED:
+        if limit is None or limit >= _UNLIMITED:
             continue
         # Pages of files that nobody has used for a while are given back before anybody is killed.
         stat = _counts(folder / "memory.stat")
         cache = stat.get("inactive_file" if unified else "total_inactive_file", 0)
-        yield limit, limit - used + cache
-
-
-_FIRST_VERSION = ("memory.limit_in_bytes", "memory.usage_in_bytes")
+        yield limit, None if used is None else max(0, used - cache)
 
 
 def _kills(root: Path) -> int:

@@ -11,7 +11,6 @@ import psutil
 
 from drcli.base.control_groups import ROOT
 from drcli.base.memory_state import group_limits
-from drcli.base.control_groups import group_folders
 from drcli.checks.doctor.findings import Finding, State, shown_bytes
 from drcli.checks.machine_rules import LEAST_DISK_BYTES, TRAINER_BYTES, WORKER_BYTES
 
