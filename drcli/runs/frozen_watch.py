@@ -15,7 +15,7 @@ from drcli.runs.outcome import Outcome
 from drcli.runs.seen_pulses import Seen, SeenPulses, cpu_s
 from drcli.runs.warnings_board import WarningsBoard
 from drcli.runs.worker_processes import Child
-from drcli.runs.worker_stacks import StacksRequest
+from drcli.runs.worker_stacks import ANSWER_S, StacksRequest
 
 FROZEN_S = 30.0
 """Time without a pulse and without processor time after which a worker is replaced."""
@@ -28,9 +28,6 @@ BUSY_S = 120.0
 
 USED_S = 0.05
 """A worker that used less processor time than this did not run."""
-
-ANSWER_S = 4.0
-"""How long a worker may take to write its stacks."""
 
 REMOVAL_S = 10.0
 """How long the kernel may take to remove a killed worker before another one is started."""

@@ -14,7 +14,7 @@ from drcli.runs.outcome import Outcome
 from drcli.runs.seen_pulses import Seen, SeenPulses
 from drcli.runs.warnings_board import WarningsBoard
 from drcli.runs.worker_processes import TRAINER, Child
-from drcli.runs.worker_stacks import StacksRequest
+from drcli.runs.worker_stacks import ANSWER_S, StacksRequest
 
 TURN_S = 60.0
 """A worker whose main thread did not come by for so long is stuck in one call."""
@@ -22,9 +22,6 @@ TURN_S = 60.0
 MOST_STALLS = 3
 """How many stalls without an update between them end the run: workers that move on for a while
 after each restart, and then get stuck again, will not finish an iteration."""
-
-ANSWER_S = 4.0
-"""How long a worker may take to write its stacks before it is killed."""
 
 
 class StallWatch(Duty):

@@ -11,6 +11,9 @@ from drcli.runs.run_logs import log_file
 from drcli.runs.worker_processes import Child
 from drcli.workers.pulse import STACKS_SIGNAL
 
+ANSWER_S = 4.0
+"""How long a worker may take to write its stacks."""
+
 
 @dataclass(frozen=True)
 class StacksRequest:
