@@ -4,14 +4,13 @@ import csv
 import io
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 
 from drcli.base.json_record import RecordError, parse_json
 from drcli.exchange.episode_metrics import EpisodeMetrics, decode_metrics, encode_metrics
 from drcli.exchange.iteration import IterationRecord, decode_history, encode_history
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing
-from drcli.store.growing_file import list_parts
+from drcli.store.bucket import Bucket
+from drcli.store.growing_file import read_parts
 
 
 def read_complete(bucket: Bucket, key: str) -> bytes:
@@ -27,10 +26,7 @@ def read_complete(bucket: Bucket, key: str) -> bytes:
         combine = _rows
     elif name.startswith("TrainingMetrics") and name.endswith(".json"):
         combine = _metrics
-    parts: list[bytes] = []
-    for part in list_parts(bucket, key) if combine is not None else ():
-        with suppress(ObjectMissing):  # deleted since the listing: the whole object has it
-            parts.append(bucket.get(part))
+    parts = read_parts(bucket, key, bucket.get) if combine is not None else []
     whole = bucket.get(key)
     if combine is None or not parts:
         return whole

@@ -11,14 +11,18 @@ import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import TypeVar
 
 from drcli.base.errors import DrError, StorageError
 from drcli.base.log import get_logger
 from drcli.store import keys
-from drcli.store.bucket import Bucket
+from drcli.store.bucket import Bucket, ObjectMissing
 
 _logger = get_logger(__name__)
+
+T = TypeVar("T")
 
 SMALL_BYTES = 128 << 10
 """Up to this size, the whole object is written with each entry."""
@@ -96,9 +100,7 @@ class GrowingFile:
             outdated: Whether the object or a part has other entries than these; the whole object
                 is written with the next entry then.
         """
-        self._open, self._closed, self._size_bytes = {}, {}, 0
-        for iteration, entry in entries:
-            self._set(iteration, entry)
+        self._fill(entries)
         numbers = (keys.part_number(self._key, part) for part in parts)
         self._parts = {number: 0 for number in numbers if number is not None}
         self._outdated = outdated
@@ -162,10 +164,7 @@ class GrowingFile:
     def replace(self, layout: Layout, change: Callable[[bytes], bytes]) -> None:
         """Change the format and every entry; the whole object is written with the next entry."""
         self.layout = layout
-        everything = [(n, change(entry)) for n, entry in self._entries()]
-        self._open, self._closed, self._size_bytes = {}, {}, 0
-        for iteration, entry in everything:
-            self._set(iteration, entry)
+        self._fill([(n, change(entry)) for n, entry in self._entries()])
         self._outdated = True
 
     def text(self) -> bytes:
@@ -187,6 +186,11 @@ class GrowingFile:
 
     def _part(self, group: int) -> bytes:
         return self.layout.text(entry for _, entry in self._unpacked(group))
+
+    def _fill(self, entries: Iterable[tuple[int, bytes]]) -> None:
+        self._open, self._closed, self._size_bytes = {}, {}, 0
+        for iteration, entry in entries:
+            self._set(iteration, entry)
 
     def _set(self, iteration: int, entry: bytes) -> None:
         entries = self._opened(iteration // self._per_part)
@@ -274,10 +278,19 @@ class GrowingFile:
 
 
 def list_parts(bucket: Bucket, key: str) -> list[str]:
-    """Keys of the parts of an object, oldest first.
-
-    A reader reads them before the whole object: a part that is deleted meanwhile is in it.
-    """
+    """Keys of the parts of an object, oldest first."""
     folder = key.rpartition("/")[0] + "/"
     found = [info.key for info in bucket.list(folder)]
     return [part for part in found if keys.part_number(key, part) is not None]
+
+
+def read_parts(bucket: Bucket, key: str, read: Callable[[str], T]) -> list[T]:
+    """What `read` returns for each part of an object, oldest first.
+
+    Read the whole object afterwards: a part that is deleted meanwhile is in it.
+    """
+    found = []
+    for part in list_parts(bucket, key):
+        with suppress(ObjectMissing):
+            found.append(read(part))
+    return found

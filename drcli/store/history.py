@@ -17,7 +17,7 @@ from drcli.exchange.iteration import (
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing, read_record
 from drcli.store.complete_files import combined_history
-from drcli.store.growing_file import GrowingFile, Layout, list_parts
+from drcli.store.growing_file import GrowingFile, Layout, list_parts, read_parts
 
 LAYOUT = Layout(HISTORY_HEAD, SEPARATOR, HISTORY_END)
 
@@ -135,7 +135,7 @@ class HistoryReader:
         self._known = {
             key: found for key, found in self._known.items() if found[0] == infos.get(key)
         }
-        for each in sorted(infos, reverse=True):  # the whole object last, see `list_parts`
+        for each in sorted(infos, reverse=True):  # the whole object last, see `read_parts`
             if each not in self._known:
                 try:
                     records = read_record(bucket, each, decode_history, _REMEDY)
@@ -149,14 +149,14 @@ class HistoryReader:
 
 def read_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
     """All iterations so far, oldest first; ObjectDamaged if an object is unreadable."""
-    key, parts = keys.history(prefix), []
-    for part in list_parts(bucket, key):
-        try:
-            parts.append(read_record(bucket, part, decode_history, _REMEDY))
-        except ObjectMissing:  # deleted since the listing: the whole object has it
-            continue
+    key = keys.history(prefix)
+
+    def read(key: str) -> list[IterationRecord]:
+        return read_record(bucket, key, decode_history, _REMEDY)
+
+    parts = read_parts(bucket, key, read)
     try:
-        return combined_history(read_record(bucket, key, decode_history, _REMEDY), parts)
+        return combined_history(read(key), parts)
     except ObjectMissing:
         return combined_history([], parts)
 

@@ -24,6 +24,7 @@ from drcli.store.best_checkpoint import (
 )
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore, checkpoint_objects
+from drcli.store.complete_files import combined_history
 from drcli.store.growing_file import list_parts
 
 _TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
@@ -100,12 +101,8 @@ def reconstruct_history(
     records = readable_records(bucket, prefix)
     key = keys.history(prefix)
     objects = [*damaged, *readable_objects(bucket, [key, *list_parts(bucket, key)])]
-    known: dict[int, IterationRecord] = {}
-    for data in objects:
-        for record in whole_records(data, IterationRecord.from_json):
-            before = known.get(record.iteration, record)
-            if len(before.evaluation_progress) <= len(record.evaluation_progress):
-                known[record.iteration] = record
+    parts = [whole_records(data, IterationRecord.from_json) for data in objects]
+    known = {record.iteration: record for record in combined_history([], parts)}
     learned = [r.counters.learned for r in records if r.counters.learned is not None]
     stated = known | {record.iteration: record for record in learned}
     known |= {r.iteration: r for r in _traced_history(bucket, prefix, stated)}

@@ -33,7 +33,7 @@ from drcli.store.bucket import (
     read_record,
 )
 from drcli.store.complete_files import combined_metrics
-from drcli.store.growing_file import list_parts
+from drcli.store.growing_file import list_parts, read_parts
 from drcli.store.history import HistoryReader, read_history, write_history
 from drcli.store.reconstruct import (
     readable_objects,
@@ -138,10 +138,7 @@ def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
 
 def read_all_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
     """The records of a worker's TrainingMetrics.json and its parts; ObjectDamaged."""
-    parts = []
-    for part in list_parts(bucket, key):
-        with suppress(ObjectMissing):  # deleted since the listing: the whole file has it
-            parts.append(read_metrics(bucket, part))
+    parts = read_parts(bucket, key, partial(read_metrics, bucket))
     try:
         return combined_metrics(read_metrics(bucket, key), parts)
     except ObjectMissing:
