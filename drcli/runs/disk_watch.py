@@ -94,6 +94,7 @@ class DiskWatch(Duty):
         self._measure = measure
         self._trends: dict[int, Trend] = {}
         self._warned: dict[int, int] = {}
+        self._temporary_low = False
         self._disks: Sequence[tuple[Disk, float]] = ()
         self._occupied: Sequence[Occupied] = ()
         self._listed_step = 0
@@ -194,9 +195,9 @@ class DiskWatch(Duty):
     def _look_at_temporary(self, disk: Disk) -> None:
         if disk.free_bytes >= TEMPORARY_BYTES:
             self._board.clear("temporary files")
-            self._warned.pop(-1, None)
-        elif -1 not in self._warned:
-            self._warned[-1] = 1
+            self._temporary_low = False
+        elif not self._temporary_low:
+            self._temporary_low = True
             self._board.warn(
                 "temporary files",
                 f"Only {size(disk.free_bytes)} are left in {disk.folder}, the folder for temporary "

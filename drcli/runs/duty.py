@@ -42,7 +42,7 @@ class Duty:
     The supervisor calls `start` once, `check` in every round of its loop (each 0.2 s), `finish`
     when the workers have exited and the run still owns its model, and `leave` at the very end, when
     the lease is released and the outcome is recorded. `check` must return at once: what takes
-    longer belongs into a thread or a process. A failure in a duty is logged and never ends the run.
+    longer belongs in a thread or a process. A failure in a duty is logged and never ends the run.
 
     Work at the end of a complete training that must not be lost is named by `left`: before `finish`
     everything that it is going to do, afterwards what it could not do. The bucket keeps these names

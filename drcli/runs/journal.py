@@ -45,7 +45,6 @@ class Journal:
         self._key = keys.journal(prefix, term, session)
         self._lock = threading.Lock()
         self._entries = [replace(one, text=_without_secrets(one.text)) for one in noted]
-        self._noted = len(self._entries)
         self._written = self._omitted = 0
         self._listeners: list[Callable[[JournalEntry], None]] = []
         self._open_bucket: Callable[[], Bucket] | None = None
@@ -60,7 +59,6 @@ class Journal:
         entry = JournalEntry(time.time(), kind, _without_secrets(text), facts)
         with self._lock:
             self._entries.append(entry)
-            self._noted += 1
             if len(self._entries) > MOST_KEPT:
                 del self._entries[FIRST_KEPT]
                 self._omitted += 1
@@ -102,7 +100,8 @@ class Journal:
 
     def _put(self, bucket: Bucket) -> None:
         with self._lock:
-            entries, noted, omitted = tuple(self._entries), self._noted, self._omitted
+            entries, omitted = tuple(self._entries), self._omitted
+        noted = len(entries) + omitted
         if noted == self._written:
             return
         lines = [_line(entry) for entry in entries]

@@ -129,10 +129,8 @@ class MemoryWatch(Duty):
                 f" It had grown from {megabytes(growth.begin)} in {duration(growth.seconds)}. "
                 f"{_cause(child)}"
             )
-        if growth is not None and lived_s >= YOUNG_S:
-            self._board.tell("fault", f"{what} It is started again.", worker=child.name)
-            return None
-        if self._restart_leak(self._clock()):
+        leaked = growth is not None and lived_s >= YOUNG_S
+        if leaked or self._restart_leak(self._clock()):
             self._board.tell("fault", f"{what} It is started again.", worker=child.name)
             return None
         step = self._smaller.next_step(child, self._run)

@@ -72,7 +72,7 @@ def prepare_next(settings: Settings, options: StartOptions, *, wait: bool) -> Ne
         try:
             return _plan(settings, options, bucket)
         except lease.ModelInUse:
-            if not _is_owned(bucket, prefix):
+            if lease.live_holder(bucket, prefix) is None:
                 raise  # this DR_RUN_ID trains another model here
 
 
@@ -114,7 +114,3 @@ def _stays_ended(outcome: RunOutcome, model: str) -> str:
         f"The training of {model} stays stopped: {why}{also}. "
         "Continue it with `dr-start-training --resume`."
     )
-
-
-def _is_owned(bucket: Bucket, prefix: str) -> bool:
-    return lease.live_holder(bucket, prefix) is not None
