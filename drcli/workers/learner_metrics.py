@@ -3,7 +3,7 @@
 import csv
 import io
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 
 from drcli.base.errors import StorageError
@@ -93,17 +93,14 @@ class LearnerMetrics:
         if new:
             self._columns = columns
             self._file.replace(_layout(columns), lambda line: line[:-1] + b"," * new + b"\n")
-        self._store(lambda: self._file.put(int(row[NUMBER]), _line(row, columns)))
+        try:
+            self._file.put(int(row[NUMBER]), _line(row, columns))
+        except StorageError as error:
+            _logger.warning("%s/%s was not written: %s", self._bucket.name, self._key, error)
 
     def finish(self) -> None:
         """Write the file for the last time."""
         self._file.finish()
-
-    def _store(self, write: Callable[[], None]) -> None:
-        try:
-            write()
-        except StorageError as error:
-            _logger.warning("%s/%s was not written: %s", self._bucket.name, self._key, error)
 
 
 def columns_of(rows: Iterable[Mapping[str, float]]) -> list[str]:

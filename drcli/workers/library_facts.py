@@ -29,9 +29,8 @@ def library_facts(precision: str, batch_size: int, threads: int) -> dict[str, An
         try:
             torch.cuda.init()  # type: ignore[no-untyped-call]  # says why not, unlike is_available
             facts["cuda"] = torch.cuda.is_available()
-            torch.zeros(
-                8, device="cuda"
-            ).sum().item()  # a GPU that torch has no code for fails here
+            # A GPU that torch has no code for fails here.
+            torch.zeros(8, device="cuda").sum().item()
         except Exception as error:
             facts |= {"cuda": False, "cuda_error": str(error).partition("\n")[0]}
             os.environ["CUDA_VISIBLE_DEVICES"] = ""

@@ -11,7 +11,7 @@ from drsim.errors import RewardError
 
 
 def raised(call):
-    with pytest.raises(BaseException) as caught:  # noqa: PT011
+    with pytest.raises((MemoryError, RuntimeError, RewardError)) as caught:
         call()
     return caught.value
 
