@@ -9,6 +9,7 @@ from drcli.config.settings import ModelConfig
 from drcli.exchange.scores import Score, Scores
 from drcli.modelfiles.params_yaml import moved_training_parameters
 from drcli.store import keys
+from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket, Listing, ObjectDamaged
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.complete_files import read_complete
@@ -98,6 +99,15 @@ def choose(bucket: Bucket, prefix: str, choice: Choice) -> Chosen:
     start = keys.checkpoint_part(prefix, score.name, "")
     found = [info.key for info in listed if info.key.startswith(start + ".")]
     return Chosen(choice, score, tuple(key.removeprefix(start) for key in found))
+
+
+def known_best(bucket: Bucket, prefix: str) -> str | None:
+    """Name of the best checkpoint of a model; None if that is not known."""
+    try:
+        scores = read_scores(bucket, prefix)
+    except ObjectDamaged:
+        return None
+    return None if scores is None else scores.best_checkpoint.name
 
 
 def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:

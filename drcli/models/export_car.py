@@ -26,7 +26,7 @@ from drcli.models.transfer_buckets import (
     checked_prefix,
     target_bucket,
 )
-from drcli.models.upload_retention import Retention, delete_surplus_archives
+from drcli.models.upload_retention import KEEP_ALL, Retention, delete_surplus_archives
 from drcli.store.connect import COMMAND_PATIENCE_S
 from drcli.store.write_probe import prove_writing
 
@@ -229,7 +229,7 @@ def plan_car_upload(
     *,
     local: bool,
     dry_run: bool,
-    retention: Retention = Retention(),  # noqa: B008  it is frozen
+    retention: Retention = KEEP_ALL,
 ) -> CarTarget:
     """Check that archives can be uploaded, before one is made.
 

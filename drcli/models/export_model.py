@@ -5,12 +5,18 @@ from dataclasses import dataclass
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings, catalogue
 from drcli.modelfiles.network_shape import Design
-from drcli.models.checkpoint_files import OUR_PARTS, CheckpointGone, Choice, Chosen, choose
+from drcli.models.checkpoint_files import (
+    OUR_PARTS,
+    CheckpointGone,
+    Choice,
+    Chosen,
+    choose,
+    known_best,
+)
 from drcli.models.repair_model import repair_or_warn
 from drcli.models.run_metadata import read_start
 from drcli.models.transfer_buckets import checked_prefix
 from drcli.store import keys
-from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
@@ -99,16 +105,8 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
         weights,
         f"s3://{bucket.name}/{key}",
         _world(bucket, prefix),
-        _best(bucket, prefix),
+        known_best(bucket, prefix),
     )
-
-
-def _best(bucket: Bucket, prefix: str) -> str | None:
-    try:
-        scores = read_scores(bucket, prefix)
-    except ObjectDamaged:
-        return None
-    return None if scores is None else scores.best_checkpoint.name
 
 
 def _design(bucket: Bucket, prefix: str) -> Design:

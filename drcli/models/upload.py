@@ -12,6 +12,7 @@ from drcli.models.checkpoint_files import (
     Chosen,
     Item,
     choose,
+    known_best,
     read_checkpoint,
     read_model_files,
     refuse_incomplete,
@@ -28,8 +29,7 @@ from drcli.models.transfer_buckets import (
 )
 from drcli.models.upload_retention import Retention, delete_surplus_checkpoints
 from drcli.store import keys
-from drcli.store.best_checkpoint import read_scores
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.write_probe import prove_writing
 
@@ -140,7 +140,9 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
         dry_run=options.dry_run,
     )
     if options.dry_run:
-        return _rehearsed(report, there, planned, [*checkpoint, *shared], _best(here, planned))
+        return _rehearsed(
+            report, there, planned, [*checkpoint, *shared], known_best(here, planned.source)
+        )
     total = sum(len(item.data) for item in (*checkpoint, *shared))
     with progress("Uploading model", total) as watch:
         delivery = Delivery(there, planned.target, watch)
@@ -157,7 +159,7 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
             delivery.delete_strays("model/")
         delivery.repair_crossing(chosen.score, [*checkpoint, *shaping])
         if planned.retention.is_active:
-            best = _best(here, planned)
+            best = known_best(here, planned.source)
             delivery.deleted += delete_surplus_checkpoints(delivery, planned.retention, best)
     older, older_bytes = _older(there, planned.target, chosen.name)
     return replace(delivery.complete(report), older=older, older_bytes=older_bytes)
@@ -189,15 +191,6 @@ def retention_of(settings: Settings, keep: str | None, max_mb: int | None) -> Re
         settings.upload_keep if keep is None else keep,
         settings.upload_max_mb if max_mb is None else max_mb,
     )
-
-
-def _best(here: Bucket, planned: PlannedUpload) -> str | None:
-    """Name of the best checkpoint of the model; None if that is not known."""
-    try:
-        scores = read_scores(here, planned.source)
-    except ObjectDamaged:
-        return None
-    return None if scores is None else scores.best_checkpoint.name
 
 
 def _rehearsed(

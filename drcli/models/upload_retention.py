@@ -54,6 +54,10 @@ class Retention:
         return bool(self.rules) or self.max_bytes > 0
 
 
+KEEP_ALL = Retention()
+"""Deletes nothing."""
+
+
 def surplus(
     sizes: Mapping[CheckpointName, int],
     retention: Retention,
