@@ -15,10 +15,8 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
-from drcli.config.fields import declared
-from drcli.config.groups.unattended import MessageSettings
 from drcli.config.setting_problems import hidden
-from drcli.config.settings import Settings, catalogue
+from drcli.config.settings import SUPERVISOR_ONLY, Settings, catalogue
 from drcli.exchange.training_start import GitState, Pretrained, TrainingStart
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, read_record
@@ -27,10 +25,6 @@ PACKAGES = ("drcli", "torch", "mujoco", "numpy", "numba")
 """Packages whose versions change the course of a training."""
 
 PROGRAM_PATIENCE_S = 5.0
-
-_PRIVATE = {*declared(MessageSettings), "DR_ON_END"}
-"""Settings that copies of a model do not tell: addresses of people, and a command that may contain
-anything."""
 
 
 def describe_start(
@@ -87,7 +81,7 @@ def chosen_settings(settings: Settings) -> dict[str, Any]:
     for name, setting in catalogue().items():
         value = getattr(settings, setting.field)
         # Who uses which other system is nobody's business.
-        if name.startswith("DR_DROA_") or name in _PRIVATE:
+        if name.startswith("DR_DROA_") or name in SUPERVISOR_ONLY:
             continue
         if name in settings.sources and setting.effect != "accepted" and value != setting.default:
             is_text = isinstance(value, str | Path)
