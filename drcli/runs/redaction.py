@@ -1,192 +1,39 @@
 """Removes secrets from texts that leave this machine, and keeps a list of what was removed.
 
 Two ways: values that are known to be secret (`known_secrets`), in every form in which a log may
-hold them, and patterns of secrets that nobody here knows. Rather too much is removed.
+hold them (`secret_forms`), and patterns of secrets that nobody here knows (`secret_patterns`).
+Rather too much is removed.
 """
 
-import base64
-import binascii
-import bz2
-import gzip
-import html
-import json
-import lzma
 import re
-import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from urllib.parse import quote, quote_plus
 
-SHORTEST_VALUE = 4
+from drcli.runs.secret_forms import (
+    BASE64,
+    PACKED,
+    WRAPPED,
+    base64_cores,
+    bounded,
+    contains,
+    decoded,
+    forms_of,
+)
+from drcli.runs.secret_patterns import (
+    KEY_BLOCK,
+    KEY_END,
+    LIKE_A_KEY,
+    PATTERNS,
+    is_like_a_key,
+)
+
+_SHORTEST_VALUE = 4
 """Shorter secrets are removed only where a name before them says what they are."""
-
-_WHOLE_WORD_BELOW = 8
-"""Shorter values may be part of a harmless word."""
 
 _FOLDED_FROM = 16
 """Longer values are also found where a terminal folded them."""
 
-_LARGEST_UNPACKED = 4 << 20
 _MARK = "(hidden: {})"
-
-_SECRET_NAME = (
-    r"(?:secret|passw(?:or)?d|passphrase|\bpwd|token|credential|access[_-]?key|api[_-]?key"
-    r"|private[_-]?key|account[_-]?key|shared[_-]?key|auth[_-]?key|accesskeyid|signature|cookie"
-    r"|csrf|session[_-]?id|authorization|webhook)[\w.-]*"
-)
-_SECRET_WORDS = (
-    "secret",
-    "passw",
-    "passphrase",
-    "pwd",
-    "token",
-    "credential",
-    "key",
-    "signature",
-    "cookie",
-    "csrf",
-    "session",
-    "authorization",
-    "webhook",
-)
-"""One of these is in each name that `_SECRET_NAME` matches."""
-
-_VALUE = r"(?!\(hidden)(\"(?:[^\"\\\n]|\\.)+\"|'(?:[^'\\\n]|\\.)+'|[^\s,;&\"'}\])]+)"
-_BASE64 = r"[A-Za-z0-9+/_-]"
-_TAIL = r"[^\s\"'<>\\)]*"
-
-
-@dataclass(frozen=True)
-class _Pattern:
-    """A form of secret. What the group `keep` matches stays, the rest is replaced.
-
-    A text without any of `needs` has no such secret; searching for these is much faster.
-    """
-
-    kind: str
-    expression: "re.Pattern[str]"
-    needs: tuple[str, ...] = ()
-
-    def may_be_in(self, low: str) -> bool:
-        """Whether a text in small letters may contain it."""
-        return not self.needs or any(word in low for word in self.needs)
-
-
-def _pattern(kind: str, expression: str, needs: tuple[str, ...] = ()) -> _Pattern:
-    return _Pattern(kind, re.compile(expression, re.IGNORECASE), needs)
-
-
-_PATTERNS = (
-    # A header with several words; the next patterns see only one.
-    _pattern(
-        "HTTP header",
-        r"(?P<keep>\b(?:proxy-)?authorization[\"']?\s*[:=]\s*[bu]?[\"']?)(?!\(hidden)[^\n\"']+",
-        ("authorization",),
-    ),
-    _pattern(
-        "HTTP header",
-        r"(?P<keep>\b(?:set-)?cookie[\"']?\s*:\s*[bu]?[\"']?)(?!\(hidden)[^\n\"']+",
-        ("cookie",),
-    ),
-    _pattern("bearer token", r"(?P<keep>\bbearer\s+)[\w.~+/=-]{8,}", ("bearer",)),
-    _pattern("password in an address", r"(?P<keep>\b[a-z][a-z0-9+.-]*://)[^\s/\"'<>]+@", ("://",)),
-    _pattern(
-        "address of a webhook",
-        rf"(?P<keep>https?://(?:hooks\.slack\.com|(?:\w+\.)?discord(?:app)?\.com|api\.telegram\.org"
-        rf"|[\w.-]*webhook[\w.-]*|[\w.-]*\.logic\.azure\.com[:\d]*|ntfy\.sh|hooks?\.[\w.-]+)/){_TAIL}",
-        ("://",),
-    ),
-    _pattern(
-        "address of a webhook",
-        rf"(?P<keep>https?://[^\s/\"'<>]+/)(?=[^\s\"'<>]*(?:hook|token|secret)){_TAIL}",
-        ("://",),
-    ),
-    _pattern(
-        "query of an address", rf"(?P<keep>\b\w+://[^\s?\"'<>]+\?)(?!\(hidden){_TAIL}", ("://",)
-    ),
-    _pattern(
-        "signature of an address",
-        r"(?P<keep>\b(?:X-Amz-[\w-]+|AWSAccessKeyId|sig)=)(?!\(hidden)[^\s&\"'<>]+",
-        ("x-amz-", "awsaccesskeyid", "sig="),
-    ),
-    _pattern(
-        "AWS key id",
-        r"\b(?-i:A(?:KIA|SIA|ROA|IDA|GPA|NPA|NVA|BIA|CCA))(?-i:[A-Z0-9]{12,})",
-        ("akia", "asia", "aroa", "aida", "agpa", "anpa", "anva", "abia", "acca"),
-    ),
-    _pattern(
-        "AWS account number",
-        r"(?P<keep>\barn:aws[\w-]*:[\w-]*:[\w-]*:)\d{12}",
-        ("arn:aws",),
-    ),
-    _pattern("web token", r"\beyJ[\w-]{8,}\.[\w-]+(?:\.[\w-]*)?", ("eyj",)),
-    _pattern(
-        "token of a service",
-        r"\b(?:gh[pousr]_\w{20,}|github_pat_\w{20,}|glpat-[\w-]{16,}|xox[abeprs]-[\w-]{10,}"
-        r"|sk-[\w-]{20,}|hf_\w{20,}|AIza[\w-]{30,}|npm_\w{30,}|pypi-[\w-]{20,}|SG\.[\w-]{16,}\.[\w-]+"
-        r"|ya29\.[\w-]{20,}|\d{8,10}:AA[\w-]{30,})",
-        (
-            "ghp_",
-            "gho_",
-            "ghu_",
-            "ghs_",
-            "ghr_",
-            "github_pat_",
-            "glpat-",
-            "xox",
-            "sk-",
-            "hf_",
-            "aiza",
-            "npm_",
-            "pypi-",
-            "sg.",
-            "ya29.",
-            ":aa",
-        ),
-    ),
-    _pattern(
-        "value of a secret name",
-        rf"(?P<keep>{_SECRET_NAME}[\"']?\s*(?:=>|[:=])\s*){_VALUE}",
-        _SECRET_WORDS,
-    ),
-    _pattern(
-        "option of a command",
-        rf"(?P<keep>\s--?[\w-]*{_SECRET_NAME}\s+)(?!\(hidden)\S+",
-        _SECRET_WORDS,
-    ),
-    _pattern(
-        "option of a command",
-        r"(?P<keep>\s(?:-u\s*|--user[ =]))[^\s:]+:\S+",
-        (" -u", "\t-u", "\n-u", "--user"),
-    ),
-    _pattern("e-mail address", r"\b[\w.+-]+@[\w-]+(?:\.[\w-]+)+", ("@",)),
-)
-"""In this order."""
-
-_LIKE_A_KEY = re.compile(r"(?<![A-Za-z0-9/+=_-])[A-Za-z0-9/+]{40}(?![A-Za-z0-9/+=_-])")
-"""Secret keys of AWS have no other mark than their length."""
-
-_KEY_BLOCK = re.compile(
-    r"-----BEGIN [A-Z0-9 ]*PRIVATE KEY( BLOCK)?-----.*?"
-    r"(?:-----END [A-Z0-9 ]*PRIVATE KEY( BLOCK)?-----|(?=\n[^\n]*[^A-Za-z0-9+/=\s:,\\-])|\Z)",
-    re.DOTALL,
-)
-_KEY_END = re.compile(r"(?:[A-Za-z0-9+/=]{16,}\s*\n)+[^\n]*-----END [A-Z0-9 ]*PRIVATE KEY[^\n]*")
-"""The end of a block whose beginning is missing."""
-
-_WRAPPED = re.compile(rf"{_BASE64}{{16,}}\n(?:[ \t]*{_BASE64}{{16,}}\n)*[ \t]*{_BASE64}*={{0,2}}")
-"""Base64 over several lines."""
-
-_PACKED = re.compile(rf"(?:H4sI|eJ|eN|eA|eF|QlpoO|/Td6WFo){_BASE64}{{12,}}={{0,2}}")
-"""Base64 of compressed data: gzip, zlib, bz2, xz."""
-
-_UNPACK: Sequence[Callable[[bytes], bytes]] = (
-    lambda data: zlib.decompressobj(47).decompress(data, _LARGEST_UNPACKED),  # zlib or gzip
-    lambda data: bz2.BZ2Decompressor().decompress(data, _LARGEST_UNPACKED),
-    lambda data: lzma.LZMADecompressor().decompress(data, _LARGEST_UNPACKED),
-)
-_BROKEN = (zlib.error, OSError, EOFError, ValueError, lzma.LZMAError, gzip.BadGzipFile)
 
 
 @dataclass(frozen=True)
@@ -220,17 +67,17 @@ class Redactor:
         for value, kind in secrets.items():
             # A private key has lines, of which a log may hold a single one.
             for line in {value.strip(), *value.split("\n")}:
-                if len(line.strip()) >= SHORTEST_VALUE:
+                if len(line.strip()) >= _SHORTEST_VALUE:
                     self._secrets.setdefault(line.strip(), kind)
         self._private = {value: to for value, to in private.items() if len(value) > 2}
         self.redactions: list[Redaction] = []
         self._forms = [
             (form, self._secrets[value])
             for value in sorted(self._secrets, key=len, reverse=True)
-            for form in sorted(_forms(value), key=len, reverse=True)
+            for form in sorted(forms_of(value), key=len, reverse=True)
         ]
         self._cores = [
-            (core, kind) for value, kind in self._secrets.items() for core in _base64_cores(value)
+            (core, kind) for value, kind in self._secrets.items() for core in base64_cores(value)
         ]
 
     @property
@@ -242,13 +89,13 @@ class Redactor:
         """The text without secrets; it has as many lines as before."""
         counts: dict[tuple[int, str], int] = {}
         text = printable(text)
-        for cut in (_KEY_BLOCK, _KEY_END):
+        for cut in (KEY_BLOCK, KEY_END):
             text = self._cut_blocks(cut, text, "private key", counts)
         text = self._cut_wrapped(text, counts)
         text = self._cut_encoded(text, counts)
         text = self._cut_known(text, counts)
         low = text.lower()
-        for pattern in _PATTERNS:
+        for pattern in PATTERNS:
             if pattern.may_be_in(low):
                 text = _replaced(text, pattern.expression, pattern.kind, counts)
         text = self._cut_likely(text, counts)
@@ -263,7 +110,7 @@ class Redactor:
     def leaks(self, text: str) -> list[str]:
         """What is still in a text of the known secrets, by kind; searched for in another way."""
         joined = _joined(text)
-        found = {kind for form, kind in self._forms if _contains(text, form)}
+        found = {kind for form, kind in self._forms if contains(text, form)}
         found |= {
             kind
             for form, kind in self._forms
@@ -271,7 +118,7 @@ class Redactor:
         }
         for body in (text, joined):
             found |= {kind for core, kind in self._cores if core in body}
-            for packed in _PACKED.finditer(body):
+            for packed in PACKED.finditer(body):
                 found |= set(self._kinds_in(packed[0]))
         return sorted(found)
 
@@ -280,7 +127,7 @@ class Redactor:
         joined = _joined(low)
         for form, kind in self._forms:
             if form.lower() in low:
-                expression = re.compile(_bounded(form), re.IGNORECASE)
+                expression = re.compile(bounded(form), re.IGNORECASE)
                 text = _replaced(text, expression, kind, counts)
             elif len(form) >= _FOLDED_FROM and form.lower() in joined:
                 folded = re.compile(r"\s*".join(map(re.escape, form)), re.IGNORECASE)
@@ -291,9 +138,9 @@ class Redactor:
         """Replace words in base64 that hold a secret, also if it is compressed."""
         for core, kind in self._cores:
             if core in text:
-                around = re.compile(rf"{_BASE64}*{re.escape(core)}{_BASE64}*={{0,2}}")
+                around = re.compile(rf"{BASE64}*{re.escape(core)}{BASE64}*={{0,2}}")
                 text = _replaced(text, around, f"{kind}, encoded", counts)
-        for packed in sorted({found[0] for found in _PACKED.finditer(text)}, key=len, reverse=True):
+        for packed in sorted({found[0] for found in PACKED.finditer(text)}, key=len, reverse=True):
             for kind in self._kinds_in(packed)[:1]:
                 expression = re.compile(re.escape(packed))
                 text = _replaced(text, expression, f"{kind}, compressed", counts)
@@ -306,15 +153,10 @@ class Redactor:
             joined = _joined(block)
             return any(core in joined for core, _ in self._cores) or bool(self._kinds_in(joined))
 
-        return self._cut_blocks(_WRAPPED, text, "secret over several lines, encoded", counts, holds)
+        return self._cut_blocks(WRAPPED, text, "secret over several lines, encoded", counts, holds)
 
     def _cut_likely(self, text: str, counts: dict[tuple[int, str], int]) -> str:
-        def is_key(word: str) -> bool:
-            classes = (str.isupper, str.islower, str.isdigit)
-            mixed = all(any(has(letter) for letter in word) for has in classes)
-            return mixed and len(set(word)) >= 16
-
-        return _replaced(text, _LIKE_A_KEY, "looks like a secret key", counts, only=is_key)
+        return _replaced(text, LIKE_A_KEY, "looks like a secret key", counts, only=is_like_a_key)
 
     def _cut_blocks(
         self,
@@ -340,7 +182,7 @@ class Redactor:
         """Kinds of the known secrets in base64, also if the data is compressed."""
         return [
             kind
-            for data in _decoded(encoded)
+            for data in decoded(encoded)
             for value, kind in self._secrets.items()
             if value.encode() in data
         ]
@@ -386,60 +228,3 @@ def _replaced(
         return keep + quotes + (instead or _MARK.format(kind)) + quotes
 
     return expression.sub(replace, text)
-
-
-def _forms(value: str) -> set[str]:
-    """A value as programs write it: escaped for addresses, JSON, HTML and Python, and in hex."""
-    forms = {value, quote(value, safe=""), quote(value), quote_plus(value)}
-    forms |= {quote(form, safe="") for form in list(forms)}
-    forms |= {json.dumps(value)[1:-1], json.dumps(value, ensure_ascii=False)[1:-1]}
-    forms |= {form.replace("/", "\\/") for form in list(forms)}
-    forms |= {html.escape(value), repr(value)[1:-1]}
-    if len(value) >= _WHOLE_WORD_BELOW:
-        forms.add(value.encode().hex())
-    return forms
-
-
-def _base64_cores(value: str) -> set[str]:
-    """What every base64 text has that holds a value, wherever the value begins in it."""
-    if len(value) < _WHOLE_WORD_BELOW:
-        return set()
-    cores = set()
-    for before in range(3):
-        coded = base64.b64encode(b"\0" * before + value.encode()).decode().rstrip("=")
-        # The first and last letters also depend on what is around the value.
-        first = -(-8 * before // 6)
-        last = (before + len(value.encode())) * 8 // 6
-        core = coded[first:last]
-        cores |= {core, core.replace("+", "-").replace("/", "_")}
-    return cores
-
-
-def _decoded(encoded: str) -> Iterator[bytes]:
-    """The bytes of a text in base64, and what is compressed in them."""
-    plain = encoded.replace("-", "+").replace("_", "/").rstrip("=")
-    with suppress(binascii.Error, ValueError):
-        data = base64.b64decode(plain[: len(plain) // 4 * 4] + _rest(plain))
-        yield data
-        for unpack in _UNPACK:
-            with suppress(*_BROKEN):
-                yield unpack(data)
-
-
-def _rest(plain: str) -> str:
-    """The last letters of a text in base64, with the padding that they need."""
-    rest = plain[len(plain) // 4 * 4 :]
-    return rest + "=" * (-len(rest) % 4) if len(rest) > 1 else ""
-
-
-def _bounded(form: str) -> str:
-    """An expression for a form; a short one must be a word of its own."""
-    if len(form) >= _WHOLE_WORD_BELOW:
-        return re.escape(form)
-    return rf"(?<![A-Za-z0-9]){re.escape(form)}(?![A-Za-z0-9])"
-
-
-def _contains(text: str, form: str) -> bool:
-    if form.lower() not in text.lower():
-        return False
-    return re.search(_bounded(form), text, re.IGNORECASE) is not None
