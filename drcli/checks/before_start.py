@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from threading import Event
 
 from drcli.base.problems import Problem
+from drcli.checks.compatibility_rules import review_import
 from drcli.checks.machine_rules import review_disk
 from drcli.checks.parameter_rules import ParametersReview, review_parameters
 from drcli.checks.reward_rules import Source, read_source, review_source
@@ -94,6 +95,8 @@ def examine(
                 files.get(keys.HYPERPARAMETERS_FILE), files.get(keys.MODEL_METADATA_FILE), settings
             )
             found += review.problems
+            if review.design is not None:
+                found += review_import(settings, review.design)
             transfer = None
             if bucket is not None:
                 found += missing_files(files, settings.custom_files, bucket.name)

@@ -7,8 +7,10 @@ from math import gcd
 from drcli.base.problems import Problem, Severity
 from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Settings
+from drcli.formats.reference_layout import NETWORKS
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.modelfiles.network_shape import Design
 
 LONGEST_NAME = 64
 """Characters in the name of an imported model. Source: the reference's validation script."""
@@ -96,6 +98,35 @@ def review_actions(
                 f"and the reference accept only {wanted}.",
                 f"Write {written}={wanted} if you want to train the model there.",
             )
+
+
+def review_import(settings: Settings, design: Design) -> Iterator[Problem]:
+    """V-34: the import at the end of the training takes only networks that the reference has.
+
+    The import itself refuses others (`formats/reference_checkpoint.py`), after all the training.
+    """
+    if not (settings.droa_url and settings.import_model_on_completion):
+        return
+    metadata, stack_size = design.metadata, design.parameters.stack_size
+    network = metadata.neural_network
+    for where, key, value, fits, wanted in (
+        (
+            design.metadata_origin,
+            "training_algorithm",
+            metadata.training_algorithm,
+            metadata.training_algorithm != "sac",
+            "clipped_ppo",
+        ),
+        (design.metadata_origin, "neural_network", network, network in NETWORKS, NETWORKS[0]),
+        (design.parameters_origin, "stack_size", stack_size, stack_size == 1, 1),
+    ):
+        if not fits:
+            what = (
+                f"{key}={value}: the model cannot be imported into DeepRacer on AWS at the end of "
+                "the training, because the reference has no such network."
+            )
+            remedy = f"Write {key}={wanted}, or DR_IMPORT_MODEL_ON_COMPLETION=False in run.env."
+            yield Problem("V-34", "warning", where, None, what, remedy)
 
 
 def review_balance(

@@ -9,7 +9,9 @@ from typing import Any
 
 import pytest
 
-from drcli.base.errors import StorageError
+from drcli.base.errors import SettingsError, StorageError
+from drcli.formats.reference_checkpoint import refuse_other_networks
+from drcli.learn.policy import PolicySpec
 from drcli.store import lease
 from drcli.store.bucket import ObjectInfo
 from drcli.store.keys import TEST_FOLDER
@@ -573,6 +575,53 @@ def sac(folder, **hyperparameters):
             **hyperparameters,
         }
     )
+
+
+IMPORTED = {"DR_DROA_URL": "https://deepracer.example.com"}
+"""The model is imported into DeepRacer on AWS at the end of its training."""
+
+
+def with_network(folder, *, sac_too=False, network="DEEP_CONVOLUTIONAL_NETWORK", stack_size=1):
+    """A network of the reference, but for what is changed."""
+    folder.metadata(neural_network=network, **(SAC if sac_too else {}))
+    more = {"num_episodes_between_training": 1, "exploration_type": "additive_noise"}
+    folder.hyperparameters(stack_size=stack_size, **(more if sac_too else {}))
+
+
+def told_of_import(folder):
+    return [item for item in folder.breaches("V-34") if "cannot be imported" in item.message]
+
+
+@pytest.mark.parametrize("sac_too", [False, True])
+@pytest.mark.parametrize(
+    "network", ["DEEP_CONVOLUTIONAL_NETWORK_SHALLOW", "COMPACT_CONVOLUTIONAL_NETWORK"]
+)
+@pytest.mark.parametrize("stack_size", [1, 3])
+def test_what_the_import_at_the_end_would_refuse_is_told_before_the_start(
+    folder, sac_too, network, stack_size
+):
+    folder.settings(**IMPORTED)
+    with_network(folder, sac_too=sac_too, network=network, stack_size=stack_size)
+    spec = PolicySpec(3, continuous=sac_too, network=network, stack=stack_size)
+    try:
+        refuse_other_networks(spec, is_sac=sac_too)
+        refused = False
+    except SettingsError:
+        refused = True
+
+    told = told_of_import(folder)
+
+    assert bool(told) == refused
+    assert {item.severity for item in told} <= {"warning"}
+    assert all("DR_IMPORT_MODEL_ON_COMPLETION=False" in item.remedy for item in told)
+
+
+@pytest.mark.parametrize("settings", [{}, {**IMPORTED, "DR_IMPORT_MODEL_ON_COMPLETION": False}])
+def test_a_network_of_our_own_is_no_problem_without_an_import(folder, settings):
+    folder.settings(**settings)
+    with_network(folder, network="COMPACT_CONVOLUTIONAL_NETWORK", stack_size=3)
+
+    assert told_of_import(folder) == []
 
 
 def refuse_put(key, data):
