@@ -16,11 +16,9 @@ from drcli.config import secret_environment
 if TYPE_CHECKING:
     from drcli.remote.droa_api import Droa
     from drcli.remote.droa_session import DroaSession
+    from drcli.remote.droa_site import SiteOptions
 
 P = ParamSpec("P")
-
-PASSWORD = "DR_DROA_PASSWORD"
-"""Variable of the environment with the password, for trainings that nobody watches."""
 
 pause: Callable[[float], None] = time.sleep
 """Waits between two questions to the server; tests replace it."""
@@ -44,6 +42,16 @@ class Connection:
     def __init__(self, given: dict[str, str | None]) -> None:
         self._given = given
 
+    def refuse_no_site(self) -> None:
+        """Refuse a command that does not say which site it means, before it does anything slow.
+
+        Raises:
+            SettingsError: The address is missing or wrong.
+        """
+        from drcli.remote.droa_site import refuse_no_site
+
+        refuse_no_site(self._site_options(), settings().droa.url)
+
     def session(self) -> "DroaSession":
         """The user; nothing has been asked yet but env.js.
 
@@ -63,26 +71,33 @@ class Connection:
     def _connect(self) -> "Droa":
         from drcli.remote.droa_api import Droa
         from drcli.remote.droa_session import DroaSession
-        from drcli.remote.droa_site import URL_SETTING, SiteOptions, find_site
+        from drcli.remote.droa_site import URL_SETTING, find_site
         from drcli.remote.web_request import Web
 
         config = settings().droa
-        site_options = {n: v for n, v in self._given.items() if n not in ("username", "password")}
         web = Web(
             "--url" if self._given["url"] else URL_SETTING,
             pause=lambda seconds: pause(seconds),
             trace=_trace if config.debug else None,
         )
-        site = find_site(SiteOptions(**site_options), config.url, config.aws_endpoint_url, web)
+        site = find_site(self._site_options(), config.url, config.aws_endpoint_url, web)
         username = self._given["username"] or config.username
         return Droa(DroaSession(site, username, lambda: self._password(username), _code), web)
 
+    def _site_options(self) -> "SiteOptions":
+        from drcli.remote.droa_site import SiteOptions
+
+        given = {n: v for n, v in self._given.items() if n not in ("username", "password")}
+        return SiteOptions(**given)
+
     def _password(self, username: str) -> str:
-        known = self._given["password"] or secret_environment.all_secrets().get(PASSWORD)
+        from drcli.remote.droa_site import PASSWORD_VARIABLE
+
+        known = self._given["password"] or secret_environment.all_secrets().get(PASSWORD_VARIABLE)
         return known or prompts.secret(
             f"Password for {username}",
             "Run the command on a terminal, or give the password on standard input or in the "
-            f"variable {PASSWORD}.",
+            f"variable {PASSWORD_VARIABLE}.",
         )
 
 

@@ -15,6 +15,9 @@ _LOOPBACK = re.compile(r"localhost|127(\.\d{1,3}){3}|::1")
 
 URL_SETTING = "DR_DROA_URL"
 
+PASSWORD_VARIABLE = "DR_DROA_PASSWORD"
+"""Variable of the environment with the password, for trainings that nobody watches."""
+
 _LARGEST_BYTES = 1 << 20
 """A larger env.js is something else."""
 
@@ -77,6 +80,21 @@ _KEYS = {
 """The keys of env.js. Source: deepracer-on-aws, its website."""
 
 
+def refuse_no_site(options: SiteOptions, url: str) -> None:
+    """Refuse options and a DR_DROA_URL that name no site; asks nobody.
+
+    Raises:
+        SettingsError: The address is missing or wrong.
+    """
+    address = _given_address(options, url)
+    if not address and len(_own_values(options)) < len(_KEYS):
+        raise SettingsError(
+            "DR_DROA_URL is not set: which DeepRacer on AWS should be used?",
+            remedy="Write DR_DROA_URL=https://your-address and DR_DROA_USERNAME=you into "
+            "system.env, or give --url.",
+        )
+
+
 def find_site(options: SiteOptions, url: str, aws_endpoint_url: str, web: Web) -> Site:
     """Read env.js of a site; options replace its values, and make it unnecessary if complete.
 
@@ -90,17 +108,9 @@ def find_site(options: SiteOptions, url: str, aws_endpoint_url: str, web: Web) -
         SettingsError: An address or another value is missing or wrong.
         StorageError: env.js cannot be read.
     """
-    given = options.url or url
-    address = _address(given, "--url" if options.url else URL_SETTING) if given else ""
-    values = {field.name: getattr(options, field.name) for field in fields(options)}
-    own = {name: value.strip() for name, value in values.items() if value and name in _KEYS}
+    refuse_no_site(options, url)
+    address, own = _given_address(options, url), _own_values(options)
     if len(own) < len(_KEYS):
-        if not address:
-            raise SettingsError(
-                "DR_DROA_URL is not set: which DeepRacer on AWS should be used?",
-                remedy="Write DR_DROA_URL=https://your-address and DR_DROA_USERNAME=you into "
-                "system.env, or give --url.",
-            )
         found = _read(address, web)
         own = {**{name: found.get(key, "") for name, key in _KEYS.items()}, **own}
         missing = [name for name, value in own.items() if not value]
@@ -114,6 +124,17 @@ def find_site(options: SiteOptions, url: str, aws_endpoint_url: str, web: Web) -
     _check(own, address)
     own["api_endpoint"] = own["api_endpoint"].rstrip("/")
     return Site(url=address, aws_endpoint_url=aws_endpoint_url.rstrip("/"), **own)
+
+
+def _given_address(options: SiteOptions, url: str) -> str:
+    given = options.url or url
+    return _address(given, "--url" if options.url else URL_SETTING) if given else ""
+
+
+def _own_values(options: SiteOptions) -> dict[str, str]:
+    """The values of env.js that options replace."""
+    values = {field.name: getattr(options, field.name) for field in fields(options)}
+    return {name: value.strip() for name, value in values.items() if value and name in _KEYS}
 
 
 def _address(given: str, setting: str) -> str:

@@ -165,6 +165,10 @@ class CommandProcess:
                     _logger.info("%s: %s", self._name, text)
 
 
+Start = Callable[..., CommandProcess]
+"""Starts a command: takes the job and its arguments."""
+
+
 def _environment(plain: Mapping[str, str], job: Job) -> dict[str, str]:
     """The environment of a command: no secrets, and the settings of the start of the training."""
     kept = activation.chosen(plain)

@@ -5,13 +5,13 @@ complete what this one had no time for.
 """
 
 import re
-from collections.abc import Callable
 from typing import Literal, get_args
 
 from drcli.base.log import get_logger
 from drcli.config import secret_environment
 from drcli.exchange.job import Job
-from drcli.runs.command_process import CommandEnd, CommandProcess
+from drcli.remote.droa_site import PASSWORD_VARIABLE, URL_SETTING
+from drcli.runs.command_process import CommandEnd, CommandProcess, Start
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.journal import Journal
 from drcli.runs.outcome import Ending
@@ -24,12 +24,7 @@ EndWork = Literal["upload", "import"]
 PATIENCE_S = 2700.0
 """Longest time for a piece: DeepRacer on AWS may take half an hour to check a model."""
 
-PASSWORD = "DR_DROA_PASSWORD"
-"""Variable of the environment with the password for the import. Nobody is there to be asked."""
-
 _IMPORT = "DR_IMPORT_MODEL_ON_COMPLETION"
-
-Start = Callable[..., CommandProcess]
 
 
 def wanted_work(job: Job) -> list[str]:
@@ -38,7 +33,7 @@ def wanted_work(job: Job) -> list[str]:
     wanted: list[EndWork] = []
     if settings.upload_model_on_completion:
         wanted.append("upload")
-    if settings.import_model_on_completion and given.get("DR_DROA_URL"):
+    if settings.import_model_on_completion and given.get(URL_SETTING):
         wanted.append("import")
     return list(wanted)
 
@@ -65,16 +60,18 @@ class EndOfTraining(Duty):
         given = self._job.config.given
         if not self._job.config.unattended.import_model_on_completion:
             return
-        if not given.get("DR_DROA_URL"):
+        if not given.get(URL_SETTING):
             if _IMPORT in given:
                 _logger.info(
-                    "%s: the import at the end is skipped, because DR_DROA_URL is not set.", _IMPORT
+                    "%s: the import at the end is skipped, because %s is not set.",
+                    _IMPORT,
+                    URL_SETTING,
                 )
-        elif not secret_environment.all_secrets().get(PASSWORD):
+        elif not secret_environment.all_secrets().get(PASSWORD_VARIABLE):
             _logger.info(
                 "The import into DeepRacer on AWS at the end needs the password in the variable "
                 "%s of the environment, or `droa-login` less than an hour before.",
-                PASSWORD,
+                PASSWORD_VARIABLE,
             )
 
     def finish(self, ending: Ending) -> None:

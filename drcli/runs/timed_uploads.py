@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from drcli.base.log import get_logger
 from drcli.exchange.job import Job
 from drcli.runs.checkpoint_watch import CheckpointWatch
-from drcli.runs.command_process import CommandEnd, CommandProcess
+from drcli.runs.command_process import CommandEnd, CommandProcess, Start
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.journal import Journal
 from drcli.runs.outcome import INTERRUPTED, Ending, Outcome
@@ -28,9 +28,6 @@ rest is for logs and for releasing the lease."""
 LOOK_PATIENCE_S = 3.0
 STOPPED_PATIENCE_S = 5.0
 """How long an upload that is running may still take when the training is stopped or fails."""
-
-Start = Callable[..., CommandProcess]
-"""Starts a command: takes the job and its arguments."""
 
 
 @dataclass

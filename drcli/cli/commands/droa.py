@@ -119,10 +119,7 @@ def droa_import_model(
         str, typer.Option("--model-description", metavar="TEXT", help="Its description.")
     ] = "",
     best: Annotated[bool, best_option("Import")] = False,
-    number: Annotated[
-        int | None,
-        checkpoint_option("Import"),
-    ] = None,
+    number: Annotated[int | None, checkpoint_option("Import")] = None,
     no_wait: Annotated[
         bool, typer.Option("--no-wait", help="Do not wait until the model is checked there.")
     ] = False,
@@ -152,6 +149,7 @@ def droa_import_model(
             "choose a model in the bucket. Use only one of both."
         )
     choice = checkpoint_choice(best, number)
+    connection.refuse_no_site()
     if source is not None:
         from drcli.remote.droa_package import read_package
 

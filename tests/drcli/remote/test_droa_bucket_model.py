@@ -155,6 +155,16 @@ def test_a_model_that_was_trained_here_is_converted_and_imported(droa, fake, own
     assert not [name for name in files if name.endswith(".safetensors")]
 
 
+def test_without_an_address_nothing_is_converted(dr, home, own, monkeypatch, capsys):
+    def never(*_):
+        raise AssertionError("the model is converted for nobody")
+
+    monkeypatch.setattr("drcli.remote.droa_bucket_model.read_bucket_model", never)
+
+    assert dr("droa-import-model") == 3
+    assert "DR_DROA_URL is not set" in capsys.readouterr().err
+
+
 def test_the_same_weights_are_imported_once(droa, fake, own, capsys):
     assert droa("droa-import-model", "--once", "--best") == 0
     assert droa("droa-import-model", "--once", "--best", "--json") == 0
