@@ -39,6 +39,18 @@ MaxMb = Annotated[
         help="Delete the oldest there beyond this size (DR_UPLOAD_MAX_MB).",
     ),
 ]
+CustomFiles = Annotated[
+    bool, typer.Option("-c", "--custom-files", help="Also copy its three files to custom_files/.")
+]
+World = Annotated[
+    str | None,
+    typer.Option(
+        "--world",
+        metavar="TRACK",
+        help="Name this track instead of the model's.",
+        autocompletion=candidates.worlds,
+    ),
+]
 Delimiter = Annotated[
     str | None,
     typer.Option(

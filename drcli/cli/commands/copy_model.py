@@ -8,6 +8,7 @@ import typer
 from drcli.cli import console, prompts
 from drcli.cli.options import (
     AsJson,
+    CustomFiles,
     DryRun,
     Force,
     Keep,
@@ -26,10 +27,7 @@ from drcli.cli.working_folder import settings
 def upload_model(
     force: Force = False,
     best: Annotated[bool, best_option("Copy")] = False,
-    number: Annotated[
-        int | None,
-        checkpoint_option("Copy"),
-    ] = None,
+    number: Annotated[int | None, checkpoint_option("Copy")] = None,
     prefix: Annotated[
         str | None, prefix_option("Copy this model instead, under its own name.")
     ] = None,
@@ -104,10 +102,7 @@ def download_model(
         bool, wipe_option("Delete files at the target that are not part of it.")
     ] = False,
     dry_run: DryRun = False,
-    custom_files: Annotated[
-        bool,
-        typer.Option("-c", "--custom-files", help="Also copy its three files to custom_files/."),
-    ] = False,
+    custom_files: CustomFiles = False,
     local: Annotated[
         bool, typer.Option("-L", "--local", help="Copy from a bucket of the local server.")
     ] = False,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.cli import console, prompts
+from drcli.cli.export_options import selection
 from drcli.cli.options import (
     AsJson,
     DryRun,
@@ -14,7 +15,6 @@ from drcli.cli.options import (
     Keep,
     MaxMb,
     best_option,
-    checkpoint_choice,
     checkpoint_option,
     prefix_option,
 )
@@ -26,13 +26,10 @@ if TYPE_CHECKING:
     from drcli.config.settings import RaceConfig, Settings
     from drcli.formats.graph_comparison import GraphComparison
     from drcli.models.export_car import CarExport
-    from drcli.models.export_model import ExportSource, Selection
+    from drcli.models.export_model import ExportSource
 
 _Best = Annotated[bool, best_option("Take")]
-_Number = Annotated[
-    int | None,
-    checkpoint_option("Take"),
-]
+_Number = Annotated[int | None, checkpoint_option("Take")]
 
 
 def export_car(
@@ -71,7 +68,7 @@ def export_car(
         _check(check, as_json=as_json)
         return
     loaded = settings()
-    source = read_export_source(loaded, _selection(best, number, prefix))
+    source = read_export_source(loaded, selection(best, number, prefix))
     path = archive_path(out, source.name)
     console.say(source.chosen.line)
     report = write_archive(_made(loaded, source, path.name), path)
@@ -121,7 +118,7 @@ def upload_car_zip(
     from drcli.models.upload import retention_of
 
     loaded = settings()
-    selection = _selection(best, number, prefix)
+    chosen = selection(best, number, prefix)
     if dry_run:
         console.say("*** DRYRUN MODE ***")
     target = plan_car_upload(
@@ -131,7 +128,7 @@ def upload_car_zip(
         dry_run=dry_run,
         retention=retention_of(loaded, keep, max_mb),
     )
-    source = read_export_source(loaded, selection)
+    source = read_export_source(loaded, chosen)
     if as_json:
         console.say(source.chosen.line)
     else:
@@ -145,13 +142,6 @@ def upload_car_zip(
     report = upload_archive(export, target, names, progress, dry_run=dry_run)
     _warn(report.problems)
     console.emit(report, car_archive_view.export(report), as_json=as_json)
-
-
-def _selection(best: bool, number: int | None, prefix: str | None) -> "Selection":
-    """The checkpoint that the options choose."""
-    from drcli.models.export_model import Selection
-
-    return Selection(checkpoint_choice(best, number), prefix)
 
 
 def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExport":

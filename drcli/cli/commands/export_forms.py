@@ -6,38 +6,32 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.cli import console
-from drcli.cli.options import (
-    AsJson,
-    best_option,
-    checkpoint_choice,
-    checkpoint_option,
-    prefix_option,
+from drcli.cli.export_options import (
+    ExportBest,
+    ExportNumber,
+    ExportPrefix,
+    ReplaceFiles,
+    selection,
 )
+from drcli.cli.options import AsJson
 from drcli.cli.views import forms_view
 from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
     from drcli.formats.policy_file import Form
 
-_Best = Annotated[bool, best_option("Export")]
-_Number = Annotated[
-    int | None,
-    checkpoint_option("Export"),
-]
-_Prefix = Annotated[str | None, prefix_option("Export this model instead.")]
 _Out = Annotated[
     Path | None,
     typer.Option("--out", metavar="FILE", help="File or folder; NAME-chkN if left out."),
 ]
-_Replace = Annotated[bool, typer.Option("-f", "--force", help="Replace files at the target.")]
 
 
 def pb(
     out: _Out = None,
-    best: _Best = False,
-    number: _Number = None,
-    prefix: _Prefix = None,
-    force: _Replace = False,
+    best: ExportBest = False,
+    number: ExportNumber = None,
+    prefix: ExportPrefix = None,
+    force: ReplaceFiles = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a frozen TensorFlow graph, which the car, OpenVINO and TensorFlow read.
@@ -52,10 +46,10 @@ def pb(
 
 def onnx(
     out: _Out = None,
-    best: _Best = False,
-    number: _Number = None,
-    prefix: _Prefix = None,
-    force: _Replace = False,
+    best: ExportBest = False,
+    number: ExportNumber = None,
+    prefix: ExportPrefix = None,
+    force: ReplaceFiles = False,
     as_json: AsJson = False,
 ) -> None:
     """Write an ONNX file, which onnxruntime and most other engines read.
@@ -71,10 +65,10 @@ def onnx(
 
 def tflite(
     out: _Out = None,
-    best: _Best = False,
-    number: _Number = None,
-    prefix: _Prefix = None,
-    force: _Replace = False,
+    best: ExportBest = False,
+    number: ExportNumber = None,
+    prefix: ExportPrefix = None,
+    force: ReplaceFiles = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a TensorFlow Lite file with the settings of the car: weights in half precision.
@@ -93,10 +87,10 @@ def openvino(
     fp16: Annotated[
         bool, typer.Option("--fp16", help="Store weights in half precision, half the size.")
     ] = False,
-    best: _Best = False,
-    number: _Number = None,
-    prefix: _Prefix = None,
-    force: _Replace = False,
+    best: ExportBest = False,
+    number: ExportNumber = None,
+    prefix: ExportPrefix = None,
+    force: ReplaceFiles = False,
     as_json: AsJson = False,
 ) -> None:
     """Write OpenVINO's two files, .xml and .bin.
@@ -122,11 +116,10 @@ def _export(
     fp16: bool = False,
 ) -> None:
     from drcli.models.export_forms import export_form, plan_form
-    from drcli.models.export_model import Selection
 
-    selection = Selection(checkpoint_choice(best, number), prefix)
+    chosen = selection(best, number, prefix)
     target = None if out is None else out.expanduser()
-    planned = plan_form(settings(), selection, form, target, fp16=fp16, force=force)
+    planned = plan_form(settings(), chosen, form, target, fp16=fp16, force=force)
     console.say(planned.source.chosen.line)
     report = export_form(planned)
     console.emit(report, forms_view.exported(report), as_json=as_json)

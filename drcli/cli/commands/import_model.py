@@ -8,8 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from drcli.base.errors import DrError
-from drcli.cli import candidates, console, prompts
-from drcli.cli.options import AsJson, DryRun, Force, prefix_option, wipe_option
+from drcli.cli import console, prompts
+from drcli.cli.options import (
+    AsJson,
+    CustomFiles,
+    DryRun,
+    Force,
+    World,
+    prefix_option,
+    wipe_option,
+)
 from drcli.cli.views import import_view
 from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import settings
@@ -42,22 +50,11 @@ def import_model(
             "--metadata", metavar="FILE", help="Use this model_metadata.json, not the source's."
         ),
     ] = None,
-    world: Annotated[
-        str | None,
-        typer.Option(
-            "--world",
-            metavar="TRACK",
-            help="Name this track instead of the model's.",
-            autocompletion=candidates.worlds,
-        ),
-    ] = None,
+    world: World = None,
     drive: Annotated[
         bool, typer.Option("--drive/--no-drive", help="Try the cars of all years afterwards.")
     ] = True,
-    custom_files: Annotated[
-        bool,
-        typer.Option("-c", "--custom-files", help="Also copy its three files to custom_files/."),
-    ] = False,
+    custom_files: CustomFiles = False,
     local: Annotated[
         bool, typer.Option("-L", "--local", help="SOURCE is a bucket of the local server.")
     ] = False,

@@ -1,0 +1,26 @@
+"""Options that the exports of a checkpoint share, and the choice that they make."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drcli.cli.options import best_option, checkpoint_choice, checkpoint_option, prefix_option
+
+if TYPE_CHECKING:
+    from drcli.models.export_model import Selection
+
+ExportBest = Annotated[bool, best_option("Export")]
+ExportNumber = Annotated[int | None, checkpoint_option("Export")]
+ExportPrefix = Annotated[str | None, prefix_option("Export this model instead.")]
+ReplaceFiles = Annotated[bool, typer.Option("-f", "--force", help="Replace files at the target.")]
+
+
+def selection(best: bool, number: int | None, prefix: str | None) -> "Selection":
+    """The checkpoint that the options choose.
+
+    Raises:
+        BadParameter: -b and -c are both given.
+    """
+    from drcli.models.export_model import Selection
+
+    return Selection(checkpoint_choice(best, number), prefix)
