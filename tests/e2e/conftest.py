@@ -15,10 +15,12 @@ from typing import Any
 
 import psutil
 import pytest
+from moto.server import ThreadedMotoServer
 
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.store.connect import open_bucket
+from drcli.store.endpoint import Endpoint
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
 from forks import PATIENCE_S, Forks
@@ -208,6 +210,20 @@ def new_workspace(
 @pytest.fixture
 def workspace(new_workspace: Callable[[], Workspace]) -> Workspace:
     return new_workspace()
+
+
+@pytest.fixture
+def uploads() -> Iterator[S3Bucket]:
+    """A bucket on a server of somebody else's."""
+    moto = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    moto.start()
+    host, port = moto.get_host_and_port()
+    endpoint = Endpoint(f"http://{host}:{port}", access_key="AKup", secret_key="secret")
+    bucket = S3Bucket(endpoint, "uploads", patience_s=5)
+    bucket.ensure_exists()
+    yield bucket
+    bucket.close()
+    moto.stop()
 
 
 @pytest.fixture(scope="module")

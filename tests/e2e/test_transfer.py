@@ -1,33 +1,16 @@
 """A model moves between two servers and drives the same laps there."""
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from moto.server import ThreadedMotoServer
 
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.endpoint import Endpoint
 from drcli.store.s3_bucket import S3Bucket
 
 pytestmark = pytest.mark.slow
 
 URL = "s3://uploads/team/fast-2"
-
-
-@pytest.fixture
-def uploads() -> Iterator[S3Bucket]:
-    """A bucket on a server of somebody else's."""
-    moto = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
-    moto.start()
-    host, port = moto.get_host_and_port()
-    endpoint = Endpoint(f"http://{host}:{port}", access_key="AKup", secret_key="secret")
-    bucket = S3Bucket(endpoint, "uploads", patience_s=5)
-    bucket.ensure_exists()
-    yield bucket
-    bucket.close()
-    moto.stop()
 
 
 def write_profile(folder: Path, *lines: str) -> dict[str, str]:

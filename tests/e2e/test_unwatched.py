@@ -3,27 +3,11 @@
 import json
 
 import pytest
-from moto.server import ThreadedMotoServer
 
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.endpoint import Endpoint
-from drcli.store.s3_bucket import S3Bucket
 from message_servers import hook
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture
-def uploads():
-    moto = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
-    moto.start()
-    host, port = moto.get_host_and_port()
-    endpoint = Endpoint(f"http://{host}:{port}", access_key="AKup", secret_key="secret")
-    bucket = S3Bucket(endpoint, "uploads", patience_s=5)
-    bucket.ensure_exists()
-    yield bucket
-    bucket.close()
-    moto.stop()
 
 
 def test_a_complete_training_uploads_its_best_tells_its_cost_and_runs_a_command(workspace, uploads):

@@ -224,18 +224,23 @@ archive: st.SearchStrategy[Damage] = st.one_of(
 """Damage to a packed model: members outside of it, links, devices."""
 
 
+def _npy(array: Any, *, allow_pickle: bool = False) -> bytes:
+    """The array as the bytes of a .npy file."""
+    import numpy as np
+
+    out = io.BytesIO()
+    np.save(out, array, allow_pickle=allow_pickle)
+    return out.getvalue()
+
+
 def _array(shape: tuple[int, ...], dtype: str, fill: float) -> Damage:
     def damaged(_data: bytes) -> bytes:
         import numpy as np
 
-        out = io.BytesIO()
+        if dtype == "object":
+            return _npy(np.array([{"a": 1}], dtype=object), allow_pickle=True)
         with np.errstate(all="ignore"):
-            values: Any = np.full(shape, fill)
-            if dtype == "object":
-                np.save(out, np.array([{"a": 1}], dtype=object), allow_pickle=True)
-            else:
-                np.save(out, values.astype(dtype))
-        return out.getvalue()
+            return _npy(np.full(shape, fill).astype(dtype))
 
     return damaged
 
@@ -247,9 +252,7 @@ def _values(places: list[tuple[float, float]]) -> Damage:
         values = np.load(io.BytesIO(data)).copy()
         for where, new in places:
             values.flat[int(where * (values.size - 1))] = new
-        out = io.BytesIO()
-        np.save(out, values)
-        return out.getvalue()
+        return _npy(values)
 
     return damaged
 
