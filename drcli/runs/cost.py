@@ -11,10 +11,10 @@ from drcli.base.json_record import RecordError
 from drcli.base.log import get_logger
 from drcli.exchange.job import Job
 from drcli.exchange.spending import Spending, StartSpending
-from drcli.remote.spot_price import SpotPrice, own_spot_price
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.outcome import Ending, Outcome
 from drcli.runs.periodic import Periodic, within
+from drcli.spot.spot_price import SpotPrice, own_spot_price
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.request_count import NIGHT_HOURS, RequestCount, read_counts

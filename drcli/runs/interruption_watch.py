@@ -12,7 +12,7 @@ from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.journal import Journal
 from drcli.runs.outcome import Ending, Outcome, interrupted
 from drcli.spot.cloud_notices import CLOUD_NAMES, DMI_FOLDER, NoticeSource, cloud_of_machine
-from drcli.spot.metadata_service import source_of
+from drcli.spot.notice_sources import source_of
 from drcli.spot.notice_watch import Announced, NoticeWatch, command_words, soonest
 
 _logger = get_logger(__name__)

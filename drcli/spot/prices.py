@@ -15,6 +15,9 @@ from drcli.spot.spot_advisor import CLASSES, Advisor
 PRICING_REGION = "us-east-1"
 """One of the few regions that answer questions about prices of ordinary machines."""
 
+LINUX = "Linux/UNIX"
+"""What Amazon calls a machine without a licence in its spot price."""
+
 SortKey = Literal[
     "SpotPrice",
     "PricePerWorkerHour",
@@ -32,6 +35,9 @@ class Offer:
     """Machines of one type in one zone.
 
     Attributes:
+        type: Type of machine.
+        region: AWS region.
+        zone: Zone of the region.
         usd_per_hour: Spot price now.
         workers: Simulation workers that the machine has processor threads for.
         interruptions: One of the advisor's classes; empty if unknown.
@@ -75,7 +81,7 @@ def current_prices(account: Account, names: Sequence[str]) -> dict[tuple[str, st
             "describe_spot_price_history",
             "SpotPriceHistory",
             InstanceTypes=list(names),
-            ProductDescriptions=["Linux/UNIX"],
+            ProductDescriptions=[LINUX],
             StartTime=datetime.now(UTC),
         )
     newest: dict[tuple[str, str], tuple[Any, float]] = {}

@@ -15,11 +15,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import boto3
 import pytest
 import yaml
 from moto.server import ThreadedMotoServer
 
+from fake_amazon import client
 from fake_machine import FakeMachine
 
 pytestmark = [
@@ -85,13 +85,7 @@ class Amazon:
         }
 
     def client(self, service: str) -> Any:
-        return boto3.client(
-            service,
-            region_name="us-east-1",
-            endpoint_url=self.endpoint,
-            aws_access_key_id="testing",
-            aws_secret_access_key="testing",
-        )
+        return client(service, self.endpoint)
 
     def type(self, program: str | Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
         """Type a command in the racer's folder."""
@@ -170,9 +164,6 @@ def until(condition: Callable[[], object], what: str, program: "subprocess.Popen
 
 
 def test_a_training_survives_its_machine_and_leaves_nothing_behind(amazon, tmp_path):
-    helped = amazon.type(PROGRAMS / "dr-start-training", "--help").stdout
-    if "--resume-or-start" not in helped:
-        pytest.skip("dr-start-training has no --resume-or-start")
     scripts = ROOT / "scripts" / "spot"
 
     base = amazon.type(scripts / "create-base-resources.sh", "racing", "203.0.113.7", "--yes")
@@ -205,7 +196,7 @@ def test_a_training_survives_its_machine_and_leaves_nothing_behind(amazon, tmp_p
         record = f"{MODEL}/model/1_Step"
         until(lambda: amazon.objects(bucket, record), "no first iteration", program)
         notice = {"action": "terminate", "time": "2030-01-01T00:00:00Z"}
-        first.metadata.values["spot/instance-action"] = json.dumps(notice)
+        first.metadata.describe({"spot/instance-action": json.dumps(notice)})
         said, _ = program.communicate(timeout=PATIENCE_S)
         assert program.returncode == 75, said
         assert not first.after_service(75)

@@ -5,14 +5,13 @@ import json
 import os
 import subprocess
 import sys
-import threading
 from collections.abc import Mapping
-from contextlib import suppress
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import drcli.spot.boot
+from metadata_server import MetadataServer
 
 BOOT = Path(drcli.spot.boot.__file__)
 
@@ -29,53 +28,12 @@ PROGRAMS = {
 PIP = 'echo "pip $*" >> "$CALLS"; case "$*" in *download.pytorch.org*) exit 1;; esac'
 
 
-class Metadata:
-    """Instance metadata, version 2, of one machine.
+class Unit(configparser.ConfigParser):
+    """A unit of systemd, whose names have capitals."""
 
-    Attributes:
-        values: Texts by path below /latest/meta-data/; a missing one is answered with 404.
-        tokens: How many tokens were given out.
-    """
-
-    def __init__(self, values: Mapping[str, str]) -> None:
-        self.values = dict(values)
-        self.tokens = 0
-        outer = self
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_PUT(self) -> None:
-                outer.tokens += 1
-                age = self.headers.get("X-aws-ec2-metadata-token-ttl-seconds")
-                self._answer(200 if age else 400, "a-token")
-
-            def do_GET(self) -> None:
-                name = self.path.removeprefix("/latest/meta-data/")
-                if self.headers.get("X-aws-ec2-metadata-token") != "a-token":
-                    self._answer(401, "")
-                elif name in outer.values:
-                    self._answer(200, outer.values[name])
-                else:
-                    self._answer(404, "")
-
-            def _answer(self, status: int, text: str) -> None:
-                self.send_response(status)
-                self.send_header("Content-Length", str(len(text)))
-                self.end_headers()
-                self.wfile.write(text.encode())
-
-            def log_message(self, *args: Any) -> None:
-                """Print nothing."""
-
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self.url = f"http://127.0.0.1:{self._server.server_port}"
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,))
-        self._thread.start()
-
-    def close(self) -> None:
-        """Stop answering."""
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
+    def optionxform(self, optionstr: str) -> str:
+        """Keep a name as it is."""
+        return optionstr
 
 
 class FakeMachine:
@@ -100,7 +58,9 @@ class FakeMachine:
         settle: Mapping[str, str] | None = None,
     ) -> None:
         self.root, self.instance = root, instance
-        self.metadata = Metadata(
+        self._opened = ExitStack()
+        self.metadata = self._opened.enter_context(MetadataServer())
+        self.metadata.describe(
             {
                 "instance-id": instance,
                 "instance-type": "c7i.xlarge",
@@ -129,7 +89,7 @@ class FakeMachine:
             "DRCLI_SPOT_ROOT": str(root),
             "DRCLI_SPOT_PAUSE_S": "0",
             "AWS_ENDPOINT_URL": endpoint,
-            "AWS_EC2_METADATA_SERVICE_ENDPOINT": self.metadata.url,
+            "AWS_EC2_METADATA_SERVICE_ENDPOINT": self.metadata.address,
             **(settle or {}),
         }
 
@@ -153,10 +113,9 @@ class FakeMachine:
         """Content of a file of the machine."""
         return (self.root / path.removeprefix("/")).read_text()
 
-    def unit(self, name: str) -> configparser.ConfigParser:
+    def unit(self, name: str) -> Unit:
         """A unit of systemd that was written."""
-        found = configparser.ConfigParser(strict=False, interpolation=None)
-        found.optionxform = str  # type: ignore[assignment, method-assign]
+        found = Unit(strict=False, interpolation=None)
         found.read_string(self.file(f"/etc/systemd/system/{name}"))
         return found
 
@@ -187,8 +146,7 @@ class FakeMachine:
 
     def close(self) -> None:
         """Stop its metadata."""
-        with suppress(OSError):
-            self.metadata.close()
+        self._opened.close()
 
 
 def _program(path: Path, script: str) -> None:

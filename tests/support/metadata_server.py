@@ -38,7 +38,9 @@ class MetadataServer:
                 pass
 
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, args=(0.02,), daemon=True
+        )
 
     @property
     def address(self) -> str:
@@ -52,9 +54,13 @@ class MetadataServer:
         self._server.shutdown()
         self._server.server_close()
 
+    def describe(self, facts: Mapping[str, str]) -> None:
+        """Answer with these texts, by path below latest/meta-data/ of EC2."""
+        self.answers |= {f"/latest/meta-data/{name}": text for name, text in facts.items()}
+
     def interrupt(self, action: str = "terminate", time: str = "") -> None:
         notice = {"action": action, **({"time": time} if time else {})}
-        self.answers["/latest/meta-data/spot/instance-action"] = json.dumps(notice)
+        self.describe({"spot/instance-action": json.dumps(notice)})
 
     def _answer(self, request: BaseHTTPRequestHandler, method: str) -> None:
         self.asked.append(f"{method} {request.path}")
@@ -77,7 +83,7 @@ class MetadataServer:
             self._send(request, 400, "")
         else:
             self._given += 1
-            self.tokens = {f"token-{self._given}"}
+            self.tokens.add(f"token-{self._given}")
             self._send(request, 200, f"token-{self._given}")
 
     def _send(self, request: BaseHTTPRequestHandler, status: int, text: str) -> None:

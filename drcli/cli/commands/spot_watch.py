@@ -64,7 +64,7 @@ def watch(
     """
     from drcli.runs.foreign_watch import ForeignWatch, NoticeHandling, signal_named
     from drcli.spot.cloud_notices import cloud_of_machine
-    from drcli.spot.metadata_service import source_of
+    from drcli.spot.notice_sources import source_of
     from drcli.spot.notice_watch import NoticeWatch, command_words
 
     if command and pid is not None:

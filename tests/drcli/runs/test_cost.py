@@ -5,8 +5,8 @@ import pytest
 from drcli.base.errors import SettingsError, StorageError
 from drcli.config.loading import load_settings
 from drcli.exchange.spending import Spending, StartSpending
-from drcli.remote.spot_price import SpotPrice
 from drcli.runs.cost import Cost
+from drcli.spot.spot_price import SpotPrice
 from drcli.store import keys
 from drcli.store.request_count import CountFile, RequestCounter
 from memory_bucket import MemoryBucket

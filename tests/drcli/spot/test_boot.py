@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import boto3
 import pytest
 from botocore.auth import S3SigV4Auth
 from botocore.awsrequest import AWSRequest
@@ -16,6 +15,7 @@ from botocore.credentials import Credentials
 from drcli.spot import boot
 from drcli.spot.install_source import InstallSource
 from drcli.spot.machine_marks import MachineMark
+from fake_amazon import client, machine_facts, make_group
 from fake_machine import FakeMachine
 
 KEYS = {"AccessKeyId": "ASIAMACHINE", "SecretAccessKey": "a-secret", "Token": "a-token"}
@@ -27,31 +27,14 @@ class Cloud:
 
     def __init__(self, endpoint: str) -> None:
         self.endpoint = endpoint
-        common = {
-            "region_name": "us-east-1",
-            "endpoint_url": endpoint,
-            "aws_access_key_id": "testing",
-            "aws_secret_access_key": "testing",
-        }
-        self.s3 = boto3.client("s3", **common)
-        self.group = boto3.client("autoscaling", **common)
+        self.s3, self.group = client("s3", endpoint), client("autoscaling", endpoint)
         self.s3.create_bucket(Bucket="models")
-        sns, sqs = boto3.client("sns", **common), boto3.client("sqs", **common)
+        sns, sqs = client("sns", endpoint), client("sqs", endpoint)
         self.topic = sns.create_topic(Name="races")["TopicArn"]
         self.sqs, self.queue = sqs, sqs.create_queue(QueueName="read")["QueueUrl"]
         arn = sqs.get_queue_attributes(QueueUrl=self.queue, AttributeNames=["QueueArn"])
         sns.subscribe(TopicArn=self.topic, Protocol="sqs", Endpoint=arn["Attributes"]["QueueArn"])
-        self.group.create_launch_configuration(
-            LaunchConfigurationName="one", ImageId="ami-1e749f67", InstanceType="c7i.xlarge"
-        )
-        self.group.create_auto_scaling_group(
-            AutoScalingGroupName="run",
-            LaunchConfigurationName="one",
-            MinSize=0,
-            MaxSize=1,
-            DesiredCapacity=1,
-            AvailabilityZones=["us-east-1a"],
-        )
+        make_group(self.group)
 
     def restore(self) -> None:
         """Forget what a test has done; to make all of it again takes seconds."""
@@ -120,16 +103,7 @@ def machine(cloud: Cloud, tmp_path: Path) -> Iterator[Callable[..., FakeMachine]
     made: list[FakeMachine] = []
 
     def make(**changes: Any) -> FakeMachine:
-        facts = {
-            "stack": "run",
-            "bucket": "models",
-            "region": "us-east-1",
-            "domain": "amazonaws.com",
-            "topic": cloud.topic,
-            "groups": ["run"],
-            "ends": float(int(time.time()) + 7200),
-            **changes,
-        }
+        facts = machine_facts(cloud.topic, float(int(time.time()) + 7200)) | changes
         keys = changes.pop("keys", KEYS)
         name = f"machine-{len(made)}"
         made.append(FakeMachine(tmp_path / name, facts, cloud.endpoint, keys))
@@ -214,7 +188,7 @@ def test_the_price_is_only_set_where_the_racer_has_not(cloud, machine):
 
 def test_an_ordinary_machine_knows_its_price(cloud, machine):
     ours = machine()
-    ours.metadata.values["instance-life-cycle"] = "on-demand"
+    ours.metadata.describe({"instance-life-cycle": "on-demand"})
 
     ours.boot()
 
@@ -294,7 +268,7 @@ def test_the_training_starts_again_when_it_waits_for_another(cloud, machine, cod
 def test_a_machine_with_a_notice_does_not_take_the_model_back(cloud, machine):
     ours = machine()
     ours.boot()
-    ours.metadata.values["spot/instance-action"] = json.dumps({"action": "terminate"})
+    ours.metadata.interrupt()
 
     assert not ours.after_service(75)
     assert cloud.mark().state == "interrupted"
@@ -305,7 +279,7 @@ def test_a_run_that_must_not_continue_ends_with_its_machine(cloud, machine):
     change_plan(cloud, continues=False)
     ours = machine()
     ours.boot()
-    ours.metadata.values["spot/instance-action"] = json.dumps({"action": "terminate"})
+    ours.metadata.interrupt()
 
     ours.after_service(75)
 
@@ -326,7 +300,7 @@ def test_five_failures_within_an_hour_end_the_machine(cloud, machine):
 def test_requests_are_signed_as_the_aws_library_signs_them(monkeypatch, machine):
     ours = machine()
     monkeypatch.setattr(boot, "ROOT", str(ours.root))
-    monkeypatch.setattr(boot, "_metadata", ours.metadata.url)
+    monkeypatch.setattr(boot, "_metadata", ours.metadata.address)
     monkeypatch.setenv("AWS_ENDPOINT_URL", "https://s3.us-east-1.amazonaws.com")
 
     url, headers = boot.Machine().signed("s3", "PUT", "/models/a wheel+1.whl", b"content")

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import boto3
 import pytest
 import requests
 
@@ -15,6 +14,7 @@ from drcli.spot.role_permissions import ANY, Permission, Places, permissions, po
 from drcli.store import profiles
 from drcli.store.endpoint import Endpoint
 from drcli.store.s3_bucket import S3Bucket
+from fake_amazon import client, machine_facts, make_group
 from fake_machine import FakeMachine
 
 MODEL = "training/m"
@@ -63,29 +63,13 @@ class Role:
     def __init__(self, endpoint: str, root: Path) -> None:
         self.endpoint = endpoint
         self.check(False)
-        common = {
-            "region_name": "us-east-1",
-            "endpoint_url": endpoint,
-            "aws_access_key_id": "testing",
-            "aws_secret_access_key": "testing",
-        }
-        self.iam = boto3.client("iam", **common)
-        boto3.client("s3", **common).create_bucket(Bucket="models")
-        boto3.client("sns", **common).create_topic(Name="races")
-        group = boto3.client("autoscaling", **common)
-        group.create_launch_configuration(
-            LaunchConfigurationName="one", ImageId="ami-1e749f67", InstanceType="c7i.xlarge"
-        )
-        group.create_auto_scaling_group(
-            AutoScalingGroupName="run",
-            LaunchConfigurationName="one",
-            MinSize=0,
-            MaxSize=1,
-            AvailabilityZones=["us-east-1a"],
-        )
+        self.iam = client("iam", endpoint)
+        client("s3", endpoint).create_bucket(Bucket="models")
+        client("sns", endpoint).create_topic(Name="races")
+        make_group(client("autoscaling", endpoint))
         trust = {"Version": "2012-10-17", "Statement": []}
         role = self.iam.create_role(RoleName="run", AssumeRolePolicyDocument=json.dumps(trust))
-        keys = boto3.client("sts", **common).assume_role(
+        keys = client("sts", endpoint).assume_role(
             RoleArn=role["Role"]["Arn"], RoleSessionName="machine"
         )["Credentials"]
         self.keys = {
@@ -93,16 +77,7 @@ class Role:
             "SecretAccessKey": keys["SecretAccessKey"],
             "Token": keys["SessionToken"],
         }
-        facts = {
-            "stack": "run",
-            "bucket": "models",
-            "region": "us-east-1",
-            "domain": "amazonaws.com",
-            "topic": TOPIC,
-            "groups": ["run"],
-            "ends": 0,
-        }
-        self.machine = FakeMachine(root, facts, endpoint, self.keys)
+        self.machine = FakeMachine(root, machine_facts(TOPIC), endpoint, self.keys)
 
     def check(self, wanted: bool) -> None:
         """Let moto check permissions, or not."""
@@ -136,7 +111,7 @@ def role(moto_address: str, tmp_path_factory: pytest.TempPathFactory) -> Iterato
 def deed(role: Role, monkeypatch: pytest.MonkeyPatch):
     """Does one thing that a machine does; returns what Amazon says against it."""
     monkeypatch.setattr(boot, "ROOT", str(role.machine.root))
-    monkeypatch.setattr(boot, "_metadata", role.machine.metadata.url)
+    monkeypatch.setattr(boot, "_metadata", role.machine.metadata.address)
     monkeypatch.setenv("AWS_ENDPOINT_URL", role.endpoint)
     monkeypatch.setenv("DRCLI_SPOT_PAUSE_S", "0")
     for name, key in {

@@ -278,7 +278,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = "sim-0 was started again (restart 1), after a fault that takes a long sentence to tell."
     event = JournalEvent("abc", 1_000_000.0, "recovery", text, {"worker": "sim-0"})
     answer("runs.journal_reader.journal_of", JournalReport(URL, [event], []))
-    text = "EC2 announces to terminate this instance in 120 s."
+    text = "EC2 announces that it will terminate this instance in 120 s."
     notice = WatchReport("aws", "interruption", "terminate", 120.0, text, 0)
     answer("spot.cloud_notices.cloud_of_machine", "aws")
     answer("runs.foreign_watch.ForeignWatch.once", notice)

@@ -5,16 +5,15 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from drcli.base.errors import StorageError
+from drcli.base.errors import DrError, StorageError
 from drcli.config import secret_environment
+from drcli.spot.aws_account import PROFILE_SETTING
+from drcli.spot.metadata_service import ec2_metadata
+from drcli.spot.prices import LINUX
 from drcli.store.profiles import session_of
 
-ADDRESS = "http://169.254.169.254"
-ADDRESS_VARIABLE = "AWS_EC2_METADATA_SERVICE_ENDPOINT"
-
-_TIMEOUT_S = 2.0
-_READ_TIMEOUT_S = 10.0
-_SYSTEM = "Linux/UNIX"
+_TIMEOUT_S = 10.0
+"""Less than for other questions to Amazon: the count of the machine hours waits for the answer."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ def own_spot_price(profile: str | None = None) -> SpotPrice:
         answer = _client(region, profile).describe_spot_price_history(
             InstanceTypes=[kind],
             AvailabilityZone=zone,
-            ProductDescriptions=[_SYSTEM],
+            ProductDescriptions=[LINUX],
             StartTime=datetime.now(UTC),
             MaxResults=1,
         )
@@ -53,39 +52,25 @@ def own_spot_price(profile: str | None = None) -> SpotPrice:
 
 def _instance() -> tuple[str, str, str]:
     """Type, zone and region of this spot instance, from its metadata service."""
-    import requests
-
-    if os.environ.get("AWS_EC2_METADATA_DISABLED", "").casefold() == "true":
-        raise _unknown("AWS_EC2_METADATA_DISABLED forbids to ask the metadata service")
-    address = (os.environ.get(ADDRESS_VARIABLE) or ADDRESS).rstrip("/")
-    with requests.Session() as session:
-        session.trust_env = False  # no proxy: the service is in the machine
-        try:
-            answer = session.put(
-                f"{address}/latest/api/token",
-                headers={"X-aws-ec2-metadata-token-ttl-seconds": "60"},
-                timeout=_TIMEOUT_S,
-                allow_redirects=False,
-            )
-            answer.raise_for_status()
-            token = {"X-aws-ec2-metadata-token": answer.text}
-
-            def read(name: str) -> str:
-                found = session.get(
-                    f"{address}/latest/meta-data/{name}",
-                    headers=token,
-                    timeout=_TIMEOUT_S,
-                    allow_redirects=False,
-                )
-                found.raise_for_status()
-                return found.text.strip()
-
-            kind, zone = read("instance-type"), read("placement/availability-zone")
-            region = read("placement/region")
-            if read("instance-life-cycle") != "spot":
-                raise _unknown(f"this {kind} is no spot instance")
-        except (requests.RequestException, ValueError) as error:
-            raise _unknown("this machine has no metadata service of EC2") from error
+    names = (
+        "instance-type",
+        "placement/availability-zone",
+        "placement/region",
+        "instance-life-cycle",
+    )
+    try:
+        metadata = ec2_metadata(os.environ)
+        answers = [] if metadata is None else [metadata.read(name) for name in names]
+    except DrError as error:  # it does not answer, or its address is wrong
+        raise _unknown("this machine has no metadata service of EC2") from error
+    if metadata is None:
+        raise _unknown("AWS_EC2_METADATA_DISABLED forbids asking the metadata service")
+    texts = [answer.text for answer in answers if answer is not None]
+    if len(texts) < len(names):
+        raise _unknown("this machine has no metadata service of EC2")
+    kind, zone, region, market = texts
+    if market != "spot":
+        raise _unknown(f"this {kind} is no spot instance")
     return kind, zone, region
 
 
@@ -94,13 +79,11 @@ def _client(region: str, profile: str | None) -> Any:
 
     config = Config(
         retries={"total_max_attempts": 2, "mode": "standard"},
-        connect_timeout=_READ_TIMEOUT_S,
-        read_timeout=_READ_TIMEOUT_S,
+        connect_timeout=_TIMEOUT_S,
+        read_timeout=_TIMEOUT_S,
     )
     with secret_environment.lent():
-        return session_of(profile, "DR_LOCAL_S3_PROFILE").client(
-            "ec2", region_name=region, config=config
-        )
+        return session_of(profile, PROFILE_SETTING).client("ec2", region_name=region, config=config)
 
 
 def _unknown(why: str) -> StorageError:

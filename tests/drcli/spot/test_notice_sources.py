@@ -8,14 +8,8 @@ from email.utils import format_datetime
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.spot.metadata_service import (
-    AzureNotices,
-    Ec2Notices,
-    GoogleNotices,
-    MetadataService,
-    MetadataSilent,
-    source_of,
-)
+from drcli.spot.metadata_service import Ec2Metadata, MetadataService, MetadataSilent
+from drcli.spot.notice_sources import AzureNotices, Ec2Notices, GoogleNotices, source_of
 from metadata_server import MetadataServer
 
 SPOT = "/latest/meta-data/spot/instance-action"
@@ -33,7 +27,7 @@ def metadata():
 
 
 def ec2(server: MetadataServer) -> Ec2Notices:
-    return Ec2Notices(MetadataService(server.address))
+    return Ec2Notices(Ec2Metadata(MetadataService(server.address)))
 
 
 def soon(seconds: float) -> datetime:
@@ -140,7 +134,7 @@ def test_nobody_answers():
         address = f"http://127.0.0.1:{taken.getsockname()[1]}"
 
         with pytest.raises(MetadataSilent, match="does not answer"):
-            Ec2Notices(MetadataService(address)).ask()
+            Ec2Notices(Ec2Metadata(MetadataService(address))).ask()
 
 
 def test_a_proxy_is_never_asked(metadata, monkeypatch):

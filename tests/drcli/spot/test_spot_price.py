@@ -1,16 +1,16 @@
 """What the machine costs on which a training runs, as EC2 tells it."""
 
-import threading
+from collections.abc import Iterator
 from datetime import UTC, datetime
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 from botocore.stub import ANY, Stubber
 
 from drcli.base.errors import StorageError
-from drcli.remote import spot_price
-from drcli.remote.spot_price import own_spot_price
+from drcli.spot import spot_price
+from drcli.spot.spot_price import own_spot_price
 from drcli.store import profiles
+from metadata_server import MetadataServer
 
 SPOT = {
     "instance-type": "g4dn.2xlarge",
@@ -21,38 +21,13 @@ SPOT = {
 
 
 @pytest.fixture
-def metadata(monkeypatch):
-    """A metadata service that wants a token; tests change what it says."""
-    said = dict(SPOT)
-
-    class Handler(BaseHTTPRequestHandler):
-        def _answer(self, status, text=""):
-            self.send_response(status)
-            self.send_header("Content-Length", str(len(text)))
-            self.end_headers()
-            self.wfile.write(text.encode())
-
-        def do_PUT(self):
-            self._answer(200, "a-token")
-
-        def do_GET(self):
-            name = self.path.removeprefix("/latest/meta-data/")
-            known = self.headers["X-aws-ec2-metadata-token"] == "a-token" and name in said
-            self._answer(200 if known else 404, said.get(name, "") if known else "")
-
-        def log_message(self, *_):
-            """Say nothing."""
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)
-    thread.start()
-    address = f"http://127.0.0.1:{server.server_port}"
-    monkeypatch.setenv("AWS_EC2_METADATA_SERVICE_ENDPOINT", address)
-    monkeypatch.delenv("AWS_EC2_METADATA_DISABLED", raising=False)
-    yield said
-    server.shutdown()
-    thread.join()
-    server.server_close()
+def metadata(monkeypatch: pytest.MonkeyPatch) -> Iterator[MetadataServer]:
+    """The metadata service of a spot instance; tests change what it says."""
+    with MetadataServer() as server:
+        server.describe(SPOT)
+        monkeypatch.setenv("AWS_EC2_METADATA_SERVICE_ENDPOINT", server.address)
+        monkeypatch.delenv("AWS_EC2_METADATA_DISABLED", raising=False)
+        yield server
 
 
 @pytest.fixture
@@ -89,7 +64,7 @@ def test_the_price_is_that_of_the_type_in_its_zone(metadata, ec2):
 
 
 def test_an_ordinary_machine_has_no_spot_price(metadata):
-    metadata["instance-life-cycle"] = "on-demand"
+    metadata.describe({"instance-life-cycle": "on-demand"})
 
     with pytest.raises(StorageError, match=r"g4dn\.2xlarge is no spot instance") as error:
         own_spot_price()
@@ -97,7 +72,7 @@ def test_an_ordinary_machine_has_no_spot_price(metadata):
 
 
 def test_a_machine_outside_ec2_is_told_so(metadata):
-    metadata.clear()
+    metadata.answers.clear()
 
     with pytest.raises(StorageError, match="no metadata service of EC2"):
         own_spot_price()
