@@ -71,10 +71,16 @@ class CreatedStack:
     """What was started.
 
     Attributes:
+        stack: Name of the stack.
+        region: AWS region.
+        bucket: Name of the bucket.
+        model: Prefix of the model in the bucket.
         types: Types that may be used.
-        usd_per_hour: Of the cheapest machine now.
-        most_usd: At most, until the end.
+        market: `spot`, `on-demand` or `spot-or-on-demand`.
+        usd_per_hour: Price of the cheapest machine now; None if unknown.
+        most_usd: Highest cost until the end; None if unknown or without a time limit.
         ends: When its machines end, in Unix seconds; 0 for never.
+        topic: ARN of the topic for messages.
     """
 
     stack: str
@@ -247,12 +253,8 @@ def _install(
     ordinary: Mapping[str, float],
 ) -> dict[str, Any]:
     """What the machine reads first."""
-    given = {
-        name: ""
-        for name in ("DR_SPOT_PRICE",)
-        if name in settings.sources or name in settings.extra
-    }
-    upload = {"DR_UPLOAD_S3_BUCKET": settings.upload_s3_bucket}
+    priced = "DR_SPOT_PRICE" in settings.sources or "DR_SPOT_PRICE" in settings.extra
+    upload = settings.upload_s3_bucket
     return {
         "source": source.requirement,
         "wheel": source.wheel,
@@ -261,7 +263,7 @@ def _install(
         "packages": list(source.packages),
         "files": sorted(files),
         "environment": environment(wishes.bucket, account.region, wishes.stack, upload),
-        "given": sorted(given),
+        "given": ["DR_SPOT_PRICE"] if priced else [],
         "on_demand_usd": dict(ordinary),
         "continues": settings.continue_on_spot_interruption,
         "model": settings.model_prefix,

@@ -8,8 +8,8 @@ from typing import Any
 from drcli.base.errors import DrError
 from drcli.spot.aws_account import Account
 from drcli.spot.cost_estimate import ADDRESS_USD_PER_HOUR
-from drcli.spot.machines import Machine, hours
-from drcli.spot.prices import on_demand_prices
+from drcli.spot.machines import Machine
+from drcli.spot.prices import LINUX, on_demand_prices
 
 
 @dataclass(frozen=True)
@@ -17,8 +17,13 @@ class MachineCost:
     """What one machine has cost.
 
     Attributes:
-        usd: None if no price is known.
-        usd_per_hour: On average; None if no price is known.
+        instance: Its ID at Amazon.
+        type: Type of machine.
+        zone: Zone of the region.
+        market: `spot` or `on-demand`.
+        hours: How long it has run.
+        usd_per_hour: Average price; None if no price is known.
+        usd: What it has cost; None if no price is known.
     """
 
     instance: str
@@ -35,8 +40,9 @@ class StackCost:
     """What a stack has cost so far.
 
     Attributes:
+        stack: Name of the stack.
         machines: The oldest first.
-        extra_usd: For addresses; disks and requests cost less and are left out.
+        extra_usd: Cost of addresses; disks and requests cost less and are left out.
         notes: What is not known, as sentences.
     """
 
@@ -47,7 +53,7 @@ class StackCost:
 
     @property
     def hours(self) -> float:
-        """Of all machines together."""
+        """Hours of all machines together."""
         return sum(each.hours for each in self.machines)
 
     @property
@@ -57,7 +63,7 @@ class StackCost:
 
     @property
     def usd(self) -> float:
-        """Of all machines whose price is known, and the addresses."""
+        """Cost of all machines whose price is known, and of the addresses."""
         return sum(each.usd or 0.0 for each in self.machines) + self.extra_usd
 
 
@@ -73,7 +79,7 @@ def cost_of(account: Account, stack: str, machines: Sequence[Machine]) -> StackC
 
 
 def _one(account: Account, machine: Machine, notes: list[str]) -> MachineCost:
-    lasted, usd = hours(machine), None
+    lasted, usd = machine.hours, None
     if machine.market == "spot" and machine.started:
         try:
             usd = spot_usd(account, machine)
@@ -113,7 +119,7 @@ def spot_usd(account: Account, machine: Machine) -> float | None:
             "describe_spot_price_history",
             "SpotPriceHistory",
             InstanceTypes=[machine.type],
-            ProductDescriptions=["Linux/UNIX"],
+            ProductDescriptions=[LINUX],
             AvailabilityZone=machine.zone,
             StartTime=start,
             EndTime=end,

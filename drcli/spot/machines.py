@@ -21,9 +21,13 @@ class Machine:
     """A machine of a stack.
 
     Attributes:
+        instance: Its ID at Amazon.
+        type: Type of machine.
+        zone: Zone of the region.
         market: `spot` or `on-demand`.
         state: Amazon's word; `gone` if Amazon no longer knows it.
-        said: Its last words in the bucket: the state and a sentence; empty if there are none.
+        said: The state that it last wrote into the bucket; empty if there is none.
+        reason: Why it is so, as a sentence; may be empty.
         started: Unix seconds; 0 if unknown.
         ended: Unix seconds; 0 while it is there.
         usd_per_hour: The price that it knew; 0 if unknown.
@@ -44,6 +48,12 @@ class Machine:
     def running(self) -> bool:
         """Whether it is there."""
         return self.state in RUNNING
+
+    @property
+    def hours(self) -> float:
+        """How long it has run, or has been running; 0 if unknown."""
+        end = self.ended or time.time()
+        return max(0.0, end - self.started) / 3600 if self.started else 0.0
 
 
 def machines_of(account: Account, stack: Stack, marks: Iterable[MachineMark]) -> list[Machine]:
@@ -141,9 +151,3 @@ def _activities(account: Account, group: str) -> list[dict[str, Any]]:
             )
     except DrError:
         return []
-
-
-def hours(machine: Machine) -> float:
-    """How long a machine has run, or runs now."""
-    end = machine.ended or time.time()
-    return max(0.0, end - machine.started) / 3600 if machine.started else 0.0

@@ -2,7 +2,6 @@
 
 import re
 import shutil
-from collections.abc import Mapping
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
@@ -46,14 +45,14 @@ def lay_out(source: Path, folder: Path) -> None:
         ) from error
 
 
-def environment(bucket: str, region: str, stack: str, given: Mapping[str, str]) -> dict[str, str]:
+def environment(bucket: str, region: str, stack: str, upload_bucket: str) -> dict[str, str]:
     """The variables of a training on a machine, which are stronger than its files.
 
     Args:
         bucket: Of the models.
         region: Of the bucket and of the machines.
         stack: Name of the stack.
-        given: The racer's settings by DR_ name, with their values.
+        upload_bucket: The racer's DR_UPLOAD_S3_BUCKET.
     """
     found = {
         "DR_CLOUD": "aws",
@@ -70,7 +69,7 @@ def environment(bucket: str, region: str, stack: str, given: Mapping[str, str]) 
         "DEEPRACER_REGION": region,
         "STACK_NAME": stack,
     }
-    if given.get("DR_UPLOAD_S3_BUCKET", "not-defined") in ("not-defined", ""):
+    if upload_bucket in ("not-defined", ""):
         found["DR_UPLOAD_S3_BUCKET"] = bucket
     return found
 

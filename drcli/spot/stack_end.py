@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from drcli.base.errors import DrError, SettingsError, StorageError
 from drcli.spot.aws_account import Account, code_of_answer
@@ -30,6 +31,8 @@ class StoppedStack:
     """What was stopped and removed.
 
     Attributes:
+        stack: Name of the stack.
+        model: Prefix of the model in the bucket.
         checkpoint: Newest one, whose files are whole; empty if there is none.
         machines: Machines that ran.
         objects: Objects of the machines that were removed from the bucket; models stay.
@@ -212,13 +215,11 @@ def remove_base(
                 raise
 
 
-def _delete_versions(client: object, bucket: str, entries: Sequence[dict[str, str]]) -> None:
+def _delete_versions(client: Any, bucket: str, entries: Sequence[dict[str, str]]) -> None:
     if not entries:
         return
     objects = [{"Key": each["Key"], "VersionId": each["VersionId"]} for each in entries]
-    answer = client.delete_objects(  # type: ignore[attr-defined]
-        Bucket=bucket, Delete={"Objects": objects, "Quiet": True}
-    )
+    answer = client.delete_objects(Bucket=bucket, Delete={"Objects": objects, "Quiet": True})
     for failure in answer.get("Errors", []):
         raise StorageError(
             f"{bucket}/{failure['Key']} cannot be deleted: {failure.get('Message')}.",

@@ -19,12 +19,17 @@ class StackReport:
     """A stack, its machines and its training.
 
     Attributes:
+        stack: Name of the stack.
         kind: `training` or `base`.
         status: CloudFormation's word.
         state: In a word: `training`, `booting`, `failed`, ...
         reason: Why it is so, as a sentence; may be empty.
+        model: Prefix of the model in the bucket.
+        bucket: Name of the bucket.
         checkpoint: Newest one; empty if there is none.
+        machines: Its machines, the oldest first.
         usd: Cost so far; None if it was not asked for, or if it is not known.
+        created: When the stack was made, in Unix seconds.
         ends: When the machines end, in Unix seconds; 0 for never.
     """
 
@@ -44,7 +49,12 @@ class StackReport:
 
 @dataclass(frozen=True)
 class StackReports:
-    """All stacks of a region."""
+    """All stacks of a region.
+
+    Attributes:
+        region: AWS region.
+        stacks: Each stack, by name.
+    """
 
     region: str
     stacks: list[StackReport]

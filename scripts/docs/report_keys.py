@@ -86,37 +86,6 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
 }
 """Each report, as `module:class` below `drcli`, with the commands that print it."""
 
-_OF_SPOT: Mapping[str, str] = {
-    "stack": "Name of the stack.",
-    "stacks": "Each stack.",
-    "region": "AWS region.",
-    "bucket": "Name of the bucket.",
-    "bucket_kept": "Whether the bucket of the base stack stays.",
-    "objects": "Number of objects that were deleted with the bucket.",
-    "topic": "ARN of the topic for messages.",
-    "added": "The address that may reach the machines, or that gets the messages.",
-    "model": "Prefix of the model in the bucket.",
-    "machines": "Its machines, the oldest first.",
-    "created": "When it was made, in Unix seconds.",
-    "instance": "Amazon's name of the machine.",
-    "type": "Type of machine.",
-    "types": "Types that may be used.",
-    "zone": "Zone of the region.",
-    "zones": "Zones that may be used.",
-    "reason": "Why it is so, as a sentence; may be empty.",
-    "market": "`spot`, `on-demand` or, of a stack, `spot-or-on-demand`.",
-    "hours": "How long it has run.",
-    "resumes": "The checkpoint from which it goes on; empty for a new model.",
-    "ttl_minutes": "Time after which the machines end; 0 for never.",
-    "least_usd_per_hour": "Of the cheapest machine now; None if unknown.",
-    "most_usd_per_hour": "Of the dearest machine that may be used; None if unknown.",
-    "extra_usd_per_hour": "For disk and address.",
-    "most_usd": "At most, until the end; None if unknown or without a time limit.",
-    "installs": "What the machine installs.",
-    "files": "Names of the files that the machine gets.",
-}
-"""Keys that mean the same in all reports of `dr spot`, for classes that do not describe them."""
-
 _ATTRIBUTE = re.compile(r"^ {8}(\w+): (.+(?:\n {12,}\S.*)*)", re.MULTILINE)
 
 
@@ -143,9 +112,7 @@ def _fields(report: Any, path: str, outer: tuple[Any, ...]) -> Iterator[tuple[st
     if report is Problem:
         yield from ((f"{path}{key}", meaning) for key, meaning in Problem.JSON_KEYS.items())
         return
-    usual = _OF_SPOT if "spot" in report.__module__ else {}
-    meanings = {name: _sentence(text) for name, text in usual.items()}
-    meanings |= {
+    meanings = {
         name: _sentence(text)
         for kind in report.__mro__
         for name, text in _ATTRIBUTE.findall(kind.__doc__ or "")

@@ -30,7 +30,14 @@ _BUCKET_VARIABLE, _TYPE_VARIABLE = "BUCKET", "DEEPRACER_INSTANCE_TYPE"
 
 @dataclass(frozen=True)
 class BaseReport:
-    """A bucket and a topic for trainings."""
+    """A bucket and a topic for trainings.
+
+    Attributes:
+        stack: Name of the stack.
+        region: AWS region.
+        bucket: Name of the bucket.
+        topic: ARN of the topic for messages.
+    """
 
     stack: str
     region: str
@@ -40,7 +47,12 @@ class BaseReport:
 
 @dataclass(frozen=True)
 class AccessReport:
-    """Who may reach a stack now: an address, or a mail address."""
+    """Who may reach a stack now, or gets its messages.
+
+    Attributes:
+        stack: Name of the stack.
+        added: The address that may reach the machines, or that gets the messages.
+    """
 
     stack: str
     added: str
@@ -331,8 +343,7 @@ def _checked(
     from drcli.spot.racer_files import environment
 
     check_bucket(ours, bucket)
-    given = {"DR_UPLOAD_S3_BUCKET": before.upload_s3_bucket}
-    variables = environment(bucket, ours.region, stack, given)
+    variables = environment(bucket, ours.region, stack, before.upload_s3_bucket)
     variables["DR_LOCAL_S3_PROFILE"] = ours.profile or "default"
     loaded = _loaded(folder, variables)
     with console.waiting("Checking settings, files and reward function ..."):

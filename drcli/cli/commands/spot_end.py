@@ -14,7 +14,14 @@ from drcli.cli.views import spot_view
 
 @dataclass(frozen=True)
 class DeletedBase:
-    """A base stack that was deleted, and how many objects of its bucket."""
+    """A base stack that was deleted.
+
+    Attributes:
+        stack: Name of the stack.
+        bucket: Name of the bucket.
+        objects: Number of objects that were deleted with the bucket.
+        bucket_kept: Whether the bucket stays.
+    """
 
     stack: str
     bucket: str

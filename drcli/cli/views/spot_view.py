@@ -19,7 +19,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Planned:
-    """A plan for programs; prices are in USD, None if unknown."""
+    """A plan for programs.
+
+    Attributes:
+        stack: Name of the stack.
+        region: AWS region.
+        bucket: Name of the bucket.
+        model: Prefix of the model in the bucket.
+        resumes: The checkpoint from which the training continues; empty for a new model.
+        types: Types that may be used.
+        zones: Zones that may be used.
+        market: `spot`, `on-demand` or `spot-or-on-demand`.
+        ttl_minutes: Time after which the machines end; 0 for never.
+        least_usd_per_hour: Price of the cheapest machine now; None if unknown.
+        most_usd_per_hour: Price of the dearest machine that may be used; None if unknown.
+        extra_usd_per_hour: Price of disk and address.
+        most_usd: Highest cost until the end; None if unknown or without a time limit.
+        installs: What the machine installs.
+        files: Names of the files that the machine gets.
+    """
 
     stack: str
     region: str
@@ -118,8 +136,7 @@ def stacks(found: "StackReports") -> RenderableType:
         if each.reason:
             parts.append(indented(each.reason))
         for machine in each.machines:
-            lasted = (machine.ended or time.time()) - machine.started
-            hours = f", {lasted / 3600:.1f} h" if machine.started else ""
+            hours = f", {machine.hours:.1f} h" if machine.started else ""
             said = f", {machine.said}" if machine.said else ""
             parts.append(
                 indented(

@@ -207,7 +207,7 @@ def test_a_folder_of_the_old_kind_becomes_a_working_folder(tmp_path: Path):
 
 
 def test_a_bucket_for_uploads_that_is_named_is_kept():
-    ours = environment("models", "eu-west-1", "run", {"DR_UPLOAD_S3_BUCKET": "away"})
+    ours = environment("models", "eu-west-1", "run", "away")
 
     assert "DR_UPLOAD_S3_BUCKET" not in ours
     assert ours["DEEPRACER_REGION"] == "eu-west-1"
