@@ -335,6 +335,16 @@ class Machine:
         return float(found[1]) if found else 0.0
 
 
+def read_plan(machine: Machine) -> dict[str, Any]:
+    """What to install; the machine learns its price on the way."""
+    plan: dict[str, Any] = json.loads(machine.get(f"spot/{machine.stack}/install.json"))
+    try:
+        machine.price = machine.hourly_price(plan["on_demand_usd"])
+    except BootFailed as error:
+        log(f"the price is unknown: {error}")
+    return plan
+
+
 def install(machine: Machine, plan: dict[str, Any]) -> None:
     """Install drcli, and write the files of the working folder."""
     env = ["env", "DEBIAN_FRONTEND=noninteractive", "apt-get", "-o", "DPkg::Lock::Timeout=300"]
@@ -398,11 +408,7 @@ def start() -> int:
             pause(BOOT_PAUSE_S)
         try:
             machine.mark("booting", problem)
-            plan = json.loads(machine.get(f"spot/{machine.stack}/install.json"))
-            try:
-                machine.price = machine.hourly_price(plan["on_demand_usd"])
-            except BootFailed as error:
-                log(f"the price is unknown: {error}")
+            plan = read_plan(machine)
             install(machine, plan)
             machine.mark("starting")
             start_service(machine)
@@ -422,11 +428,7 @@ def ended() -> int:
     how, status = os.environ.get("EXIT_CODE", "exited"), os.environ.get("EXIT_STATUS", "0")
     code = int(status) if how == "exited" and status.isdigit() else 1
     machine = Machine()
-    plan = json.loads(machine.get(f"spot/{machine.stack}/install.json"))
-    try:
-        machine.price = machine.hourly_price(plan["on_demand_usd"])
-    except BootFailed as error:
-        log(f"the price is unknown: {error}")
+    plan = read_plan(machine)
     said = f"The training ended with code {status}."
     if code in FINAL:
         machine.leave(FINAL[code], said)

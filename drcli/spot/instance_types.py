@@ -1,8 +1,8 @@
 """Which machines train: the default types, and what Amazon says about a type."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from drcli.base.errors import SettingsError
 from drcli.spot.aws_account import Account, code_of_answer
@@ -127,14 +127,11 @@ def _offered(account: Account, names: Sequence[str]) -> set[str]:
     return {entry["InstanceType"] for entry in found}
 
 
-def _type(entry: dict[str, object]) -> InstanceType:
-    facts: dict[str, dict[str, object]] = entry  # type: ignore[assignment]
-    kinds = facts["ProcessorInfo"]["SupportedArchitectures"]
-    arm = isinstance(kinds, list) and "arm64" in kinds
+def _type(entry: Mapping[str, Any]) -> InstanceType:
     return InstanceType(
-        str(entry["InstanceType"]),
-        "arm64" if arm else "x86_64",
-        int(str(facts["VCpuInfo"]["DefaultVCpus"])),
-        int(str(facts["MemoryInfo"]["SizeInMiB"])),
+        entry["InstanceType"],
+        "arm64" if "arm64" in entry["ProcessorInfo"]["SupportedArchitectures"] else "x86_64",
+        entry["VCpuInfo"]["DefaultVCpus"],
+        entry["MemoryInfo"]["SizeInMiB"],
         bool(entry.get("GpuInfo")),
     )

@@ -3,7 +3,7 @@
 import os
 import shutil
 from contextlib import suppress
-from typing import Annotated, get_args
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
@@ -12,6 +12,9 @@ from drcli.cli import console
 from drcli.cli.options import AsJson
 from drcli.cli.spot_options import Profile, Region, StackName, account
 from drcli.cli.views import spot_view
+
+if TYPE_CHECKING:
+    from drcli.spot.aws_account import Account
 
 _EVERY = "all"
 
@@ -214,7 +217,7 @@ def _classes(given: list[str]) -> set[str] | None:
     return set(words) or None
 
 
-def _regions(names: list[str], profile: str | None) -> list:  # type: ignore[type-arg]
+def _regions(names: list[str], profile: str | None) -> "list[Account]":
     """The account in each region."""
     words = [word for text in names for word in text.replace(",", " ").split()]
     if not words:
