@@ -28,10 +28,18 @@ files() {
     fi
 }
 
-# create BASE STACK [MINUTES] OPTIONS...: what both kinds of machines have in common.
+# create "KIND" BASE STACK [MINUTES] [OPTIONS...]: KIND is --on-demand, or empty for a spot machine.
 create() {
-    local base=$1 stack=$2 minutes=${3:-60} more=()
-    shift 3
+    local kind=$1
+    shift
+    usage "BASE STACK [MINUTES]" $# 2 40
+    local base=$1 stack=$2 minutes=60 more=()
+    shift 2
+    if [ $# -gt 0 ] && [ "${1#-}" = "$1" ]; then
+        minutes=$1
+        shift
+    fi
     mapfile -t more < <(files)
-    spot create "$stack" --base "$base" --ttl "$minutes" ${more[@]+"${more[@]}"} "$@"
+    spot create "$stack" --base "$base" --ttl "$minutes" ${more[@]+"${more[@]}"} \
+        ${kind:+"$kind"} "$@"
 }

@@ -7,11 +7,4 @@
 set -euo pipefail
 . "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
-usage "BASE STACK [MINUTES]" $# 2 40
-base=$1 stack=$2 minutes=60
-shift 2
-if [ $# -gt 0 ] && [ "${1#-}" = "$1" ]; then
-    minutes=$1
-    shift
-fi
-create "$base" "$stack" "$minutes" "$@"
+create "" "$@"
