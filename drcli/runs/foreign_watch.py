@@ -12,7 +12,7 @@ from types import FrameType
 
 from drcli.base.errors import Absent, SettingsError
 from drcli.base.process_identity import is_alive, started_s
-from drcli.runs.interruption_watch import ACT_S, MARGIN_S, SAVE_S
+from drcli.runs.interruption_watch import MARGIN_S, SAVE_S, due
 from drcli.runs.outcome import INTERRUPTED
 from drcli.spot.cloud_notices import Notice
 from drcli.spot.notice_watch import Announced, NoticeWatch, soonest
@@ -169,11 +169,9 @@ class ForeignWatch:
                 notice = Notice("signal", "interruption", "terminate", TERM_GRACE_S, text)
                 return Announced(notice, now_s)
             announced = self._watch.announced()
-            first = soonest(announced, now_s)
-            if first is not None and (first.left_s(now_s) or 0.0) <= ACT_S:
-                return first
-            if announced and first is None and self._handling.on_rebalance:
-                return announced[0]
+            found = due(announced, now_s, on_rebalance=self._handling.on_rebalance)
+            if found is not None:
+                return found
             time.sleep(POLL_S)
         return None
 

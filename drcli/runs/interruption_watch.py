@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from drcli.base.errors import DrError
@@ -72,13 +72,8 @@ class InterruptionWatch(Duty):
         announced = self._watch.announced()
         for one in announced:
             self._note(one)
-        first = soonest(announced, now_s)
-        if first is not None:
-            left_s = first.left_s(now_s)
-            return self._interrupted(first, left_s) if (left_s or 0.0) <= ACT_S else None
-        if announced and self._stops_on_rebalance:
-            return self._interrupted(announced[0], None)
-        return None
+        first = due(announced, now_s, on_rebalance=self._stops_on_rebalance)
+        return None if first is None else self._interrupted(first, first.left_s(now_s))
 
     def finish(self, ending: Ending) -> None:
         """Stop watching."""
@@ -110,6 +105,17 @@ class InterruptionWatch(Duty):
             max(SHORTEST_S, save_s),
             continues=self._continues,
         )
+
+
+def due(announced: Sequence[Announced], now_s: float, *, on_rebalance: bool) -> Announced | None:
+    """The notice to act on now; None if there is none, or still time.
+
+    A recommendation to move counts only `on_rebalance`, and without an interruption.
+    """
+    first = soonest(announced, now_s)
+    if first is not None:
+        return first if (first.left_s(now_s) or 0.0) <= ACT_S else None
+    return announced[0] if announced and on_rebalance else None
 
 
 def chosen_source(
