@@ -173,8 +173,6 @@ def _clock(fault: Fault, place: Place) -> Effect:
 
 
 def _notice(_: Fault, place: Place) -> Effect:
-    if not _watches_notices():
-        return _terminate(_, place)
     place.machine.metadata.announce()
     return Effect(codes=frozenset({INTERRUPTED}), replaces=True)
 
@@ -281,12 +279,6 @@ def _second_owner(_: Fault, place: Place) -> Effect:
     other.start("--resume")
     place.others.append(other)
     return Effect()
-
-
-def _watches_notices() -> bool:
-    from importlib.util import find_spec
-
-    return find_spec("drcli.runs.interruption_watch") is not None
 
 
 _FAULTS: dict[str, Callable[[Fault, Place], Effect]] = {

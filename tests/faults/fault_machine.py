@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -140,12 +139,7 @@ class Machine:
 
     def start_or_resume(self) -> None:
         """Start the training, or continue it if its model is in the bucket."""
-        if has_start_or_resume():
-            self.start("--resume-or-start")
-            return
-        begun = self.storage.path(f"{PREFIX}/model/.coach_checkpoint").exists()
-        used = self.storage.path(f"{PREFIX}/reward_function.py").exists()
-        self.start(*(["--resume"] if begun else ["-w"] if used else []))
+        self.start("--resume-or-start")
 
     @property
     def said_path(self) -> Path:
@@ -272,15 +266,6 @@ def _works_in(process: psutil.Process, folder: Path) -> bool:
         zombie = process.status() == psutil.STATUS_ZOMBIE
         return not zombie and Path(process.cwd()).is_relative_to(folder)
     return False
-
-
-@cache
-def has_start_or_resume() -> bool:
-    """Whether one option of the command starts or resumes."""
-    asked = subprocess.run(
-        [_dr(), "start-training", "--help"], capture_output=True, text=True, check=True
-    )
-    return "--resume-or-start" in asked.stdout
 
 
 def send(pid: int | None, number: signal.Signals) -> bool:
