@@ -65,6 +65,11 @@ class StorageConfig:
     region: str = "us-east-1"
     idle_minutes: int = 10
 
+    @property
+    def aws_profile(self) -> str | None:
+        """The profile for other services of Amazon; None if the bucket is not there."""
+        return self.profile if self.cloud == "aws" else None
+
 
 @dataclass(frozen=True)
 class UploadConfig:

@@ -1,6 +1,7 @@
 """Knows the last and the best checkpoint of a running training, for duties that react to them."""
 
 from collections.abc import Callable
+from contextlib import suppress
 
 from drcli.base.errors import DrError
 from drcli.exchange.scores import Score
@@ -11,6 +12,9 @@ from drcli.store.bucket import Bucket
 LOOK_S = 20.0
 """How often it looks: one request."""
 
+LAST_LOOK_S = 3.0
+"""Longest time for the look when the training has ended."""
+
 
 class CheckpointWatch:
     """Looks every few seconds in a thread; several duties share one."""
@@ -20,6 +24,7 @@ class CheckpointWatch:
         self._open: Callable[[], Bucket] | None = None
         self._prefix = ""
         self._thread: Periodic | None = None
+        self._has_looked_last = False
         self.last: Score | None = None
         """The newest checkpoint; None before the first look."""
         self.best: Score | None = None
@@ -55,15 +60,12 @@ class CheckpointWatch:
         if scores.best_checkpoint.avg_eval_metric is not None:
             self.best = scores.best_checkpoint
 
-    def look_within(self, seconds: float) -> bool:
-        """Look once more, for a training that ends; whether that succeeded in time."""
-        done: list[bool] = []
+    def look_last(self, within_s: float = LAST_LOOK_S) -> None:
+        """Look once more when the workers have exited; one look that succeeds is enough."""
+        if not self._has_looked_last:
+            within(min(within_s, LAST_LOOK_S), self._look_last)
 
-        def attempt() -> None:
-            try:
-                self.look()
-            except DrError:
-                return
-            done.append(True)
-
-        return within(seconds, attempt) and bool(done)
+    def _look_last(self) -> None:
+        with suppress(DrError):
+            self.look()
+            self._has_looked_last = True

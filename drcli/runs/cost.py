@@ -59,7 +59,7 @@ class Cost(Duty):
         settings = job.config.unattended
         self._job = job
         storage = job.config.storage
-        self._profile = storage.profile if storage.cloud == "aws" else None
+        self._profile = storage.aws_profile
         self._ask = ask_price
         self._clock = clock
         self._lock = threading.Lock()

@@ -9,7 +9,7 @@ from contextlib import suppress
 from drcli.base.log import get_logger
 from drcli.config import secret_environment
 from drcli.exchange.job import Job
-from drcli.runs.checkpoint_watch import CheckpointWatch
+from drcli.runs.checkpoint_watch import LAST_LOOK_S, CheckpointWatch
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.outcome import Ending
 
@@ -19,7 +19,6 @@ PATIENCE_S = 3600.0
 """Longest time for the command if nothing hurries."""
 
 _LOOK_S = 0.1
-_LOOK_PATIENCE_S = 3.0
 
 
 class EndCommand(Duty):
@@ -51,8 +50,8 @@ class EndCommand(Duty):
 
     def finish(self, ending: Ending) -> None:
         """Look for the last time which checkpoints there are."""
-        if self._command and ending.left_s() > _LOOK_PATIENCE_S:
-            self._watch.look_within(_LOOK_PATIENCE_S)
+        if self._command and ending.left_s() > LAST_LOOK_S:
+            self._watch.look_last()
 
     def leave(self, ending: Ending) -> None:
         """Run the command; its failure is logged and changes nothing."""

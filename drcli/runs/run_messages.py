@@ -15,7 +15,7 @@ from drcli.base.log import get_logger
 from drcli.exchange.job import Job
 from drcli.exchange.journal_entry import JournalEntry
 from drcli.remote.message_channels import Channel, Message, open_channels
-from drcli.runs.checkpoint_watch import CheckpointWatch
+from drcli.runs.checkpoint_watch import LAST_LOOK_S, CheckpointWatch
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.outcome import Ending, Outcome
 
@@ -23,8 +23,6 @@ _logger = get_logger(__name__)
 
 LEAVE_S = 25.0
 """How long the last messages may take; a place that does not answer is given up then."""
-
-LOOK_PATIENCE_S = 3.0
 
 RETRY_S = 3.0
 """Pause before a message is sent for the second and last time."""
@@ -65,13 +63,14 @@ class Messages(Duty):
         pause: Callable[[float], None] = time.sleep,
     ) -> None:
         settings, storage = job.config.unattended, job.config.storage
-        profile = storage.profile if storage.cloud == "aws" else None
         self._job = job
         self._watch = watch
         self._facts = facts
         self._clock = clock
         self._pause = pause
-        self._channels = open_channels(settings, profile) if channels is None else channels
+        self._channels = (
+            open_channels(settings, storage.aws_profile) if channels is None else channels
+        )
         self._events = settings.message_events.split(",")
         self._queue: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
         self._failed: dict[str, str] = {}
@@ -106,8 +105,8 @@ class Messages(Duty):
 
     def finish(self, ending: Ending) -> None:
         """Look for the last time which checkpoints there are."""
-        if self._channels and ending.left_s() > LOOK_PATIENCE_S:
-            self._watch.look_within(LOOK_PATIENCE_S)
+        if self._channels and ending.left_s() > LAST_LOOK_S:
+            self._watch.look_last()
 
     def leave(self, ending: Ending) -> None:
         """Tell how the training ended, and wait a moment for what is not sent yet."""

@@ -25,7 +25,6 @@ MODELS_SHARE, ARCHIVE_SHARE = 0.6, 0.4
 """Shares of the time that is left at an interruption: for models, and then for the car archive. The
 rest is for logs and for releasing the lease."""
 
-LOOK_PATIENCE_S = 3.0
 STOPPED_PATIENCE_S = 5.0
 """How long an upload that is running may still take when the training is stopped or fails."""
 
@@ -145,7 +144,7 @@ class TimedUploads(Duty):
             self._note(upload, process.wait(patience_s, lambda: ending.left_s() <= 0.0))
         if not hurried or complete or not self._uploads:
             return
-        self._watch.look_within(min(LOOK_PATIENCE_S, ending.left_s(0.1)))
+        self._watch.look_last(ending.left_s(0.1))
         for upload in self._uploads:
             # The best comes after the last, so that the pointers at the target name the best.
             within_s = models_until_s - self._clock()

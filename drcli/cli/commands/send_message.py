@@ -40,8 +40,7 @@ def send_message(
     from drcli.remote.message_channels import Message, open_channels, try_channels
 
     loaded = settings()
-    profile = loaded.storage.profile if loaded.cloud == "aws" else None
-    channels = open_channels(loaded, profile)
+    channels = open_channels(loaded, loaded.storage.aws_profile)
     if not channels:
         raise SettingsError(
             "No place for messages is set.",
