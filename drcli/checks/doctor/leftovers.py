@@ -20,8 +20,9 @@ _WORKERS = tuple(f"drcli.workers.{name}" for name in ("sim", "trainer", "evaluat
 def examine_runs(directory: Path) -> Iterator[Finding]:
     """Runs in this folder: those that run, and those that died without saying why."""
     paths = sorted((directory / "data" / "runs").glob("*/run.json"))
-    records = [record for path in paths if (record := RunRecord.read(path.parent)) is not None]
-    damaged = [path for path in paths if RunRecord.read(path.parent) is None]
+    read = {path: RunRecord.read(path.parent) for path in paths}
+    records = [record for record in read.values() if record is not None]
+    damaged = [path for path, record in read.items() if record is None]
     alive = [record for record in records if record.alive]
     lost = [each for each in records if each.state in LIVE_STATES and not each.alive]
     evaluations = running_evaluations(directory)
