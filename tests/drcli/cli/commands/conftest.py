@@ -488,6 +488,7 @@ def _lay_down_droa(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file.write_bytes(b"logs")
     imported = ImportReport(DROA_SITE, DROA_ID, "car", "READY", 12, 12_000_000, "uploads/models/x")
     answers: dict[str, Callable[..., Any]] = {
+        "cli.droa_options.Connection.refuse_no_site": lambda _: None,
         "cli.droa_options.Connection.session": lambda _: session,
         "cli.droa_options.Connection.droa": lambda _: droa,
         "remote.droa_package.read_package": lambda path: {},
