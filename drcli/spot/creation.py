@@ -5,7 +5,6 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Any
 
 from drcli.base.errors import DrError, SettingsError
@@ -48,6 +47,7 @@ class StackPlan:
 
     Attributes:
         resumes: The checkpoint from which it goes on; empty for a new model.
+        ends: When its machines end, in Unix seconds; 0 for never.
         notes: What is worth knowing, as sentences.
         template: For CloudFormation.
         install: What the machine reads first.
@@ -60,6 +60,7 @@ class StackPlan:
     zones: tuple[str, ...]
     estimate: Estimate
     resumes: str
+    ends: float
     notes: tuple[str, ...]
     template: Any
     install: Mapping[str, Any]
@@ -158,6 +159,7 @@ def prepare(
         network.zones,
         estimate(prices, wishes),
         resumes,
+        ends,
         tuple(notes),
         template,
         _install(account, settings, wishes, source, files, ordinary),
@@ -187,11 +189,12 @@ def carry_out(account: Account, plan: StackPlan, pause: Pause = time.sleep) -> C
             MODEL_TAG: plan.settings.model_prefix[:256],
             KIND_TAG: "training",
             BUCKET_TAG: wishes.bucket,
-            ENDS_TAG: f"{_ends(plan.template):.0f}",
+            ENDS_TAG: f"{plan.ends:.0f}",
         }
         stack = create_stack(account, name, plan.template, tags, roles=True, pause=pause)
     except BaseException:
-        _undo(bucket, name)
+        with suppress(DrError):
+            forget_files(bucket, name)
         raise
     if wishes.email:
         subscribe(account, stack.outputs["Topic"], wishes.email)
@@ -268,16 +271,3 @@ def _install(
         "continues": settings.continue_on_spot_interruption,
         "model": settings.model_prefix,
     }
-
-
-def _ends(template: Any) -> float:
-    """When the machines of a template end, in Unix seconds; 0 for never."""
-    end = template["Resources"].get("End")
-    if end is None:
-        return 0.0
-    return datetime.fromisoformat(end["Properties"]["StartTime"]).timestamp()
-
-
-def _undo(bucket: S3Bucket, stack: str) -> None:
-    with suppress(DrError):
-        forget_files(bucket, stack)
