@@ -65,7 +65,7 @@ def find_source(wanted: str) -> InstallSource:
         return InstallSource(wanted, packages=(*PACKAGES, "git"))
     if wanted.startswith("-") or any(letter.isspace() for letter in wanted):
         raise SettingsError(
-            f"'{wanted[:80]}' is nothing that pip could install (--install).",
+            f"'{wanted[:80]}' is not something that pip can install (--install).",
             remedy="Name a .whl file, git+https://..., or a requirement such as drcli==1.2.",
         )
     return InstallSource(wanted)

@@ -18,7 +18,6 @@ _MISSING = frozenset(
         "ParameterNotFound",
         "InvalidAMIID.NotFound",
         "InvalidAMIID.Malformed",
-        "InvalidSubnetID.NotFound",
     }
 )
 
@@ -41,24 +40,24 @@ def find_network(account: Account, subnets: Sequence[str]) -> Network:
     """
     from botocore.exceptions import ClientError
 
-    remedy = "Name subnets with --subnet, or make a default network with "
-    remedy += f"`aws ec2 create-default-vpc --region {account.region}`."
     filters = [{"Name": "default-for-az", "Values": ["true"]}]
     asked = {"SubnetIds": list(subnets)} if subnets else {"Filters": filters}
     with account.trying(f"look for networks in {account.region}"):
         try:
             found = account.pages("ec2", "describe_subnets", "Subnets", **asked)
         except ClientError as error:
-            if code_of_answer(error) in _MISSING or "InvalidSubnetID" in code_of_answer(error):
-                found = []
-            else:
+            if not code_of_answer(error).startswith("InvalidSubnetID"):
                 raise
+            found = []
     networks = {entry["VpcId"] for entry in found}
     if len(networks) != 1 or len(found) < len(set(subnets)):
-        what = f"{', '.join(subnets)} are not subnets of one network" if subnets else "no network"
+        missing = "a default network"
+        if subnets:
+            missing = f"one network with the subnets {', '.join(subnets)}"
         raise SettingsError(
-            f"Machines have no network in {account.region}: {what}.",
-            remedy=remedy,
+            f"{account.region} does not have {missing}.",
+            remedy="Name subnets with --subnet, or make a default network with "
+            f"`aws ec2 create-default-vpc --region {account.region}`.",
         )
     found.sort(key=lambda entry: entry["AvailabilityZone"])
     return Network(

@@ -106,7 +106,7 @@ def files_to_send(settings: Settings) -> dict[str, bytes]:
     size = sum(len(data) for name, data in found.items() if name.startswith("tracks/"))
     if size > MOST_TRACK_BYTES:
         raise SettingsError(
-            f"{tracks}: the tracks of this training have {size / 1e6:.0f} MB.",
+            f"{tracks}: the tracks of this training take {size / 1e6:.0f} MB.",
             remedy=f"Use route files with less than {MOST_TRACK_BYTES / 1e6:.0f} MB together.",
         )
     return found

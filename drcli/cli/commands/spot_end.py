@@ -45,7 +45,7 @@ def stop(
 ) -> None:
     """Stop the training of a stack, check that the model is in the bucket, and remove the stack.
 
-    Nothing is deleted before the model was checked. The model stays in the bucket.
+    Nothing is deleted until the model has been checked. The model stays in the bucket.
 
     Example: dr-spot stop my-run
     """
@@ -111,8 +111,9 @@ def delete(
             remedy="Leave --keep-bucket out.",
         )
     prompts.agree(
-        f"Delete the stack {stack} and its machines? A training that runs is lost since its last "
-        f"checkpoint; `dr-spot stop {stack}` saves it first. The model {found.model} stays.",
+        f"Delete the stack {stack} and its machines? A running training loses what it has done "
+        f"since its last checkpoint; `dr-spot stop {stack}` saves it first. The model "
+        f"{found.model} stays.",
         yes=yes,
         words=[stack],
     )

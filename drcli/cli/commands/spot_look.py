@@ -42,7 +42,7 @@ def prices(
     ] = None,
     regions: Annotated[
         list[str] | None,
-        typer.Option("--region", metavar="TEXT", help="Region; may be repeated; all for all."),
+        typer.Option("--region", metavar="TEXT", help="Region, or all; may be repeated."),
     ] = None,
     order: Annotated[
         str,
@@ -157,7 +157,7 @@ def logs(
     chosen = [info for info in every if name in info.key.rpartition("/")[2]]
     if not chosen:
         raise Absent(
-            f"There is no log {name} of {stack} in the bucket yet.".replace("  ", " "),
+            f"{stack} has no log{f' {name}' if name else ''} in the bucket yet.",
             remedy="A machine writes its first log a few minutes after its start; `dr-spot list` "
             "shows how it is.",
         )

@@ -54,7 +54,7 @@ def watch(
     ] = "",
     as_json: AsJson = False,
 ) -> None:
-    """Watch for the notice that this machine is taken away, for a program that is not drcli.
+    """Watch for the notice that this machine will be taken away, for a program other than drcli.
 
     Runs the program, or watches for a running one. On notice, the program gets a signal and time to
     exit, and this command exits 75. Otherwise it has the exit code of the program. Without a

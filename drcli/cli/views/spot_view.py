@@ -220,8 +220,8 @@ def content(found: "BucketContent") -> str:
 
 def base_deleted(stack: str, objects: int, *, kept: bool) -> RenderableType:
     """A base stack that was deleted."""
-    rest = "its bucket stays" if kept else f"with {counted(objects, 'object')} in its bucket"
-    return Text(f"Removed {stack}; {rest}." if kept else f"Removed {stack} {rest}.")
+    rest = "; its bucket stays" if kept else f" with {counted(objects, 'object')} in its bucket"
+    return Text(f"Removed {stack}{rest}.")
 
 
 def _clock(at: float) -> str:
