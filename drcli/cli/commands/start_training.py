@@ -184,11 +184,12 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
 
     quiet, verbose, foreground, as_json = how.quiet, how.verbose, how.foreground, how.as_json
     followed, folder = how.followed, loaded.directory
-    if not quiet and isinstance(planned, RunPlan):
-        console.warn(*planned.warnings)
-        console.say(views.start_text(planned))
-    elif not quiet and not isinstance(planned, RunPlan):
-        console.say(views.end_work_text(planned))
+    if not quiet:
+        if isinstance(planned, RunPlan):
+            console.warn(*planned.warnings)
+            console.say(views.start_text(planned))
+        else:
+            console.say(views.end_work_text(planned))
 
     if quiet:
         display = watch_training.nothing()
