@@ -1,6 +1,6 @@
 #!/bin/bash
 # Start-up script for a machine of Google Cloud (metadata key startup-script) or Azure (custom data):
-# installs drcli once, and trains from every boot on with the systemd unit beside it. Fill in the
+# installs drcli once, and trains from every boot on as a systemd service. Fill in the
 # first lines. On Amazon, `dr-spot create` does all of this.
 #
 # Google Cloud gives 30 seconds before it takes a spot machine away, so TimeoutStopSec is shorter.
