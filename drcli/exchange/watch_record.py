@@ -15,12 +15,10 @@ class WatchRecord:
     Attributes:
         session: Of the start.
         warnings: A sentence each.
-        left_out: Workers that the run goes on without.
     """
 
     session: str
     warnings: list[str] = field(default_factory=list)
-    left_out: list[str] = field(default_factory=list)
 
     def write(self, folder: Path) -> None:
         """Replace the record in the folder of a run.

@@ -66,9 +66,6 @@ class Duty:
         `child.arguments` are those of the next process.
         """
 
-    def restarted(self, child: Child) -> None:
-        """Note that a worker has just been started again."""
-
     def end_facts(self) -> Mapping[str, object]:
         """What the `end` entry of the journal should tell programs."""
         return {}

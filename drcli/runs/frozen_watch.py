@@ -15,7 +15,7 @@ from drcli.runs.outcome import Outcome
 from drcli.runs.seen_pulses import Seen, SeenPulses, cpu_s
 from drcli.runs.warnings_board import WarningsBoard
 from drcli.runs.worker_processes import Child
-from drcli.runs.worker_stacks import ANSWER_S, StacksRequest
+from drcli.runs.worker_stacks import ANSWER_S, REWARD_REMEDY, StacksRequest
 
 FROZEN_S = 30.0
 """Time without a pulse and without processor time after which a worker is replaced."""
@@ -110,8 +110,7 @@ class FrozenWatch(Duty):
                     SettingsError.code,
                     f"Reward function error: The reward function in reward_function.py, line "
                     f"{line}, failed: {WHY}.\n  {text}",
-                    "Correct reward_function.py, then continue with `dr-start-training --resume`, "
-                    "or start over with `-w`.",
+                    REWARD_REMEDY,
                 )
         how = "was inside one operation that Python cannot interrupt"
         self._replace(child, seen, f"{how} for {duration(silent_s)}")

@@ -84,7 +84,7 @@ class MemoryWatch(Duty):
         self._tight_s: float | None = None
         self._kill_s: float | None = None
         self._state = read()
-        self._smaller = SmallerRun(board)
+        self._smaller = SmallerRun()
 
     def start(self, run: RunningTraining) -> None:
         """Begin."""

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from drcli.runs.duty import RunningTraining
-from drcli.runs.warnings_board import WarningsBoard
 from drcli.runs.worker_processes import TRAINER, Child
 
 DIVISORS = (2, 4)
@@ -14,8 +13,7 @@ another."""
 class SmallerRun:
     """Takes one step after the other; what is learned stays valid with each of them."""
 
-    def __init__(self, board: WarningsBoard) -> None:
-        self._board = board
+    def __init__(self) -> None:
         self._steps = 0
         self._leaving: set[str] = set()
 
@@ -49,7 +47,6 @@ class SmallerRun:
         if child.name not in self._leaving:
             return False
         child.left_out = True
-        self._board.leave_out(child.name)
         return True
 
     def _divide(self, simulation: Sequence[Child], divisor: int, victim: Child) -> None:

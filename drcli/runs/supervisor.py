@@ -21,6 +21,7 @@ from drcli.runs.run_ending import RunEnding
 from drcli.runs.run_logs import LogUpload, log_file
 from drcli.runs.worker_deaths import died_too_often
 from drcli.runs.worker_processes import TRAINER, Child, start_process
+from drcli.runs.worker_stacks import REWARD_REMEDY
 from drcli.store.bucket import Bucket
 
 _logger = get_logger(__name__)
@@ -70,7 +71,6 @@ class Supervisor:
         self._restart_server = restart_server
         self._signal: int | None = None
         self._hurried = False
-        self._silent = False
         self._renewal = renewal
         # Each has its own thread, so that neither of them nor the loop waits for another.
         self._server = Periodic("server", revive_server, SERVER_CHECK_S)
@@ -175,8 +175,7 @@ class Supervisor:
         words = WorkerExit.read(self._job.folder, child.name) or exit_of_stuck(
             code,
             log_file(self._job.directory, self._job.config.model.prefix, child.name),
-            remedy="Correct reward_function.py, then continue with `dr-start-training --resume`, "
-            "or start over with `-w`.",
+            remedy=REWARD_REMEDY,
         )
         if code == 0 and child.name == TRAINER and words is not None:
             return Outcome(0, words.message)
@@ -215,8 +214,6 @@ class Supervisor:
         again = f"{child.name} was started again (restart {child.restarts})."
         self._journal.note("recovery", again, worker=child.name, restarts=child.restarts)
         self._publish("running")
-        for duty in self._duties:
-            attempt(duty, partial(duty.restarted, child))
         return None
 
     def _end(self, outcome: Outcome) -> None:

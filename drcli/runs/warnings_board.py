@@ -1,6 +1,5 @@
 """The present warnings of all watches: in the log, in the journal, and in `dr-status`."""
 
-from dataclasses import replace
 from pathlib import Path
 
 from drcli.base.log import get_logger
@@ -21,7 +20,7 @@ class WarningsBoard:
     def __init__(self, folder: Path, session: str) -> None:
         self._folder = folder
         self._warnings: dict[str, str] = {}
-        self._record = WatchRecord(session)
+        self._session = session
         self._journal: Journal | None = None
 
     def begin(self, journal: Journal) -> None:
@@ -52,14 +51,8 @@ class WarningsBoard:
         if self._warnings.pop(subject, None) is not None:
             self._write()
 
-    def leave_out(self, worker: str) -> None:
-        """Note that the run goes on without a worker."""
-        self._record = replace(self._record, left_out=[*self._record.left_out, worker])
-        self._write()
-
     def _write(self) -> None:
-        self._record = replace(self._record, warnings=list(self._warnings.values()))
         try:
-            self._record.write(self._folder)
+            WatchRecord(self._session, list(self._warnings.values())).write(self._folder)
         except OSError as error:  # a full disk: the log has it
             _logger.warning("The warnings cannot be written for dr-status: %s", error)

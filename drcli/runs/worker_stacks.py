@@ -14,6 +14,12 @@ from drcli.workers.pulse import STACKS_SIGNAL
 ANSWER_S = 4.0
 """How long a worker may take to write its stacks."""
 
+REWARD_REMEDY = (
+    "Correct reward_function.py, then continue with `dr-start-training --resume`, or start over "
+    "with `-w`."
+)
+"""What to do when a worker was stuck inside the reward function."""
+
 
 @dataclass(frozen=True)
 class StacksRequest:

@@ -288,8 +288,8 @@ def test_deaths_of_workers_and_what_was_done_are_in_the_journal(run):
     bucket = SlowBucket()
 
     class Once(Ends):
-        def restarted(self, child):
-            self.outcome = interrupted("Enough.", 5.0, continues=True)
+        def died(self, child, code, words):
+            return interrupted("Enough.", 5.0, continues=True) if child.restarts else None
 
     run(bucket, Once(None), script="import sys; sys.exit(1)")
 
