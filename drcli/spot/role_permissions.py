@@ -65,7 +65,6 @@ def permissions(places: Places, groups: Sequence[str], topic: str) -> list[Permi
         topic: Address of the topic for messages.
     """
     files = _objects(places.bucket, places.folders)
-    probes = (f"{_arn(places.bucket)}/.probe-*", f"{_arn(places.bucket)}/.validate/*")
     reads = _objects(places.bucket, places.read_only)
     away = _objects(places.upload_bucket, (places.upload_folder,)) if places.upload_bucket else ()
     whole = tuple(_arn(name) for name in (places.bucket, places.upload_bucket) if name)
@@ -74,7 +73,7 @@ def permissions(places: Places, groups: Sequence[str], topic: str) -> list[Permi
         f"autoScalingGroupName/{group}"
         for group in groups
     )
-    written = (*files, *probes, *away)
+    written = (*files, *away)
     found = [
         Permission("s3:ListBucket", whole, "looks for the newest checkpoint and for rollouts"),
         Permission(

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import requests
 import yaml
 from moto.server import ThreadedMotoServer
 
@@ -71,6 +72,8 @@ class Amazon:
         self.server.start()
         host, port = self.server.get_host_and_port()
         self.endpoint = f"http://{host}:{port}"
+        # What other tests of this process made is not in the way of "nothing is left".
+        requests.post(f"{self.endpoint}/moto-api/reset", timeout=10).raise_for_status()
         plain = {k: v for k, v in os.environ.items() if not k.startswith(("DR_", "AWS_"))}
         self.environment = {
             **plain,
