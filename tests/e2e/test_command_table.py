@@ -161,7 +161,7 @@ AFTERWARDS = [
     Call("droa-get-model ID --json", "DR_DROA_URL", 3),
     Call("droa-download-logs ID -o there --json", "DR_DROA_URL", 3),
     Call("droa-delete-model ID -y --json", "DR_DROA_URL", 3),
-    Call("droa-import-model --best --json", "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW", 3),
+    Call("droa-import-model --best --json", "DR_DROA_URL", 3),
     Call("spot list --json", "no access keys", 4, NO_KEYS),
     Call("send-message hello --json", "DR_WEBHOOK_URL", 3),
 ]
