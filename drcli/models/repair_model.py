@@ -46,11 +46,17 @@ def repair_all(model: Model, *, missing: bool = True) -> list[str]:
     Returns:
         For each, a sentence on what was damaged and how it was repaired.
     """
-    return [*repair(model, missing=missing), *_repair_parameters(model), *_repair_start(model)]
+    return [*repair(model, missing=missing), *restore_parameters(model), *_repair_start(model)]
 
 
-def _repair_parameters(model: Model) -> list[str]:
-    """Restore damaged parameter files from a checkpoint: each has a copy of them."""
+def restore_parameters(model: Model) -> list[str]:
+    """Restore damaged or lost parameter files from a checkpoint: each has a copy of them.
+
+    Only for the owner of the model.
+
+    Returns:
+        For each, a sentence on what was damaged and how it was repaired.
+    """
     checks: list[tuple[str, str, Callable[[bytes, str], object]]] = [
         (
             keys.hyperparameters(model.prefix),

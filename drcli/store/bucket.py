@@ -1,5 +1,6 @@
 """The interface of a bucket: on any S3 server, in a folder, or in the memory of a test."""
 
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import datetime
@@ -70,14 +71,51 @@ class Bucket(Protocol):
         """All objects below a folder, which ends with a slash or is empty, sorted by key."""
 
 
-def read_record(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: str) -> T:
+_OVERWRITTEN_S = (0.02, 0.1)
+"""Pauses before an object is read again that looked damaged or missing."""
+
+
+def read_record(
+    bucket: Bucket,
+    key: str,
+    decode: Callable[[bytes], T],
+    remedy: str,
+    *,
+    written: bool = False,
+    pause: Callable[[float], None] = time.sleep,
+) -> T:
     """Read an object and decode it.
+
+    While an object is overwritten, the embedded server may answer with the new content cut to the
+    length of the old one, or that there is no such object (1 in 200 reads beside a client that
+    writes all the time, rclone 1.75). So what looks damaged is read again.
+
+    Args:
+        bucket: Where it is.
+        key: Of the object.
+        decode: Raises RecordError if the object is damaged.
+        remedy: What to do about a damaged object.
+        written: It is known to exist, so it is read again also if it looks missing.
+        pause: Waits for so many seconds.
 
     Raises:
         ObjectMissing: It does not exist.
         ObjectNewer: `decode` has raised NewerFormat.
         ObjectDamaged: `decode` has raised another RecordError; the remedy is that of the error.
     """
+    for pause_s in _OVERWRITTEN_S:
+        try:
+            return _decoded(bucket, key, decode, remedy)
+        except ObjectDamaged:
+            pause(pause_s)
+        except ObjectMissing:
+            if not written:
+                raise
+            pause(pause_s)
+    return _decoded(bucket, key, decode, remedy)
+
+
+def _decoded(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: str) -> T:
     data = bucket.get(key)
     try:
         return decode(data)

@@ -161,7 +161,9 @@ class CheckpointStore:
         """Sizes, hashes and counters of a checkpoint; ObjectMissing or ObjectDamaged."""
         key = keys.checkpoint_record(self._prefix, name)
         remedy = "Delete that checkpoint's files; an older one is used instead."
-        return read_record(self._bucket, key, partial(CheckpointRecord.decode_of, name), remedy)
+        decode = partial(CheckpointRecord.decode_of, name)
+        # `attach_optimizer` writes it a second time, just when the workers read it.
+        return read_record(self._bucket, key, decode, remedy, written=True)
 
     def load(self, name: str, *, with_optimizer: bool = False) -> Checkpoint:
         """Read one checkpoint and check it; ObjectMissing or ObjectDamaged names the file."""

@@ -4,7 +4,8 @@ import pytest
 
 from drcli.base.errors import OwnershipLost, StorageError
 from drcli.exchange.run_state import TrainingEnd
-from drcli.store.bucket import ObjectDamaged, ObjectMissing, ObjectNewer, read_record
+from drcli.store.bucket import ObjectDamaged, ObjectMissing, ObjectNewer, Watch, read_record
+from memory_bucket import MemoryBucket
 
 
 @pytest.mark.parametrize("data", [b"", b"x", bytes(range(256)) * 5_000])
@@ -84,6 +85,45 @@ def test_an_object_that_is_not_the_record_is_named_with_the_reason(bucket, data,
         read_record(bucket, "a.json", TrainingEnd.decode, "Delete it.")
 
     assert failure.value.remedy == "Delete it."
+
+
+class Overwritten(MemoryBucket):
+    """Answers first as the embedded server may while an object is overwritten."""
+
+    def __init__(self, *first: bytes | None) -> None:
+        super().__init__()
+        self.first = list(first)
+
+    def get(self, key: str, *, watch: Watch | None = None) -> bytes:
+        if not self.first:
+            return super().get(key, watch=watch)
+        data = self.first.pop(0)
+        if data is None:
+            raise ObjectMissing(f"No {key}.", remedy="None.")
+        return data
+
+
+def test_a_record_that_was_cut_while_it_was_overwritten_is_read_again():
+    end = TrainingEnd("a session", "It is over.")
+    bucket = Overwritten(end.encode()[:-5], None)
+    bucket.put("a.json", end.encode())
+
+    def read() -> TrainingEnd:
+        decode = TrainingEnd.decode
+        return read_record(bucket, "a.json", decode, "", written=True, pause=pauses.append)
+
+    pauses: list[float] = []
+    assert read() == end
+    assert len(pauses) == 2
+
+
+def test_a_record_that_nobody_promised_is_missing_at_once(memory):
+    pauses: list[float] = []
+
+    with pytest.raises(ObjectMissing):
+        read_record(memory, "a.json", TrainingEnd.decode, "", pause=pauses.append)
+
+    assert pauses == []
 
 
 def test_an_object_of_a_newer_version_is_not_called_damaged(bucket):
