@@ -142,6 +142,24 @@ def test_a_module_loads_slow_libraries_only_inside_functions(name):
     assert not top & slow
 
 
+def test_a_supervisor_does_not_load_what_its_workers_compute_with():
+    """It runs for hours beside them: torch alone would take 160 MB and seconds to start."""
+    loaded, waiting = set(), ["drcli.runs.training"]
+    while waiting:
+        name = waiting.pop()
+        if name not in loaded:
+            loaded.add(name)
+            waiting += imports(name, top_level_only=True) & modules().keys()
+    libraries = {
+        (imported.split(".")[0], name)
+        for name in loaded
+        for imported in imports(name, top_level_only=True)
+    }
+
+    assert len(loaded) > 50
+    assert not {pair for pair in libraries if pair[0] in {"torch", "mujoco", "numba", "scipy"}}
+
+
 def test_no_modules_import_each_other_in_a_circle():
     waiting = {name: set(ours(name)) - {name} for name in modules()}
     while free := {name for name, needs in waiting.items() if not needs}:

@@ -7,6 +7,7 @@ from drcli.base.errors import StorageError
 from drcli.remote.droa_keys import Keys
 from drcli.remote.droa_site import Site
 from drcli.remote.web_request import CONNECT_TIMEOUT_S, READ_TIMEOUT_S, USER_AGENT
+from drcli.store.s3_errors import error_code, error_text
 
 if TYPE_CHECKING:
     from botocore.session import Session
@@ -50,17 +51,6 @@ def _session() -> "Session":
     return Session(session_vars={**no_files, **own_address})
 
 
-def code_of(error: Exception) -> str:
-    """The error code in an answer of Amazon; empty for other exceptions."""
-    return str(getattr(error, "response", {}).get("Error", {}).get("Code", ""))
-
-
-def message_of(error: Exception) -> str:
-    """The sentence in an answer of Amazon, without its full stop."""
-    found = getattr(error, "response", {}).get("Error", {}).get("Message") or error
-    return " ".join(str(found).split()).rstrip(".")
-
-
 def aws_failure(error: Exception, action: str, site: Site) -> StorageError:
     """The failure of a call as one sentence.
 
@@ -74,7 +64,7 @@ def aws_failure(error: Exception, action: str, site: Site) -> StorageError:
     where = site.aws_endpoint_url or f"Amazon in {site.region}"
     if isinstance(error, boto.ClientError):
         return StorageError(
-            f"Cannot {action}: {message_of(error)} ({code_of(error)}).",
+            f"Cannot {action}: {error_text(error)} ({error_code(error)}).",
             remedy="Try again later; if it fails again, ask who runs that DeepRacer on AWS.",
         )
     if isinstance(error, boto.SSLError):
@@ -95,6 +85,6 @@ def aws_failure(error: Exception, action: str, site: Site) -> StorageError:
             remedy="Check the network connection and the region of the site.",
         )
     return StorageError(
-        f"Cannot {action}: {message_of(error)}.",
+        f"Cannot {action}: {error_text(error)}.",
         remedy="Check the address of the site, and the options that replace its values.",
     )

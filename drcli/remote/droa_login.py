@@ -5,9 +5,10 @@ from datetime import UTC, datetime
 from typing import Any
 
 from drcli.base.errors import StorageError
-from drcli.remote.droa_aws import aws_client, aws_failure, code_of, message_of
+from drcli.remote.droa_aws import aws_client, aws_failure
 from drcli.remote.droa_keys import Keys
 from drcli.remote.droa_site import Site
+from drcli.store.s3_errors import error_code, error_text
 
 Ask = Callable[[str], str]
 """Asks the user, without showing the answer; takes the question."""
@@ -109,9 +110,9 @@ def _keys(site: Site, token: str) -> Keys:
         )
         return _read_keys(answer["Credentials"])
     except ClientError as e:
-        if code_of(e) in ("NotAuthorizedException", "ResourceNotFoundException"):
+        if error_code(e) in ("NotAuthorizedException", "ResourceNotFoundException"):
             raise StorageError(
-                f"Cannot {action}: {message_of(e)} ({code_of(e)}).",
+                f"Cannot {action}: {error_text(e)} ({error_code(e)}).",
                 remedy="Check --identity-pool-id and --user-pool-id if you give them; otherwise "
                 "ask who runs that site whether your account is allowed to use it.",
             ) from e
@@ -134,7 +135,7 @@ def _read_keys(credentials: Any) -> Keys:
 
 def _refusal(error: Exception, action: str, site: Site) -> StorageError:
     """Why Cognito does not accept somebody."""
-    code, message = code_of(error), message_of(error)
+    code, message = error_code(error), error_text(error)
     if code == "NotAuthorizedException":
         return StorageError(
             f"Cannot {action}: {message}.",

@@ -8,9 +8,10 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from drcli.base.errors import StorageError
-from drcli.remote.droa_aws import aws_client, aws_failure, code_of
+from drcli.remote.droa_aws import aws_client, aws_failure
 from drcli.remote.droa_package import is_wanted
 from drcli.remote.droa_session import DroaSession
+from drcli.store.s3_errors import error_code
 
 FOLDER = "uploads/models"
 """Where its importer expects models. Source: deepracer-on-aws, its website."""
@@ -99,7 +100,7 @@ def _failure(error: Exception, name: str, first: bool, session: DroaSession) -> 
     site = session.site
     where = f"s3://{site.upload_bucket}/{FOLDER}/"
     cause = error.__cause__ or error.__context__
-    code = code_of(error) or (code_of(cause) if isinstance(cause, Exception) else "")
+    code = error_code(error) or (error_code(cause) if isinstance(cause, Exception) else "")
     if code in _REFUSED:
         return StorageError(
             f"{session.username} may not write to {where} ({code}).",

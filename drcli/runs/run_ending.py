@@ -26,8 +26,7 @@ from drcli.runs.worker_processes import Child, stop_workers
 from drcli.store import lease
 from drcli.store.bucket import Bucket
 from drcli.store.last_outcome import write_outcome
-from drcli.store.model_prefix import newest_checkpoint
-from drcli.store.rollout_reader import delete_unlearned
+from drcli.store.model_prefix import delete_unlearned, newest_checkpoint
 
 _logger = get_logger(__name__)
 

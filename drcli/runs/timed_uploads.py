@@ -141,7 +141,7 @@ class TimedUploads(Duty):
             patience_s = models_until_s - self._clock() if hurried else STOPPED_PATIENCE_S
             if complete and not hurried:
                 patience_s = float("inf")
-            self._note(upload, process.wait(patience_s, lambda: ending.left_s() <= 0.0))
+            self._note(upload, process.wait(patience_s, lambda: ending.left_s() <= 0.0), ends=True)
         if not hurried or complete or not self._uploads:
             return
         self._watch.look_last(ending.left_s(0.1))
@@ -153,7 +153,7 @@ class TimedUploads(Duty):
             if within_s <= 0.0 or not self._is_new(upload):
                 continue
             process = self._start(self._job, *upload.command)
-            self._note(upload, process.wait(within_s, lambda: ending.left_s() <= 0.0))
+            self._note(upload, process.wait(within_s, lambda: ending.left_s() <= 0.0), ends=True)
 
     def leave(self, ending: Ending) -> None:
         """End what still runs: `finish` is not called if the model was lost."""
@@ -172,7 +172,7 @@ class TimedUploads(Duty):
         upload.due_s = now_s + (BEST_EVERY_S if upload.every_s is None else upload.every_s)
         self._running = upload, self._start(self._job, *upload.command)
 
-    def _note(self, upload: Upload, end: CommandEnd) -> None:
+    def _note(self, upload: Upload, end: CommandEnd, *, ends: bool = False) -> None:
         """Tell how an upload ended: in the log, and in the journal, which makes the messages."""
         if end.ok:
             upload.done = str(end.report.get("checkpoint", ""))
@@ -194,7 +194,7 @@ class TimedUploads(Duty):
                 )
             upload.problem = ""
             return
-        again = "" if end.killed else " It is tried again at its next time."
+        again = "" if end.killed or ends else " It is tried again at its next time."
         text = f"The upload of the {upload.name} failed: {end.reason}{again}"
         if text != upload.problem:
             _logger.warning("%s", text)

@@ -11,6 +11,7 @@ from drcli.config import secret_environment
 from drcli.store.endpoint import Endpoint
 from drcli.store.profiles import session_of
 from drcli.store.s3_bucket import S3Bucket
+from drcli.store.s3_errors import error_code, error_text
 
 PROFILE_SETTING = "DR_LOCAL_S3_PROFILE"
 
@@ -102,22 +103,11 @@ class Account:
             return str(self.client("sts").get_caller_identity()["Account"])
 
 
-def code_of_answer(error: Exception) -> str:
-    """The error code in an answer of Amazon; empty for other exceptions."""
-    return str(getattr(error, "response", {}).get("Error", {}).get("Code", ""))
-
-
-def said_by_amazon(error: Exception) -> str:
-    """The sentence in an answer of Amazon, without its full stop."""
-    found = getattr(error, "response", {}).get("Error", {}).get("Message") or error
-    return " ".join(str(found).split()).rstrip(".")
-
-
 def explained(error: Exception, action: str, region: str) -> DrError:
     """A failure of Amazon as one sentence with a remedy."""
     from botocore import exceptions as boto
 
-    code, said = code_of_answer(error).removeprefix("Client."), said_by_amazon(error)
+    code, said = error_code(error).removeprefix("Client."), error_text(error)
     start = f"Cannot {action}: "
     if isinstance(error, boto.NoCredentialsError | boto.PartialCredentialsError):
         return StorageError(

@@ -4,12 +4,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from drcli.base.errors import SettingsError
-from drcli.spot.aws_account import Account, code_of_answer
+from drcli.spot.aws_account import Account
 from drcli.spot.instance_types import Processor
 from drcli.store import keys, lease
 from drcli.store.last_outcome import read_outcome, write_outcome
 from drcli.store.model_prefix import is_used, newest_checkpoint
 from drcli.store.s3_bucket import S3Bucket
+from drcli.store.s3_errors import error_code
 
 Market = Literal["spot", "spot-or-on-demand", "on-demand"]
 
@@ -76,12 +77,12 @@ def check_bucket(account: Account, name: str) -> S3Bucket:
         try:
             answer = account.client("s3").head_bucket(Bucket=name)
         except ClientError as error:
-            if code_of_answer(error) in ("404", "NoSuchBucket"):
+            if error_code(error) in ("404", "NoSuchBucket"):
                 raise SettingsError(
                     f"There is no bucket {name}.",
                     remedy="Make one with `dr-spot create-base NAME`, or name one with --bucket.",
                 ) from error
-            if code_of_answer(error) != "301":
+            if error_code(error) != "301":
                 raise
             answer = error.response
     headers = answer["ResponseMetadata"].get("HTTPHeaders", {})

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from drcli.base.errors import SettingsError
-from drcli.spot.aws_account import Account, code_of_answer
+from drcli.spot.aws_account import Account
 from drcli.spot.training_template import Architecture
+from drcli.store.s3_errors import error_code
 
 Processor = Literal["x86", "arm", "any"]
 
@@ -121,7 +122,7 @@ def _offered(account: Account, names: Sequence[str]) -> set[str]:
                 "ec2", "describe_instance_type_offerings", "InstanceTypeOfferings", **asked
             )
         except ClientError as error:
-            if code_of_answer(error) == "InvalidInstanceType":
+            if error_code(error) == "InvalidInstanceType":
                 return set()
             raise
     return {entry["InstanceType"] for entry in found}

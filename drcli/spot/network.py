@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.spot.aws_account import Account, code_of_answer
+from drcli.spot.aws_account import Account
 from drcli.spot.training_template import Architecture, Image
+from drcli.store.s3_errors import error_code
 
 IMAGE_NAMES: Mapping[Architecture, str] = {
     "x86_64": "/aws/service/canonical/ubuntu/server/24.04/stable/current/amd64/hvm/ebs-gp3/ami-id",
@@ -46,7 +47,7 @@ def find_network(account: Account, subnets: Sequence[str]) -> Network:
         try:
             found = account.pages("ec2", "describe_subnets", "Subnets", **asked)
         except ClientError as error:
-            if not code_of_answer(error).startswith("InvalidSubnetID"):
+            if not error_code(error).startswith("InvalidSubnetID"):
                 raise
             found = []
     networks = {entry["VpcId"] for entry in found}
@@ -88,7 +89,7 @@ def find_images(
                     name = answer["Parameter"]["Value"]
                 entries = account.client("ec2").describe_images(ImageIds=[name])["Images"]
             except ClientError as error:
-                if code_of_answer(error) not in _MISSING:
+                if error_code(error) not in _MISSING:
                     raise
                 entries = []
         if not entries:

@@ -4,8 +4,9 @@ import ipaddress
 from typing import Any
 
 from drcli.base.errors import SettingsError
-from drcli.spot.aws_account import Account, code_of_answer
+from drcli.spot.aws_account import Account
 from drcli.spot.stacks import Stack
+from drcli.store.s3_errors import error_code
 
 
 def subscribe(account: Account, topic: str, email: str) -> None:
@@ -51,6 +52,6 @@ def add_access(account: Account, stack: Stack, address: str) -> str:
                 GroupId=stack.outputs["Firewall"], IpPermissions=[rule]
             )
         except ClientError as error:
-            if code_of_answer(error) != "InvalidPermission.Duplicate":
+            if error_code(error) != "InvalidPermission.Duplicate":
                 raise
     return f"{single}/{32 if single.version == 4 else 128}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drcli.base.errors import DrError, SettingsError, StorageError
-from drcli.spot.aws_account import Account, code_of_answer
+from drcli.spot.aws_account import Account
 from drcli.spot.creation import forget_files
 from drcli.spot.machine_marks import ENDED, read_marks
 from drcli.spot.machines import Machine, machines_of
@@ -15,6 +15,7 @@ from drcli.spot.stacks import Pause, Stack, delete_stack, our_stacks
 from drcli.store import lease
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.model_prefix import newest_checkpoint
+from drcli.store.s3_errors import error_code
 
 STOP_COMMAND = (
     "cd /opt/drcli/racer && exec runuser -u drcli -- "
@@ -137,7 +138,7 @@ def end_groups(account: Account, stack: Stack) -> None:
                     AutoScalingGroupName=group, MinSize=0, DesiredCapacity=0
                 )
             except ClientError as error:
-                if code_of_answer(error) != "ValidationError":  # there is no such group
+                if error_code(error) != "ValidationError":  # there is no such group
                     raise
 
 
@@ -180,7 +181,7 @@ def content_of_bucket(account: Account, stack: Stack) -> BucketContent | None:
         try:
             found = account.pages("s3", "list_objects_v2", "Contents", Bucket=stack.bucket)
         except ClientError as error:
-            if code_of_answer(error) == "NoSuchBucket":
+            if error_code(error) == "NoSuchBucket":
                 return None
             raise
     pointer = "/model/.coach_checkpoint"
@@ -211,7 +212,7 @@ def remove_base(
                 _delete_versions(client, stack.bucket, entries)
             client.delete_bucket(Bucket=stack.bucket)
         except ClientError as error:
-            if code_of_answer(error) != "NoSuchBucket":
+            if error_code(error) != "NoSuchBucket":
                 raise
 
 
@@ -246,7 +247,7 @@ def _send(account: Account, instances: Sequence[str]) -> str:
                 Parameters={"commands": [STOP_COMMAND]},
             )
         except ClientError as error:
-            if code_of_answer(error) != "InvalidInstanceId":
+            if error_code(error) != "InvalidInstanceId":
                 raise
             raise StorageError(
                 f"The machine {', '.join(instances)} does not answer Systems Manager; it may "

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from drcli.base.errors import DrError, SettingsError, StorageError
-from drcli.spot.aws_account import Account, code_of_answer, said_by_amazon
+from drcli.spot.aws_account import Account
 from drcli.spot.training_template import KIND_TAG, MODEL_TAG, STACK_TAG
+from drcli.store.s3_errors import error_code, error_text
 
 BUCKET_TAG, ENDS_TAG = "drcli:bucket", "drcli:ends"
 
@@ -88,7 +89,7 @@ def find_stack(account: Account, name: str) -> Stack | None:
         try:
             answer = account.client("cloudformation").describe_stacks(StackName=name)
         except ClientError as error:
-            if code_of_answer(error) == "ValidationError" and "not exist" in said_by_amazon(error):
+            if error_code(error) == "ValidationError" and "not exist" in error_text(error):
                 return None
             raise
     stack = _stack(answer["Stacks"][0])
@@ -169,7 +170,7 @@ def create_stack(
                 OnFailure="DELETE",
             )["StackId"]
         except ClientError as error:
-            if code_of_answer(error) == "AlreadyExistsException":
+            if error_code(error) == "AlreadyExistsException":
                 raise _exists(account, name) from error
             raise
         status = _settled(account, stack_id, pause)

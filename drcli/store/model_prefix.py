@@ -22,6 +22,22 @@ def newest_checkpoint(bucket: Bucket, prefix: str) -> CheckpointName | None:
     return max(checkpoint_objects(bucket, prefix).values(), default=None)
 
 
+def delete_unlearned(bucket: Bucket, prefix: str) -> None:
+    """Delete rollouts that nobody learns from any more, when a training is complete.
+
+    Workers that drive ahead of the trainer leave one such iteration.
+    """
+    newest = newest_checkpoint(bucket, prefix)
+    if newest is None:
+        return
+    ahead = []
+    for info in bucket.list(keys.rollouts_folder(prefix)):
+        key = keys.rollout_key(prefix, info.key)
+        if key is not None and key.iteration >= newest.number:
+            ahead.append(info.key)
+    bucket.delete(ahead)
+
+
 def contains(outer: str, inner: str) -> bool:
     """Whether deleting `outer` would delete `inner`, because it is the same or below it."""
     return keys.folder(inner).startswith(keys.folder(outer))

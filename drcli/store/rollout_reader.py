@@ -11,7 +11,6 @@ from drcli.exchange.rollout import Episodes, decode_episodes
 from drcli.exchange.rollout_manifest import Manifest, Part, belongs
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
-from drcli.store.model_prefix import newest_checkpoint
 
 PREFETCH_BYTES = 24 << 20
 """Limit for downloads ahead of their use: three thousand steps."""
@@ -40,22 +39,6 @@ def find_manifest(bucket: Bucket, prefix: str, iteration: int, worker: int) -> M
         return read_record(bucket, key, Manifest.decode, "The worker drives the iteration again.")
     except (ObjectMissing, ObjectDamaged):
         return None
-
-
-def delete_unlearned(bucket: Bucket, prefix: str) -> None:
-    """Delete rollouts that nobody learns from any more, when a training is complete.
-
-    Workers that drive ahead of the trainer leave one such iteration.
-    """
-    newest = newest_checkpoint(bucket, prefix)
-    if newest is None:
-        return
-    ahead = []
-    for info in bucket.list(keys.rollouts_folder(prefix)):
-        key = keys.rollout_key(prefix, info.key)
-        if key is not None and key.iteration >= newest.number:
-            ahead.append(info.key)
-    bucket.delete(ahead)
 
 
 class RolloutReader:

@@ -277,11 +277,21 @@ def _said(error: Exception) -> str:
     return " ".join(str(text).split())
 
 
+def error_code(error: Exception) -> str:
+    """The error code in an answer of a server; empty for other exceptions."""
+    return str(getattr(error, "response", {}).get("Error", {}).get("Code", ""))
+
+
+def error_text(error: Exception) -> str:
+    """The sentence in an answer of a server, on one line; else that of the exception."""
+    found = getattr(error, "response", {}).get("Error", {}).get("Message") or error
+    return " ".join(str(found).split()).rstrip(".")
+
+
 def _answer(error: Exception) -> tuple[str, int]:
     """Error code and HTTP status of a ClientError; 0 without a status."""
-    response = getattr(error, "response", {})
-    code = str(response.get("Error", {}).get("Code", ""))
-    return code, int(response.get("ResponseMetadata", {}).get("HTTPStatusCode", 0))
+    metadata = getattr(error, "response", {}).get("ResponseMetadata", {})
+    return error_code(error), int(metadata.get("HTTPStatusCode", 0))
 
 
 def _disk_is_full(attempt: Attempt) -> bool:

@@ -13,7 +13,8 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.store import keys, rollout_reader
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.rollout_reader import RolloutReader, delete_unlearned, find_manifest
+from drcli.store.model_prefix import delete_unlearned
+from drcli.store.rollout_reader import RolloutReader, find_manifest
 from drcli.store.rollout_writer import RolloutWriter
 from memory_bucket import MemoryBucket
 
