@@ -50,6 +50,11 @@ class PPO:
         self.optimizer = Adam(model.parameters(), config.lr, config.adam_eps)
         self._parallel = DataParallel(self.model, compute.parts, compute.threads)
 
+    @property
+    def most_samples(self) -> int | None:
+        """How many samples fit into the memory of the GPU at once; None as long as all do."""
+        return self._parallel.most_samples
+
     def remember(self, rollout: Rollout) -> None:
         """Do nothing: this algorithm cannot learn from the rollouts of other weights."""
 

@@ -55,6 +55,11 @@ class SAC:
         """Steps of earlier rollouts that it learns from again."""
         return self.config.sac_replay_steps
 
+    @property
+    def most_samples(self) -> int | None:
+        """How many samples fit into the memory of the GPU at once; None as long as all do."""
+        return self._parallel.most_samples
+
     def remember(self, rollout: Rollout) -> None:
         """Add a rollout of an earlier iteration to the replay buffer without learning from it."""
         self.replay.add(rollout)

@@ -11,15 +11,15 @@ from drcli.exchange.job import Job
 from drcli.exchange.reward_error_record import RewardErrorEntry, RewardErrorRecord
 from drcli.exchange.rollback_record import Rollbacks
 from drcli.runs.duty import Duty, RunningTraining
-from drcli.runs.outcome import Ending, Outcome
+from drcli.runs.outcome import Outcome
 from drcli.runs.periodic import Periodic, within
 from drcli.runs.warnings_board import WarningsBoard
 from drcli.store.bucket import Bucket
 from drcli.store.reward_errors import read_reward_errors
 from drcli.store.rollbacks import read_rollbacks
 
-LOOK_S = 20.0
-"""How often it looks into the bucket."""
+LOOK_S = 60.0
+"""How often it looks into the bucket: two requests."""
 
 LAST_LOOK_S = 3.0
 """Longest time for the look when the workers have exited."""
@@ -37,7 +37,7 @@ class FailureWatch(Duty):
     name = "failure watch"
 
     def __init__(self, job: Job, board: WarningsBoard) -> None:
-        """Prepare; a training that can neither count nor go back is not looked at for that."""
+        """Prepare."""
         self._job = job
         self._board = board
         self._open: Callable[[], Bucket] | None = None
@@ -67,8 +67,8 @@ class FailureWatch(Duty):
         if self._bucket is None:
             self._bucket = self._open()
         prefix = self._job.config.model.prefix
-        self._rollbacks = read_rollbacks(self._bucket, prefix)
         self._records = read_reward_errors(self._bucket, prefix)
+        self._rollbacks = read_rollbacks(self._bucket, prefix)
 
     def check(self) -> Outcome | None:
         """Tell what is new."""
@@ -76,7 +76,14 @@ class FailureWatch(Duty):
         return None
 
     def end_facts(self) -> Mapping[str, object]:
-        """How often the training went back, and how many calls and episodes were broken."""
+        """How often the training went back, and how many calls and episodes were broken.
+
+        The workers have exited, so this is the last look, and what it finds is told before the end.
+        """
+        if self._thread is not None:
+            self._thread.stop()
+            within(LAST_LOOK_S, self._look_last)
+            self._tell()
         facts: dict[str, object] = {}
         if self._rollbacks.count:
             facts["rollbacks"] = self._rollbacks.count
@@ -87,13 +94,6 @@ class FailureWatch(Duty):
         if discarded:
             facts["discarded_episodes"] = discarded
         return facts
-
-    def finish(self, ending: Ending) -> None:
-        """Look once more when the workers have exited."""
-        if self._thread is not None:
-            self._thread.stop()
-            within(min(LAST_LOOK_S, ending.left_s()), self._look_last)
-            self._tell()
 
     def _look_last(self) -> None:
         with suppress(DrError):

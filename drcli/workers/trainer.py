@@ -25,6 +25,7 @@ from drcli.learn.compute import choose_compute, flush_denormals
 from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
+from drcli.store.alarms import trends
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History
 from drcli.store.repair import Model, repair
@@ -127,6 +128,8 @@ class Trainer:
         self._elapsed_before_s = elapsed_s
         self._started = self._cycle_began = self._rechecked = time.monotonic()
         self._collapsed = False
+        self._alarmed: set[str] = set()
+        self._is_short_of_gpu_memory = False
         self._uploader = ThreadPoolExecutor(1, thread_name_prefix="upload")
         self._uploads: list[Future[object]] = []
 
@@ -258,6 +261,14 @@ class Trainer:
             what = f"NaN detected in iteration {self._newest.number}: {str(error).rstrip('.')}"
             self._roll_back("nan", what)
             raise self._not_a_number(error) from None
+        if self._learner.most_samples is not None and not self._is_short_of_gpu_memory:
+            self._is_short_of_gpu_memory = True
+            _logger.warning(
+                "The memory of the GPU is too small for a whole minibatch. From now on, gradients "
+                "of %d samples at a time are added up, with the same result; a smaller batch_size "
+                "is faster.",
+                self._learner.most_samples,
+            )
         ended = time.monotonic()
         cycle_s = ended - self._cycle_began
         self._cycle_began = ended
@@ -306,6 +317,10 @@ class Trainer:
             self._await_evaluation(collected)
         self._scoring.score(self._newest)
         fallen = self._history.collapse(self._checkpoints.best_name())
+        for alarm in trends(self._history.records):
+            if alarm.subject not in self._alarmed:
+                _logger.warning("Warning: %s. %s", alarm.text, alarm.remedy)
+            self._alarmed.add(alarm.subject)
         if fallen is not None and not self._collapsed:
             _logger.warning("%s.", fallen)
             if reason is None:
