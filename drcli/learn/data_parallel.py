@@ -80,7 +80,7 @@ class DataParallel(Generic[M]):
             torch.set_num_threads(before)
 
     def backward(self, loss_of: LossOf[M], samples: int) -> Tensor:
-        """Compute the gradient of the mean loss for the network's parameters, which have none yet.
+        """Add the gradient of the mean loss to the network's parameters.
 
         The sums are made in the order of the parts, so that equal seeds give equal weights. If the
         memory of a GPU is too small, it is tried again with smaller parts.
@@ -95,6 +95,8 @@ class DataParallel(Generic[M]):
         Raises:
             torch.OutOfMemoryError: Even a single sample is too large.
         """
+        own = list(self._models[0].parameters())
+        before = [None if p.grad is None else p.grad.clone() for p in own]
         while True:
             try:
                 return self._backward_once(loss_of, samples)
@@ -104,8 +106,9 @@ class DataParallel(Generic[M]):
                 failed = min(samples, self.most_samples or samples)
             # Outside of `except`: the exception holds on to the tensors of the failed pass.
             self.most_samples = max(1, failed // 2)
-            for parameter in self._models[0].parameters():
-                parameter.grad = None  # what the first parts may have left
+            for parameter, grad in zip(own, before, strict=True):
+                # Without what the first parts have left.
+                parameter.grad = None if grad is None else grad.clone()
             if torch.cuda.is_available():
                 torch.cuda.empty_cache()
 

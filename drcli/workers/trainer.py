@@ -323,9 +323,9 @@ class Trainer:
             self._alarmed.add(alarm.subject)
         if fallen is not None and not self._collapsed:
             _logger.warning("%s.", fallen)
-            if reason is None:
-                self._roll_back("collapse", fallen[0].upper() + fallen[1:])
         self._collapsed = fallen is not None
+        if fallen is not None and reason is None:
+            self._roll_back("collapse", fallen[0].upper() + fallen[1:])
 
     def _roll_back(self, reason: Reason, what: str) -> None:
         """Return if the training cannot or may not go back to an older checkpoint.
@@ -452,9 +452,8 @@ class Trainer:
         _logger.info(reason)
 
 
-def main(job: Job, lifeline: Lifeline) -> None:
-    """Run the trainer in this process."""
-    flush_denormals()
+def learn(job: Job, lifeline: Lifeline) -> None:
+    """Learn until the training ends; after a rollback, begin again from the bucket."""
     goals = None
     while True:
         trainer = Trainer(job, lifeline, goals)
@@ -464,6 +463,12 @@ def main(job: Job, lifeline: Lifeline) -> None:
             goals = trainer.goals
             continue
         return
+
+
+def main(job: Job, lifeline: Lifeline) -> None:
+    """Run the trainer in this process."""
+    flush_denormals()
+    learn(job, lifeline)
 
 
 if __name__ == "__main__":
