@@ -21,7 +21,7 @@ from drcli.runs.spending_report import RequestReport, money_left, request_report
 from drcli.runs.worker_health import WorkerHealth
 from drcli.runs.worker_processes import TRAINER
 from drcli.store import keys
-from drcli.store.alarms import alarms
+from drcli.store.alarms import Convergence, alarms, convergence
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.connect import open_running_bucket
 from drcli.store.history import HistoryReader, read_history
@@ -88,6 +88,7 @@ class RunReport:
         reward_errors: Failures of the reward function that all workers have counted, and episodes
             that it declared broken; None if nothing was counted.
         rollbacks: When the training went back to an older checkpoint, oldest first.
+        convergence: How near training and evaluation are; None before there are five evaluations.
     """
 
     run_id: int
@@ -117,6 +118,7 @@ class RunReport:
     advice: list[str] = field(default_factory=list)
     reward_errors: RewardCounts | None = None
     rollbacks: list[Rollback] = field(default_factory=list)
+    convergence: Convergence | None = None
 
     @property
     def dead(self) -> list[str]:
@@ -264,6 +266,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         advice=[alarm.remedy for alarm in found],
         reward_errors=failed,
         rollbacks=rollbacks,
+        convergence=convergence(history),
         damaged=damaged,
         iterations=len(history),
         iterations_left=max(0, most - len(history)) if most > 0 else None,

@@ -14,6 +14,9 @@ ENTROPY_WINDOW, ENTROPY_PAST = 5, 50
 ENTROPY_RISE = 0.2
 """Nats above the lowest mean. Fifteen healthy trainings here stayed within 0.05."""
 
+ENTROPY_NEAR = 0.05
+"""Nats above the lowest mean that are as good as the lowest."""
+
 ENTROPY_SINCE = 8
 """So many iterations ago it was lowest at the least: a rise of a few iterations passes."""
 
@@ -36,6 +39,10 @@ STEERING_PER_M = 2.0
 
 STEERING_WINDOW = 5
 """Evaluations over which they are averaged."""
+
+CONVERGED_OVER, CONVERGED_GAP, CONVERGED_PROGRESS = 5, 5.0, 95.0
+"""Evaluations that are compared with the training, the largest gap between the two, and the least
+progress of the evaluations, in percent of a lap."""
 
 STEERING_PROGRESS = 50.0
 """Least mean progress of these evaluations, percent: a beginner has to zigzag."""
@@ -70,6 +77,43 @@ def alarms(records: Sequence[IterationRecord], best: str | None) -> list[Alarm]:
     return [*found, *trends(records)]
 
 
+@dataclass(frozen=True)
+class Convergence:
+    """How near training and evaluation are to each other, by the newest evaluated iterations.
+
+    The episodes of a training draw their actions, evaluations take the most likely one. They meet
+    when the policy has become sure and there is little left to learn.
+
+    Attributes:
+        training: Mean progress of the training episodes, percent.
+        evaluation: Mean progress of the evaluation episodes, percent.
+        reached: Whether they have met, near complete laps.
+    """
+
+    training: float
+    evaluation: float
+    reached: bool
+
+    @property
+    def gap(self) -> float:
+        """How much further evaluations get, in percent of a lap."""
+        return self.evaluation - self.training
+
+
+def convergence(records: Sequence[IterationRecord]) -> Convergence | None:
+    """Compare training and evaluation; None before there are `CONVERGED_OVER` evaluations."""
+    evaluated = [record for record in records if record.evaluation_progress][-CONVERGED_OVER:]
+    if len(evaluated) < CONVERGED_OVER:
+        return None
+    training = sum(record.mean_progress for record in evaluated) / CONVERGED_OVER
+    evaluation = (
+        sum(sum(r.evaluation_progress) / len(r.evaluation_progress) for r in evaluated)
+        / CONVERGED_OVER
+    )
+    met = abs(evaluation - training) <= CONVERGED_GAP and evaluation >= CONVERGED_PROGRESS
+    return Convergence(training, evaluation, met)
+
+
 def collapsed(text: str) -> Alarm:
     """The alarm of a policy that has become far worse than it was, in these words."""
     return Alarm(
@@ -101,7 +145,8 @@ def _entropy_rises(records: Sequence[IterationRecord]) -> Alarm | None:
     if len(means) <= ENTROPY_SINCE:
         return None
     lowest = min(means)
-    since = len(means) - 1 - means.index(lowest)
+    low = max(n for n, mean in enumerate(means) if mean <= lowest + ENTROPY_NEAR)
+    since = len(means) - 1 - low
     goes_on = means[-1] > means[-min(ENTROPY_WINDOW, len(means))]
     if since < ENTROPY_SINCE or means[-1] < lowest + ENTROPY_RISE or not goes_on:
         return None

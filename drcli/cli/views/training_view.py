@@ -89,6 +89,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
                 f"{laps} full training laps."
             ),
             Text(_checkpoints(report)),
+            *(Text(line) for line in [_convergence(report)] if line),
         ]
         if report.warning:
             parts += [_warning(report), *(indented(f"Try: {each}") for each in report.advice)]
@@ -207,6 +208,18 @@ def _source(pretrained: "Pretrained") -> str:
 
 def _warning(report: "RunReport") -> Text:
     return Text(f"Warning: {report.warning}", style="bold yellow")
+
+
+def _convergence(report: "RunReport") -> str:
+    """How near training and evaluation are to each other."""
+    found = report.convergence
+    if found is None:
+        return ""
+    state = "converged" if found.reached else f"a gap of {abs(found.gap):.0f} points"
+    return (
+        f"Completion: training {found.training:.0f} %, evaluations {found.evaluation:.0f} %: "
+        f"{state}."
+    )
 
 
 def _failures(report: "RunReport") -> list[str]:

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from drcli.store.alarms import alarms
+from drcli.store.alarms import alarms, convergence
 from iterations import iteration_record
 
 
@@ -56,7 +56,7 @@ def test_a_reward_that_jumps_up_and_down_without_growing_is_an_alarm():
     [alarm] = alarms(records, None)
 
     assert alarm.subject == "reward"
-    assert "86 %" in alarm.text
+    assert "83 %" in alarm.text
 
 
 @pytest.mark.parametrize(
@@ -96,3 +96,21 @@ def test_a_collapse_comes_first_and_names_the_way_back():
 
     assert subjects(records) == ["collapse", "reward"]
     assert "DR_TRAIN_MAX_ROLLBACKS" in alarms(records, None)[0].remedy
+
+
+@pytest.mark.parametrize(
+    ("training", "evaluation", "reached"),
+    [(97.0, 99.0, True), (60.0, 100.0, False), (30.0, 31.0, False)],
+)
+def test_a_training_has_converged_when_it_meets_its_evaluations(training, evaluation, reached):
+    records = curve(  # 002-05
+        10,
+        mean_progress=lambda n: training,
+        evaluation_progress=lambda n: [evaluation] if n else [],
+    )
+
+    found = convergence(records)
+
+    assert found.gap == pytest.approx(evaluation - training)
+    assert found.reached is reached
+    assert convergence(records[:4]) is None

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import drsim
 from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
