@@ -88,7 +88,12 @@ def examine(
     with ThreadPoolExecutor(1) as pool:
         try:
             tried = reward if source is not None else None
-            trying = pool.submit(try_inputs, job.config.races, job.directory, tried, given_up)
+            train = job.config.train
+            counts = train.reward_on_error == "count"
+            tolerated = train.reward_max_error_share if counts else 0.0
+            trying = pool.submit(
+                try_inputs, job.config.races, job.directory, tried, given_up, tolerated
+            )
             if source is not None:
                 found += review_source(source)
             review = review_parameters(

@@ -8,6 +8,7 @@ from typing import Any, Literal, Self
 from drcli.base.json_record import from_json
 from drcli.base.problems import Place, Problem, few
 from drcli.config.fields import FrozenGroups, Setting, declared
+from drcli.config.groups.failures import FailureSettings
 from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
 from drcli.config.groups.physical_car import PhysicalCarSettings
 from drcli.config.groups.race import (
@@ -208,8 +209,8 @@ class _Places:
     sources: Mapping[str, Place]
 
 
-class TrainConfig(FrozenGroups, TrainSettings):
-    """How to train: workers, goals, evaluations during the training, the trainer's processor."""
+class TrainConfig(FrozenGroups, TrainSettings, FailureSettings):
+    """How to train: workers, goals, evaluations during the training, failures, the processor."""
 
 
 class EvaluationConfig(FrozenGroups, EvaluationSettings, OpponentSettings):
@@ -282,6 +283,7 @@ class Settings(
     BucketSettings,
     EvaluationSettings,
     EpisodeSettings,
+    FailureSettings,
     TrainSettings,
     RaceSettings,
 ):

@@ -52,6 +52,7 @@ class Counters:
         inputs: The parameter files by name, to restore them if they are lost.
         critic_warmup: How many updates at most still improve the critic alone; None but for a
             policy that came without its critic.
+        rollbacks: How often the training had gone back to an older checkpoint; None for never.
     """
 
     episodes: int = 0
@@ -61,6 +62,7 @@ class Counters:
     seed: int | None = None
     inputs: Mapping[str, str] = field(default_factory=dict)
     critic_warmup: int | None = None
+    rollbacks: int | None = None
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,10 @@ class IterationRecord(JsonRecord):
         actor_loss: Actor loss of SAC, mean of the last part of the update; None for PPO.
         critic_loss: Mean loss of the two critics of SAC, likewise.
         alpha: Temperature of SAC, likewise.
+        reward_errors: Calls of the reward function that failed and were counted.
+        discarded: Episodes that the reward function declared broken, which are not in `episodes`.
+        evaluation_steering_per_m: How often the steering changed its side in each metre of the
+            evaluation episodes; None without them.
     """
 
     iteration: int
@@ -65,6 +69,9 @@ class IterationRecord(JsonRecord):
     actor_loss: float | None = None
     critic_loss: float | None = None
     alpha: float | None = None
+    reward_errors: int = 0
+    discarded: int = 0
+    evaluation_steering_per_m: float | None = None
 
 
 HISTORY_HEAD, HISTORY_END = b'{"iterations": [', b"]}"

@@ -35,10 +35,14 @@ class Driving:
     Attributes:
         drive_s: Wall time.
         evaluates: Number of the checkpoint that it evaluates at the same time, or None.
+        reward_errors: Calls of the reward function that failed and were counted.
+        discarded: Episodes that the reward function declared broken; they are in no part.
     """
 
     drive_s: float = 0.0
     evaluates: int | None = None
+    reward_errors: int = 0
+    discarded: int = 0
 
     def __post_init__(self) -> None:
         if self.drive_s < 0.0:
@@ -51,6 +55,7 @@ class Manifest(JsonRecord):
 
     Attributes:
         session: Of the worker, as in `session_of_worker`.
+        rollbacks: How often the training had gone back when its checkpoint was published.
         parts: Objects with the episodes, in the order in which they were driven.
     """
 
@@ -60,6 +65,7 @@ class Manifest(JsonRecord):
     session: str
     parts: tuple[Part, ...] = ()
     notes: Driving = field(default_factory=Driving)
+    rollbacks: int = 0
 
     def __post_init__(self) -> None:
         checkpoint_name(self.checkpoint)

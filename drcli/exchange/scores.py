@@ -17,12 +17,16 @@ class EvaluationResult(JsonRecord):
         progress: Percent of the lap, for each episode; never empty.
         reward: Sum of rewards, for each episode.
         lap_s: Lap times of the completed laps, simulated seconds.
+        steering_per_m: How often the steering changed its side in each metre; None if unknown.
+        rollbacks: How often the training had gone back when the checkpoint was published.
     """
 
     checkpoint: str
     progress: list[float]
     reward: list[float]
     lap_s: list[float]
+    steering_per_m: float | None = None
+    rollbacks: int = 0
 
     def __post_init__(self) -> None:
         if not self.progress or len(self.reward) != len(self.progress):

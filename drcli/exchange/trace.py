@@ -7,6 +7,7 @@ import csv
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Literal
 
 CSV_HEADER = (
@@ -27,6 +28,7 @@ STATUS_LABELS = {
     "prepare": "Prepare",
     "park": "Park",
     "time_up": "Time Up",
+    "discarded": "Discarded",
 }
 """How metrics files spell the status of a trace."""
 
@@ -113,6 +115,11 @@ class Episode:
         return self.status == "lap_complete"
 
     @property
+    def discarded(self) -> bool:
+        """Whether the reward function declared it broken: nobody learns from it."""
+        return self.status == "discarded"
+
+    @property
     def duration_s(self) -> float:
         """Simulated seconds from reset to end; the lap time, if the lap was completed."""
         return self.rows[-1].time_s - self.begin_s
@@ -121,6 +128,22 @@ class Episode:
     def steps(self) -> int:
         """Steps in which the policy drove: all but the first."""
         return len(self.rows) - 1
+
+
+def steering_changes(episodes: Iterable[Episode]) -> tuple[int, float]:
+    """How often the steering of some episodes changed its side, and the metres that they drove.
+
+    Straight ahead is no side: left, straight, right is one change.
+    """
+    changes, metres = 0, 0.0
+    for episode in episodes:
+        side = 0.0
+        for before, row in pairwise(episode.rows):
+            metres += math.hypot(row.x - before.x, row.y - before.y)
+            if row.steering_deg:
+                changes += side * row.steering_deg < 0.0
+                side = math.copysign(1.0, row.steering_deg)
+    return changes, metres
 
 
 def schedule(episodes: Iterable[Episode], clock_s: float) -> float:

@@ -32,6 +32,7 @@ class PPO:
     """The learner: a network, its optimizer, and the update that improves the network.
 
     Attributes:
+        lr_factor: Share of the hyperparameters' learning rate with which it learns.
         critic_warmup: How many updates at most still improve the critic alone. A policy that comes
             without its critic would otherwise lose what it can do: the gradients of a critic that
             only guesses change the shared body, and its advantages are wrong.
@@ -45,8 +46,14 @@ class PPO:
         self.config = config
         self.compute = compute
         self.critic_warmup = 0
+        self.lr_factor = 1.0
         self.optimizer = Adam(model.parameters(), config.lr, config.adam_eps)
         self._parallel = DataParallel(self.model, compute.parts, compute.threads)
+
+    @property
+    def most_samples(self) -> int | None:
+        """How many samples fit into the memory of the GPU at once; None as long as all do."""
+        return self._parallel.most_samples
 
     def remember(self, rollout: Rollout) -> None:
         """Do nothing: this algorithm cannot learn from the rollouts of other weights."""
@@ -75,7 +82,7 @@ class PPO:
         config, history = self.config, []
         batch, explained = self._with_advantages(rollout)
         order = torch.Generator().manual_seed(seed)
-        self.optimizer.lr = config.lr_at(steps_before)
+        self.optimizer.lr = self.lr_factor * config.lr_at(steps_before)
         beta = config.beta_entropy_at(steps_before)
         if explained >= WARMED_UP:
             self.critic_warmup = 0

@@ -65,6 +65,8 @@ class Rollout:
 class RolloutTensors:
     """A rollout with its advantages, as tensors on the learner's device, a row for each step.
 
+    The frames stay in the memory of the machine if that of a GPU is too small for them.
+
     `frame_rows` are the rows of the frames that are seen together at each step, of shape
     (t, stack). `values` and `returns`, which the critic should predict, are in the critic's own
     units, and `advantages` are normalised.
@@ -89,8 +91,12 @@ class RolloutTensors:
         def tensor(column: NDArray[Any]) -> Tensor:
             return torch.from_numpy(np.ascontiguousarray(column)).to(returns.device)
 
+        try:
+            frames = tensor(rollout.frames)
+        except torch.OutOfMemoryError:
+            frames = torch.from_numpy(np.ascontiguousarray(rollout.frames))
         return RolloutTensors(
-            frames=tensor(rollout.frames),
+            frames=frames,
             frame_rows=tensor(rollout.stacked_rows(stack)),
             scans=tensor(rollout.scans),
             states=tensor(rollout.states),
@@ -104,6 +110,7 @@ class RolloutTensors:
     def observation(self, rows: Tensor) -> Observation:
         """The observations before some steps."""
         # index_select copies whole frames; indexing with two dimensions is several times slower.
-        frames = self.frames.index_select(0, self.frame_rows[rows].flatten())
+        seen = self.frame_rows[rows].flatten().to(self.frames.device)
+        frames = self.frames.index_select(0, seen).to(self.scans.device)
         frames = frames.view(len(rows), -1, *self.frames.shape[2:])
         return Observation(frames, self.scans[rows], self.states[rows])

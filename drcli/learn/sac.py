@@ -34,6 +34,7 @@ class SAC:
     """The learner: an agent, its replay buffer, its optimizer, and the update that improves it.
 
     Attributes:
+        lr_factor: As in `PPO`.
         critic_warmup: As in `PPO`; 0, because every update begins with the critics.
     """
 
@@ -42,6 +43,7 @@ class SAC:
         self.config = config
         self.compute = compute
         self.critic_warmup = 0
+        self.lr_factor = 1.0
         self.updates_per_step = config.sac_updates_per_step or UPDATES_PER_STEP[compute.device.type]
         self.replay = ReplayBuffer(model.spec, config.sac_replay_steps)
         learned = [p for p in model.parameters() if p.requires_grad]
@@ -52,6 +54,11 @@ class SAC:
     def memory_steps(self) -> int:
         """Steps of earlier rollouts that it learns from again."""
         return self.config.sac_replay_steps
+
+    @property
+    def most_samples(self) -> int | None:
+        """How many samples fit into the memory of the GPU at once; None as long as all do."""
+        return self._parallel.most_samples
 
     def remember(self, rollout: Rollout) -> None:
         """Add a rollout of an earlier iteration to the replay buffer without learning from it."""
@@ -78,6 +85,7 @@ class SAC:
         total = max(1, round(rollout.steps * self.updates_per_step))
         parts = min(REPORTS, total)
         history = []
+        self.optimizer.lr = self.lr_factor * self.config.lr
         self.model.train()
         with self._parallel.optimizer_threads():
             for part in range(parts):
@@ -94,7 +102,7 @@ class SAC:
                     self.optimizer.step()
                     self._follow_critics()
                 means = (totals / count).tolist()
-                history.append(SACStats(part, self.config.lr, *means))
+                history.append(SACStats(part, self.optimizer.lr, *means))
                 on_epoch(history[-1])
         require_finite_weights(self.model)
         return history

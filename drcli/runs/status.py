@@ -8,6 +8,8 @@ from drcli.base.process_identity import exists
 from drcli.config.settings import RunConfig
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.reward_error_record import RewardCounts, sum_of
+from drcli.exchange.rollback_record import Rollback
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
 from drcli.exchange.run_state import ActivityRecord
 from drcli.exchange.spending import Spending
@@ -19,11 +21,14 @@ from drcli.runs.spending_report import RequestReport, money_left, request_report
 from drcli.runs.worker_health import WorkerHealth
 from drcli.runs.worker_processes import TRAINER
 from drcli.store import keys
+from drcli.store.alarms import Convergence, alarms, convergence
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.connect import open_running_bucket
-from drcli.store.history import HistoryReader, collapse, read_history
+from drcli.store.history import HistoryReader, read_history
 from drcli.store.last_outcome import read_outcome
 from drcli.store.repair import Model, readable_history, readable_scores
+from drcli.store.reward_errors import read_reward_errors
+from drcli.store.rollbacks import read_rollbacks
 
 
 @dataclass(frozen=True)
@@ -69,7 +74,8 @@ class RunReport:
         history: All finished iterations, oldest first.
         best: The best checkpoint by DR_TRAIN_BEST_MODEL_METRIC.
         last: The newest checkpoint.
-        warning: Problem with the learning curve; empty if there is none.
+        warning: Problems with the learning curve; empty if there is none.
+        advice: What to do about them, a sentence for each.
         damaged: A sentence about each damaged object in the bucket. The history and the checkpoints
             are reconstructed then, as far as possible.
         iterations: Finished iterations.
@@ -79,6 +85,10 @@ class RunReport:
         money_left: Until DR_MAX_COST, USD; None without that limit.
         requests: Requests to the bucket of the newest start; None before the first count.
         watches: What the watches of the training warn of, a sentence each: memory, disk, stalls.
+        reward_errors: Failures of the reward function that all workers have counted, and episodes
+            that it declared broken; None if nothing was counted.
+        rollbacks: When the training went back to an older checkpoint, oldest first.
+        convergence: How near training and evaluation are; None before there are five evaluations.
     """
 
     run_id: int
@@ -105,6 +115,10 @@ class RunReport:
     money_left: float | None = None
     requests: RequestReport | None = None
     watches: list[str] = field(default_factory=list)
+    advice: list[str] = field(default_factory=list)
+    reward_errors: RewardCounts | None = None
+    rollbacks: list[Rollback] = field(default_factory=list)
+    convergence: Convergence | None = None
 
     @property
     def dead(self) -> list[str]:
@@ -185,6 +199,8 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     best = last = None
     damaged: list[str] = []
     activities: dict[str, str] = {}
+    failed: RewardCounts | None = None
+    rollbacks: list[Rollback] = []
     if bucket is not None:
         try:
             model = Model.of(config.model, bucket, record.prefix)
@@ -194,6 +210,13 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             if scores is not None:
                 best = CheckpointEntry.of(scores.best_checkpoint)
                 last = CheckpointEntry.of(scores.last_checkpoint)
+            counted = read_reward_errors(bucket, record.prefix)
+            if counted:
+                failed = sum_of(each.total for each in counted)
+            try:
+                rollbacks = read_rollbacks(bucket, record.prefix).entries
+            except ObjectDamaged as error:
+                damaged.append(str(error))
             names = [worker.name for worker in record.workers]
             activities = {name: _activity(bucket, record.prefix, name) for name in names}
         except StorageError as error:
@@ -222,6 +245,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     if spending is not None and spending.session != record.session:
         spending = None  # of an earlier start; this one has not counted yet
     most = config.train.train_max_iterations
+    found = alarms(history, best.name if best is not None else None)
     return RunReport(
         run_id=record.run_id,
         bucket=record.bucket,
@@ -238,7 +262,11 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         history=history,
         best=best,
         last=last,
-        warning=collapse(history, best.name if best is not None else None) or "",
+        warning="; ".join(alarm.text for alarm in found),
+        advice=[alarm.remedy for alarm in found],
+        reward_errors=failed,
+        rollbacks=rollbacks,
+        convergence=convergence(history),
         damaged=damaged,
         iterations=len(history),
         iterations_left=max(0, most - len(history)) if most > 0 else None,

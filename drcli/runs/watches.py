@@ -4,6 +4,7 @@ from drcli.base.elapsed import AwakeClock
 from drcli.exchange.job import Job
 from drcli.runs.disk_watch import DiskWatch
 from drcli.runs.duty import Duty
+from drcli.runs.failure_watch import FailureWatch
 from drcli.runs.frozen_watch import FrozenWatch
 from drcli.runs.memory_watch import MemoryWatch
 from drcli.runs.open_files_watch import OpenFilesWatch
@@ -23,4 +24,5 @@ def watches(job: Job) -> list[Duty]:
         OpenFilesWatch(pulses, board),
         MemoryWatch(board, AwakeClock()),
         DiskWatch(job, board),
+        FailureWatch(job, board),
     ]

@@ -104,6 +104,17 @@ class CheckpointStore:
         self._bucket.delete(key for key, name in states.items() if name not in (before, newest))
         return complete
 
+    def rewrite(self, record: CheckpointRecord) -> None:
+        """Write the record of a published checkpoint again, with other counters."""
+        self._bucket.put(keys.checkpoint_record(self._prefix, record.name), record.encode())
+
+    def drop_newer(self, name: CheckpointName) -> None:
+        """Delete the checkpoints after the one that the pointer names, which nobody uses."""
+        objects = checkpoint_objects(self._bucket, self._prefix)
+        newer = {key: each for key, each in objects.items() if each.number > name.number}
+        graphs = {keys.checkpoint_graph(self._prefix, each.number) for each in newer.values()}
+        self._bucket.delete([*newer, *sorted(graphs)])
+
     def attach_graph(self, number: int, graph: bytes) -> None:
         """Add the frozen graph of a published checkpoint, which the physical car loads."""
         self._bucket.put(keys.checkpoint_graph(self._prefix, number), graph)
@@ -172,8 +183,14 @@ class CheckpointStore:
         optimizer = self._optimizer(record) if with_optimizer else None
         return Checkpoint(record, tensors, optimizer)
 
-    def load_latest(self, *, with_optimizer: bool = False) -> Checkpoint | None:
+    def load_latest(
+        self, *, with_optimizer: bool = False, newest: CheckpointName | None = None
+    ) -> Checkpoint | None:
         """Read the checkpoint that the pointer names, or an older one if that is damaged.
+
+        Args:
+            with_optimizer: Whether to read its optimizer state, too.
+            newest: Begin with this one instead of the one that the pointer names.
 
         Returns:
             None if the model has no checkpoint.
@@ -182,7 +199,7 @@ class CheckpointStore:
             StorageError: All checkpoints are damaged.
         """
         damaged: list[str] = []
-        for name in self._newest_first():
+        for name in self._newest_first(newest):
             try:
                 found = self.load(name, with_optimizer=with_optimizer)
             except (ObjectMissing, ObjectDamaged) as e:
@@ -269,8 +286,8 @@ class CheckpointStore:
             )
         return data
 
-    def _newest_first(self) -> list[str]:
-        """Checkpoints that may be complete.
+    def _newest_first(self, newest: CheckpointName | None) -> list[str]:
+        """Checkpoints that may be complete, up to `newest`.
 
         One that is newer than the pointer was never published, and one without a record was never
         finished.
@@ -280,6 +297,8 @@ class CheckpointStore:
         pointed = self.pointed()
         if pointed is not None:
             found = {name for name in found if name < pointed} | {pointed}
+        if newest is not None:
+            found = {name for name in found if name <= newest}
         return [str(name) for name in sorted(found, reverse=True)]
 
     def _prune(self, newest: CheckpointRecord) -> None:

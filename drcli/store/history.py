@@ -26,7 +26,7 @@ ITERATIONS_PER_PART = 64
 REMEMBERED = 1000
 """How many of the newest records stay in memory; goals and scores need fewer."""
 
-_SMOOTH = 3
+SMOOTH = 3
 """Iterations over which completion is averaged, because it varies by chance."""
 
 _PEAK = 40.0
@@ -84,12 +84,21 @@ class History:
             older = [r for r in self.records[:-REMEMBERED] if r.evaluation_progress]
             self.records = older[-REMEMBERED:] + self.records[-REMEMBERED:]
 
-    def add_evaluation(self, iteration: int, progress: list[float], lap_s: list[float]) -> None:
+    def add_evaluation(
+        self,
+        iteration: int,
+        progress: list[float],
+        lap_s: list[float],
+        steering_per_m: float | None = None,
+    ) -> None:
         """Add the evaluation of a checkpoint, and publish."""
         for at in reversed(range(len(self.records))):
             if self.records[at].iteration == iteration:
                 changed = replace(
-                    self.records[at], evaluation_progress=progress, evaluation_lap_s=lap_s
+                    self.records[at],
+                    evaluation_progress=progress,
+                    evaluation_lap_s=lap_s,
+                    evaluation_steering_per_m=steering_per_m,
                 )
                 self.records[at] = changed
                 self._file.put(iteration, encode_iteration(changed))
@@ -179,9 +188,9 @@ class Fall:
 
     def add(self, record: IterationRecord) -> None:
         """Add the next iteration."""
-        self._newest = [*self._newest, record.mean_progress][-_SMOOTH:]
-        if len(self._newest) == _SMOOTH:
-            self._last = sum(self._newest) / _SMOOTH
+        self._newest = [*self._newest, record.mean_progress][-SMOOTH:]
+        if len(self._newest) == SMOOTH:
+            self._last = sum(self._newest) / SMOOTH
             self._highest = max(self._highest, self._last)
 
     def sentence(self, best: str | None) -> str | None:

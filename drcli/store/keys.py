@@ -64,6 +64,9 @@ history = _in_model("metrics/history.json")
 learner_metrics = _in_model("metrics/learner.csv")
 """The learner's numbers of each iteration, for pandas and dashboards."""
 
+rollbacks = _in_model("metrics/rollbacks.json")
+"""How often the training went back to an older checkpoint; missing if never."""
+
 training_start = _in_model("ip/run.json")
 """How the training was last started, such as its seed."""
 
@@ -194,6 +197,16 @@ def status_folder(prefix: str) -> str:
 def status(prefix: str, name: str) -> str:
     """The activity of one process of the run."""
     return f"{status_folder(prefix)}{name}.json"
+
+
+def reward_errors_folder(prefix: str) -> str:
+    """Folder with the failures of the reward function that each worker has counted."""
+    return run_folder(prefix) + "reward-errors/"
+
+
+def reward_errors(prefix: str, worker: int) -> str:
+    """The failures of the reward function that one worker has counted."""
+    return f"{reward_errors_folder(prefix)}{worker}.json"
 
 
 def decides(key: str) -> bool:

@@ -7,6 +7,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 from drcli.base.backoff import SLOW_GROWTH, delays_s
 from drcli.base.json_record import RecordError
+from drcli.exchange.checkpoint import checkpoint_name
+from drcli.exchange.rollback_record import NO_ROLLBACKS, Rollbacks
 from drcli.exchange.rollout import Episodes, decode_episodes
 from drcli.exchange.rollout_manifest import Manifest, Part, belongs
 from drcli.store import keys
@@ -46,7 +48,8 @@ class RolloutReader:
 
     Rollouts from another start of the training than `session` may come from other weights, so they
     count as missing, unless the session is empty. A `frugal` one looks less often, for buckets that
-    are not on this machine. Tests replace `clock` and `pause`.
+    are not on this machine. What was driven with weights that were given up in one of the
+    `rollbacks` counts as missing, too. Tests replace `clock` and `pause`.
     """
 
     def __init__(
@@ -56,10 +59,12 @@ class RolloutReader:
         session: str = "",
         *,
         frugal: bool = False,
+        rollbacks: Rollbacks = NO_ROLLBACKS,
         clock: Callable[[], float] = time.monotonic,
         pause: Callable[[float], None] = time.sleep,
     ) -> None:
         self._frugal = frugal
+        self._rollbacks = rollbacks
         self._waits_s: deque[float] = deque(maxlen=REMEMBERED)
         self._bucket = bucket
         self._prefix = prefix
@@ -152,7 +157,7 @@ class RolloutReader:
     def find_manifests(self, iteration: int, workers: Iterable[int]) -> list[Manifest]:
         """The manifests of some workers for an iteration, from any checkpoint."""
         found = (find_manifest(self._bucket, self._prefix, iteration, k) for k in workers)
-        return [manifest for manifest in found if manifest is not None]
+        return [each for each in found if each is not None and self._counts(each)]
 
     def iterations(self) -> list[int]:
         """Iterations with rollouts, in order."""
@@ -254,8 +259,15 @@ class RolloutReader:
         arrived: dict[int, Manifest],
     ) -> None:
         found = find_manifest(self._bucket, self._prefix, iteration, worker)
-        if found and found.checkpoint in checkpoints and self._is_ours(found.session):
+        if found is None or found.checkpoint not in checkpoints:
+            return
+        if self._is_ours(found.session) and self._counts(found):
             arrived[worker] = found
+
+    def _counts(self, manifest: Manifest) -> bool:
+        """Whether the weights that drove were not given up since."""
+        number = checkpoint_name(manifest.checkpoint).number
+        return self._rollbacks.allows(number, manifest.rollbacks)
 
     def _is_ours(self, worker_session: str) -> bool:
         return not self._session or belongs(worker_session, self._session)

@@ -80,6 +80,12 @@ class TraceRetention:
         self._next = newest + self._pause(sizes)
         return Thinned(len(doomed), freed, len(sizes)) if doomed else None
 
+    def delete_after(self, iteration: int) -> int:
+        """Delete the traces of later iterations, which were given up, and count them."""
+        later = [key for n, of_n in self._traces().items() if n > iteration for key, _ in of_n]
+        self._bucket.delete(later)
+        return len(later)
+
     def _traces(self) -> dict[int, list[tuple[str, int]]]:
         """Keys and sizes of the traces by iteration."""
         found: dict[int, list[tuple[str, int]]] = {}

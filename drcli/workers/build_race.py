@@ -1,6 +1,7 @@
 """Builds the track, race, simulation and reward function of a worker. Needs no torch."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -141,6 +142,7 @@ def build_simulation(
     rules: EpisodeRules,
     num_threads: int,
     seed: int,
+    on_reward_error: Callable[[RewardError, int], float] | None = None,
 ) -> Simulation:
     """The simulation of a worker.
 
@@ -159,6 +161,7 @@ def build_simulation(
         sensors=sensors_of_model(metadata),
         realism=realism_of(config, job),
         randomize=randomize_of(config),
+        on_reward_error=on_reward_error,
     )
 
 

@@ -35,6 +35,8 @@ class Collected:
         drive_s: Wall time of the slowest worker.
         checkpoint: Name of the checkpoint that drove, the older one if there were two.
         evaluates: Number of the checkpoint that a worker evaluates now, or None.
+        reward_errors: Calls of the reward function that failed and were counted, of all workers.
+        discarded: Episodes that the reward function declared broken, of all workers.
     """
 
     rollout: Rollout
@@ -45,6 +47,8 @@ class Collected:
     drive_s: float
     checkpoint: str
     evaluates: int | None
+    reward_errors: int = 0
+    discarded: int = 0
 
 
 class Collector:
@@ -127,6 +131,8 @@ class Collector:
             drive_s=max(m.notes.drive_s for m in manifests),
             checkpoint=str(min(checkpoint_name(m.checkpoint) for m in manifests)),
             evaluates=next((n for m in manifests if (n := m.notes.evaluates) is not None), None),
+            reward_errors=sum(m.notes.reward_errors for m in manifests),
+            discarded=sum(m.notes.discarded for m in manifests),
         )
 
     def _within_cap(self, driven: Episodes) -> Episodes:

@@ -38,6 +38,7 @@ class Plan:
         start_fraction: Where on the lap it starts, 0 to 1.
         reverse: Whether it drives against the direction of the simulation's track.
         racer: Index of the racer that drives it.
+        attempt: How often it was driven before, because the reward function declared it broken.
     """
 
     number: int
@@ -45,6 +46,7 @@ class Plan:
     start_fraction: float
     reverse: bool = False
     racer: int = 0
+    attempt: int = 0
 
     def seed(self, run: int) -> int:
         """Seed of everything random in the episode's world.
@@ -53,6 +55,8 @@ class Plan:
         checkpoint, so that checkpoints can be compared.
         """
         words = [run, self.number, int(self.phase == "evaluation")]
+        if self.attempt:
+            words.append(self.attempt)
         return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
 
 
@@ -84,7 +88,10 @@ class Driven(Episode):
 
 
 def episodes_of(driven: Sequence[Driven]) -> Episodes:
-    """Training episodes in the form that travels to the learner; their frames are freed."""
+    """Training episodes in the form that travels to the learner; their frames are freed.
+
+    None of them may be discarded: nobody may learn from these.
+    """
     rollout = Rollout(
         frames=np.stack([frame for e in driven for frame in e.frames]),
         actions=np.array([action for e in driven for action in e.actions]),
@@ -125,7 +132,7 @@ class _Seat:
         self.plan = plan
         self.racer = racer
         self.episode = Driven(plan.number, plan.phase, racer=plan.racer)
-        self.noise = _noise(spec, seed, plan.number)
+        self.noise = _noise(spec, seed, plan)
         self._seen: deque[NDArray[np.uint8]] = deque(maxlen=spec.stack)
         # The reset already took a step of the car's clock, and the episode began before it.
         self._began_s = first.sim_time_s.item(car) - STEP_S
@@ -165,13 +172,14 @@ class _Seat:
         )
 
 
-def _noise(spec: PolicySpec, seed: int, number: int) -> Iterator[NDArray[np.float32]]:
+def _noise(spec: PolicySpec, seed: int, plan: Plan) -> Iterator[NDArray[np.float32]]:
     """The random numbers of an episode, for one choice at a time.
 
-    They depend on the seed and the episode's number only, so that an iteration that has to be
-    driven again is the same.
+    They depend on the seed and on the episode's number and attempt only, so that an iteration that
+    has to be driven again is the same.
     """
-    random = np.random.Generator(np.random.Philox(key=np.array([seed, number], np.uint64)))
+    key = np.array([seed, plan.number + (plan.attempt << 48)], np.uint64)
+    random = np.random.Generator(np.random.Philox(key=key))
     draw = random.standard_normal if spec.continuous else random.random
     while True:
         yield from draw((DRAWS, spec.noise_dims), dtype=np.float32)
@@ -256,7 +264,9 @@ class Driver:
             _tell_of_unstable([seat for seat in driving if self._simulation.unstable[seat.car]])
         for group, frames, seen, decision in chosen:
             _record(group, frames, seen, decision, (steering, speed), result)
-            cut = [seat for seat in group if result.truncated[seat.car]]
+            cut = [
+                seat for seat in group if result.truncated[seat.car] and not seat.episode.discarded
+            ]
             if cut:
                 self._expect(cut)
         return [seat for seat in driving if result.done[seat.car]]

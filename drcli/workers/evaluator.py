@@ -46,6 +46,7 @@ from drcli.workers.build_race import (
 )
 from drcli.workers.cores import cores
 from drcli.workers.driving import Driven, Driver, Plan, Racer
+from drcli.workers.reward_failures import RewardFailures
 from drcli.workers.worker_process import Lifeline
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode_rules import EpisodeRules
@@ -151,6 +152,7 @@ def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
         ),
         num_threads=cores(),
         seed=job.seed,
+        on_reward_error=RewardFailures(job.config.train).handle,
     )
     driven: list[Driven] = []
     begin, began_s = time.time(), time.monotonic()

@@ -9,6 +9,7 @@ from drcli.base.backoff import wait_until
 from drcli.base.log import get_logger, plain
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.rollback_record import NO_ROLLBACKS, Rollbacks
 from drcli.exchange.scores import EvaluationResult
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_evaluation
@@ -30,6 +31,7 @@ class Scoring:
     """The evaluations of a model that are still expected.
 
     Scores go to `checkpoints`, compared by `metric` (DR_TRAIN_BEST_MODEL_METRIC), and to `history`.
+    Those of checkpoints that were given up in one of the `rollbacks` do not count.
     """
 
     def __init__(
@@ -39,7 +41,9 @@ class Scoring:
         checkpoints: CheckpointStore,
         history: History,
         metric: str,
+        rollbacks: Rollbacks = NO_ROLLBACKS,
     ) -> None:
+        self._rollbacks = rollbacks
         self._bucket = bucket
         self._prefix = prefix
         self._checkpoints = checkpoints
@@ -72,7 +76,9 @@ class Scoring:
             result = self._result(iteration)
             if result is not None:
                 self._expected.discard(iteration)
-                self._history.add_evaluation(iteration, result.progress, result.lap_s)
+                self._history.add_evaluation(
+                    iteration, result.progress, result.lap_s, result.steering_per_m
+                )
                 self._compare(result, newest)
 
     def score_all(self, newest: CheckpointName) -> None:
@@ -101,9 +107,13 @@ class Scoring:
         )
 
     def _result(self, iteration: int) -> EvaluationResult | None:
-        """The evaluation of a checkpoint; None if it has not arrived or is damaged."""
+        """The evaluation of a checkpoint; None if it has not arrived or is damaged.
+
+        That of a checkpoint that was given up is none of the checkpoint with the same number.
+        """
         try:
-            return read_evaluation(self._bucket, self._prefix, iteration)
+            found = read_evaluation(self._bucket, self._prefix, iteration)
+            return found if self._rollbacks.allows(iteration, found.rollbacks) else None
         except ObjectMissing:
             return None
         except ObjectDamaged as error:

@@ -13,20 +13,23 @@ import torch
 
 from drcli.base import signal_guard
 from drcli.base.log import get_logger, plain
-from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
 from drcli.exchange.job import Job
 from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
 from drcli.exchange.scores import EvaluationResult
-from drcli.exchange.trace import csv_text, schedule
+from drcli.exchange.trace import csv_text, schedule, steering_changes
 from drcli.formats.build_network import build_policy, load_weights
 from drcli.learn.compute import flush_denormals
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.best_checkpoint import write_evaluation
+from drcli.store.bucket import ObjectDamaged
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.repair import Model, repair_metrics
+from drcli.store.rollbacks import read_rollbacks
 from drcli.store.rollout_writer import RolloutWriter
+from drcli.store.trace_retention import TraceRetention
 from drcli.workers import reference_log, worker_process
 from drcli.workers.build_race import (
     actions_of,
@@ -39,6 +42,7 @@ from drcli.workers.cores import cores, driving_threads, overlaps
 from drcli.workers.driving import Driven, Driver, Plan, Racer, episodes_of
 from drcli.workers.episode_share import EvaluationBudget, Share
 from drcli.workers.metrics_file import TrainingMetrics
+from drcli.workers.reward_failures import AllEpisodesDiscarded, RewardErrorsExceeded, RewardFailures
 from drcli.workers.wait_for_trainer import CheckpointWaiter
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 from drsim.episode.episode_rules import EpisodeRules
@@ -49,6 +53,12 @@ _logger = get_logger(__name__)
 
 SHARD_STEPS = 256
 """Steps after which finished episodes are sent to the bucket: about 2 MB."""
+
+MOST_ATTEMPTS = 3
+"""How often a worker drives its episodes of an iteration, each time with other random numbers,
+before a reward function that declares all of them broken ends the training."""
+
+_FAILURES = (StopRequested, RewardError, RewardErrorsExceeded, AllEpisodesDiscarded)
 
 SEED_STRIDE = 7_919
 """Keeps the random numbers of workers apart."""
@@ -85,6 +95,8 @@ class SimWorker:
         num_cars = -(-(race.train_lanes or share.count + self._trials) // divisor)
         reward = load_reward(self._bucket, self._prefix, job.folder / f"sim-{worker}", num_cars)
         self._track = directed(load_world(race), reverse=race.train_reverse_direction)
+        self._failures = RewardFailures(train, worker)
+        self._failures.restore(self._bucket, self._prefix)
         actions = actions_of(metadata)
         seed = job.seed + SEED_STRIDE * worker
         simulation = build_simulation(
@@ -97,7 +109,9 @@ class SimWorker:
             rules=EpisodeRules(max_steps=longest_episode(self._track, actions)),
             num_threads=threads,
             seed=seed,
+            on_reward_error=self._failures.handle,
         )
+        self._simulation = simulation
         racer = Racer(DataParallelPolicy(self._model, threads), actions)
         self._driver = Driver(simulation, [racer], seed)
         own = Model(self._bucket, self._prefix, model.metrics_prefix, model.metric, (worker,))
@@ -108,6 +122,10 @@ class SimWorker:
         self._budget = EvaluationBudget(train.train_eval_share)
         self._lag = int(overlaps(train))
         self._evaluated = -1
+        self._rollbacks = 0
+        self._logged = -1
+        self._traces = TraceRetention(self._bucket, self._prefix, train.workers, 0)
+        self._forget_given_up()
         self._drives = 0
         self._driven_steps = 0
         self._delivered_s = time.monotonic()
@@ -128,7 +146,7 @@ class SimWorker:
         """Drive until the training ends or somebody wants this worker to stop."""
         try:
             self._drive()
-        except (StopRequested, RewardError):
+        except _FAILURES:
             self._metrics.finish()
             raise
         self._metrics.finish()
@@ -150,13 +168,29 @@ class SimWorker:
                 # The trainer went back to an older checkpoint, or rollouts are lost.
                 iteration = 0
                 self._evaluated = -1
+                self._forget_given_up(name)
             newest = name.number
             iteration = max(iteration, newest)
             checkpoint = self._checkpoints.load(str(name))
             self._waiter.learn_from(checkpoint.record)
             load_weights(self._model, checkpoint.tensors, checkpoint.record.name)
+            self._rollbacks = checkpoint.record.counters.rollbacks or 0
             self._iterate(iteration, name)
             iteration += 1
+
+    def _forget_given_up(self, newest: CheckpointName | None = None) -> None:
+        """Note which iterations the log has already, and delete traces of iterations given up.
+
+        Log-guru stops at an episode that it has seen before.
+        """
+        try:
+            rollbacks = read_rollbacks(self._bucket, self._prefix)
+        except ObjectDamaged:
+            return
+        left = [checkpoint_name(each.left).number for each in rollbacks.entries]
+        self._logged = max(left, default=-1 - self._lag) + self._lag
+        if left and newest is not None:
+            self._traces.delete_after(newest.number + self._lag)
 
     def _iterate(self, iteration: int, name: CheckpointName) -> None:
         """Drive this worker's share of an iteration and publish the results."""
@@ -169,9 +203,12 @@ class SimWorker:
         self._driven_steps = 0
         self._drives += 1  # a repeated iteration must not overwrite rollouts that are being read
         session = session_of_worker(self._job.session, os.getpid(), self._drives)
-        manifest = Manifest(iteration, self._share.worker, str(name), session)
+        manifest = Manifest(
+            iteration, self._share.worker, str(name), session, rollbacks=self._rollbacks
+        )
         writer = RolloutWriter(self._bucket, self._prefix, manifest)
         trials = self._trials if self._evaluates(name) else 0
+        self._failures.begin(iteration)
         begin, began_s = time.time(), time.monotonic()
 
         def driven_s() -> float:
@@ -184,15 +221,25 @@ class SimWorker:
                     self._publish_evaluation(name, evaluation)
                 return
             training.append(episode)
-            self._driven_steps += episode.steps
-            shard.append(episode)
+            if episode.discarded:
+                episode.frames.clear()
+            else:
+                self._driven_steps += episode.steps
+                shard.append(episode)
             last = len(training) == len(numbers)
-            if last or sum(e.steps for e in shard) >= SHARD_STEPS:
+            if last and not self._driven_steps:
+                return  # nobody could learn from it: it is driven again
+            if shard and (last or sum(e.steps for e in shard) >= SHARD_STEPS):
                 writer.add(episodes_of(shard))
                 shard.clear()
             if last:
-                evaluates = name.number if trials else None
-                notes = Driving(drive_s=driven_s(), evaluates=evaluates)
+                self._failures.count_calls(self._simulation.reward_calls)
+                notes = Driving(
+                    drive_s=driven_s(),
+                    evaluates=name.number if trials else None,
+                    reward_errors=self._failures.record.newest.failed,
+                    discarded=sum(e.discarded for e in training),
+                )
                 # Trace and metrics first: once the manifest is there, the trainer learns, and the
                 # iteration is not driven again if this worker dies. Rollouts are sent meanwhile.
                 self._publish_training(iteration, name, training, (begin, begin + driven_s()))
@@ -202,10 +249,16 @@ class SimWorker:
                     self._activity.say(f"evaluates checkpoint {name.number}")
 
         try:
-            plans = self._plans(numbers, trials)
-            self._driver.drive(plans, collect, self._lifeline.step_done, self._epsilon(name))
-        except (StopRequested, RewardError):
+            for attempt in range(MOST_ATTEMPTS):
+                plans = self._plans(numbers, 0 if attempt else trials, attempt)
+                self._driver.drive(plans, collect, self._lifeline.step_done, self._epsilon(name))
+                if self._driven_steps:
+                    break
+                self._give_up_or_repeat(iteration, training, attempt)
+        except _FAILURES:
             writer.abandon()
+            self._failures.count_calls(self._simulation.reward_calls)
+            self._failures.save()
             raise
         if evaluation:
             steps = sum(len(e.rows) for e in evaluation)
@@ -213,6 +266,30 @@ class SimWorker:
             if self._drives > 1:  # the first drive may include compilation
                 self._budget.spend(share * driven_s())
             self._add_evaluation(iteration, name, evaluation, numbers.stop)
+            self._failures.count_calls(self._simulation.reward_calls)
+            self._failures.save()  # with the failures of evaluation episodes that ended later
+
+    def _give_up_or_repeat(self, iteration: int, training: list[Driven], attempt: int) -> None:
+        """Prepare another attempt when all episodes of this worker were declared broken.
+
+        Raises:
+            AllEpisodesDiscarded: There were `MOST_ATTEMPTS`.
+        """
+        newest = [e for e in self._failures.record.total.errors if e.kind == "discard"][-1]
+        what = (
+            f"The reward function declared all {len(training)} episodes of iteration {iteration} "
+            f"broken ({newest.text})"
+        )
+        if attempt + 1 == MOST_ATTEMPTS:
+            raise AllEpisodesDiscarded(
+                f"{what}, {MOST_ATTEMPTS} times with other random numbers: there is nothing to "
+                "learn from.",
+                remedy="Raise DiscardEpisode only where something is wrong with an episode, and "
+                "continue with `dr-start-training --resume`. A bad episode teaches as much as a "
+                "good one.",
+            )
+        _logger.warning("%s; it is driven again with other random numbers.", what)
+        training.clear()
 
     def _evaluates(self, name: CheckpointName) -> bool:
         """Whether to evaluate the checkpoint during this drive, which takes time."""
@@ -236,7 +313,7 @@ class SimWorker:
 
         return share
 
-    def _plans(self, numbers: range, trials: int) -> list[Plan]:
+    def _plans(self, numbers: range, trials: int, attempt: int = 0) -> list[Plan]:
         """The training episodes of an iteration, and the evaluation episodes of its checkpoint."""
         race = self._race
         offset = race.train_start_position_offset
@@ -248,6 +325,7 @@ class SimWorker:
                 "training",
                 (offset + self._share.position(number) * advance) % 1.0,
                 reverse=alternate and number % 2 == 1,
+                attempt=attempt,
             )
             for number in numbers
         ]
@@ -267,11 +345,12 @@ class SimWorker:
         episodes.sort(key=lambda episode: episode.number)
         schedule(episodes, self._metrics.clock_s)
         self._metrics.add(iteration, episodes)
+        self._failures.save(always=self._job.config.train.reward_on_error == "count")
         length_m, worker = self._track.length_m, self._share.worker
         key = keys.training_trace(
             self._prefix, iteration, worker=worker, workers=self._share.workers
         )
-        self._driven_before = self._bucket.exists(key)
+        self._driven_before = iteration <= self._logged or self._bucket.exists(key)
         if not self._driven_before:  # else the log has them already
             plain.info(
                 reference_log.training_lines(
@@ -283,14 +362,25 @@ class SimWorker:
     def _publish_evaluation(self, name: CheckpointName, episodes: list[Driven]) -> None:
         """Give the trainer the results of all trials of a checkpoint."""
         episodes.sort(key=lambda episode: episode.number)
+        key = keys.evaluation_result(self._prefix, name.number)
+        self._evaluated_before = name.number <= self._logged or self._bucket.exists(key)
+        sound = [episode for episode in episodes if not episode.discarded]
+        if not sound:
+            _logger.warning(
+                "Checkpoint %d is not scored: the reward function declared all episodes of its "
+                "evaluation broken.",
+                name.number,
+            )
+            return
+        changes, metres = steering_changes(sound)
         result = EvaluationResult(
             checkpoint=str(name),
-            progress=[float(e.progress) for e in episodes],
-            reward=[float(e.reward) for e in episodes],
-            lap_s=[float(e.duration_s) for e in episodes if e.completed],
+            progress=[float(e.progress) for e in sound],
+            reward=[float(e.reward) for e in sound],
+            lap_s=[float(e.duration_s) for e in sound if e.completed],
+            steering_per_m=changes / metres if metres > 1.0 else None,
+            rollbacks=self._rollbacks,
         )
-        key = keys.evaluation_result(self._prefix, name.number)
-        self._evaluated_before = self._bucket.exists(key)
         write_evaluation(self._bucket, self._prefix, name.number, result)
 
     def _add_evaluation(

@@ -18,12 +18,14 @@ from drcli.base.log import get_logger, plain
 from drcli.exchange.checkpoint import CheckpointName, Counters
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job, WorkerExit
+from drcli.exchange.rollback_record import Reason
 from drcli.exchange.run_state import TrainingEnd
 from drcli.formats.build_network import load_weights
 from drcli.learn.compute import choose_compute, flush_denormals
 from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
+from drcli.store.alarms import trends
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History
 from drcli.store.repair import Model, repair
@@ -32,10 +34,11 @@ from drcli.store.trace_retention import TraceRetention
 from drcli.workers import reference_log, worker_process
 from drcli.workers.build_learner import build_learner
 from drcli.workers.collect_rollouts import Collected, Collector
-from drcli.workers.cores import learning_threads
+from drcli.workers.cores import learning_threads, overlaps
 from drcli.workers.goals import Goals
 from drcli.workers.learner_metrics import LearnerMetrics, line_of, row_of
 from drcli.workers.restore_learner import forget_evaluations, restore_optimizer
+from drcli.workers.roll_back import RollbackControl, RolledBack
 from drcli.workers.scoring import Scoring
 from drcli.workers.wait_for_trainer import RECHECK_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
@@ -52,7 +55,8 @@ SEED_STRIDE = 1_000_003
 class Trainer:
     """Learns from its first checkpoint to the end of the training."""
 
-    def __init__(self, job: Job, lifeline: Lifeline) -> None:
+    def __init__(self, job: Job, lifeline: Lifeline, goals: Goals | None = None) -> None:
+        """Prepare; with the `goals` of a trainer of this process that has gone back."""
         train, model = job.config.train, job.config.model
         self._job = job
         self._lifeline = lifeline
@@ -72,7 +76,8 @@ class Trainer:
         self._inputs = {name: data.decode("utf-8-sig") for name, data in design.files.items()}
         plain.info("Using the following hyper-parameters")
         plain.info(parameters.canonical_json(metadata.training_algorithm))
-        self._found = self._checkpoints.load_latest(with_optimizer=True)
+        self._rollbacks = RollbackControl(self._bucket, job, self._checkpoints)
+        self._found = self._rollbacks.load_latest()
         counters = Counters() if self._found is None else self._found.record.counters
         compute = choose_compute(
             train.torch_precision,
@@ -83,8 +88,18 @@ class Trainer:
         _logger.info("Learning in %s", compute.reason)
         torch.manual_seed(job.seed)
         self._learner = build_learner(metadata, parameters, compute)
+        self._learner.lr_factor = self._rollbacks.known.factor(self._learner.config.lr)
+        if self._learner.lr_factor != 1.0:
+            rate = self._learner.lr_factor * self._learner.config.lr
+            times = "1 rollback" if self._rollbacks.known.count == 1 else "the rollbacks"
+            _logger.info("The learning rate is %.3g since %s.", rate, times)
         self._scoring = Scoring(
-            self._bucket, self._prefix, self._checkpoints, self._history, model.metric
+            self._bucket,
+            self._prefix,
+            self._checkpoints,
+            self._history,
+            model.metric,
+            self._rollbacks.known,
         )
         self._graphs = GraphWriter(
             self._checkpoints,
@@ -92,9 +107,16 @@ class Trainer:
             metadata,
             enabled=train.train_frozen_graph,
         )
-        self._goals = Goals(job, parameters, before_s=counters.elapsed_s)
+        elapsed_s = max(counters.elapsed_s, self._rollbacks.known.elapsed_s)
+        self.goals = goals or Goals(job, parameters, before_s=elapsed_s)
         frugal = job.config.storage.cloud != "local"
-        self._reader = RolloutReader(self._bucket, self._prefix, job.session, frugal=frugal)
+        self._reader = RolloutReader(
+            self._bucket,
+            self._prefix,
+            job.session,
+            frugal=frugal,
+            rollbacks=self._rollbacks.known,
+        )
         self._collector = Collector(
             self._reader, train.workers, train.train_max_steps_per_iteration
         )
@@ -103,9 +125,11 @@ class Trainer:
         )
         self._newest = CheckpointName(0, 0)
         self._episodes = counters.episodes
-        self._elapsed_before_s = counters.elapsed_s
+        self._elapsed_before_s = elapsed_s
         self._started = self._cycle_began = self._rechecked = time.monotonic()
         self._collapsed = False
+        self._alarmed: set[str] = set()
+        self._is_short_of_gpu_memory = False
         self._uploader = ThreadPoolExecutor(1, thread_name_prefix="upload")
         self._uploads: list[Future[object]] = []
 
@@ -118,6 +142,10 @@ class Trainer:
                 self._scoring.score_all(self._newest)
             except StorageError as error:
                 _logger.warning("The last evaluation is not scored yet: %s", error)
+            self._finish_files()
+            raise
+        except RolledBack:
+            self._reader.close()
             self._finish_files()
             raise
 
@@ -157,7 +185,11 @@ class Trainer:
         problem = self._metrics.restore(self._history.records)
         if problem is not None:
             _logger.warning(problem)
+        self._rollbacks.mark(found)
         self._checkpoints.point_to(record)
+        if self._rollbacks.known.count:
+            self._checkpoints.drop_newer(self._newest)
+            self._traces.delete_after(record.number + int(overlaps(self._job.config.train)))
         lost = self._checkpoints.forget_damaged_best()
         if lost is not None:
             _logger.warning(
@@ -204,7 +236,7 @@ class Trainer:
     def _reached(self, *newest: IterationRecord) -> str | None:
         """Why the training is complete, with iterations that the history does not have yet."""
         history = self._history
-        return self._goals.reached([*history.records, *newest], history.count + len(newest))
+        return self.goals.reached([*history.records, *newest], history.count + len(newest))
 
     def _learn(self, collected: Collected) -> None:
         """Update the policy, publish it and record how the update went."""
@@ -225,7 +257,18 @@ class Trainer:
             raise StopRequested from None
         except NonFiniteLossError as error:
             self._await_evaluation(collected)
+            self._scoring.score_all(self._newest)
+            what = f"NaN detected in iteration {self._newest.number}: {str(error).rstrip('.')}"
+            self._roll_back("nan", what)
             raise self._not_a_number(error) from None
+        if self._learner.most_samples is not None and not self._is_short_of_gpu_memory:
+            self._is_short_of_gpu_memory = True
+            _logger.warning(
+                "The memory of the GPU is too small for a whole minibatch. From now on, gradients "
+                "of %d samples at a time are added up, with the same result; a smaller batch_size "
+                "is faster.",
+                self._learner.most_samples,
+            )
         ended = time.monotonic()
         cycle_s = ended - self._cycle_began
         self._cycle_began = ended
@@ -253,6 +296,8 @@ class Trainer:
             actor_loss=numbers.get("losses/actor_loss"),
             critic_loss=numbers.get("losses/qf_loss"),
             alpha=numbers.get("losses/alpha"),
+            reward_errors=collected.reward_errors,
+            discarded=collected.discarded,
             steps_per_s=steps / cycle_s,
             real_time_factor=collected.simulated_s / cycle_s,
             drive_s=collected.drive_s,
@@ -272,9 +317,33 @@ class Trainer:
             self._await_evaluation(collected)
         self._scoring.score(self._newest)
         fallen = self._history.collapse(self._checkpoints.best_name())
+        for alarm in trends(self._history.records):
+            if alarm.subject not in self._alarmed:
+                _logger.warning("Warning: %s. %s", alarm.text, alarm.remedy)
+            self._alarmed.add(alarm.subject)
         if fallen is not None and not self._collapsed:
             _logger.warning("%s.", fallen)
         self._collapsed = fallen is not None
+        if fallen is not None and reason is None:
+            self._roll_back("collapse", fallen[0].upper() + fallen[1:])
+
+    def _roll_back(self, reason: Reason, what: str) -> None:
+        """Return if the training cannot or may not go back to an older checkpoint.
+
+        Raises:
+            RolledBack: It goes back.
+        """
+        self._join_uploads()
+        lr = self._learner.config.lr
+        done = self._rollbacks.decide(reason, what, self._newest, lr, self._elapsed_s())
+        if done is not None:
+            _logger.warning(
+                "%s This is rollback %d of %d (DR_TRAIN_MAX_ROLLBACKS).",
+                done.sentence,
+                self._rollbacks.known.count,
+                self._job.config.train.train_max_rollbacks,
+            )
+            raise RolledBack
 
     def _not_a_number(self, error: NonFiniteLossError) -> TrainingFailed:
         """The failure of a training whose loss is NaN."""
@@ -324,6 +393,7 @@ class Trainer:
                 seed=self._job.seed,
                 inputs=self._inputs,
                 critic_warmup=self._learner.critic_warmup or None,
+                rollbacks=self._rollbacks.known.count or None,
             ),
         )
         plain.info("Checkpoint> Saving in path=['%s']", record.name)
@@ -382,10 +452,23 @@ class Trainer:
         _logger.info(reason)
 
 
+def learn(job: Job, lifeline: Lifeline) -> None:
+    """Learn until the training ends; after a rollback, begin again from the bucket."""
+    goals = None
+    while True:
+        trainer = Trainer(job, lifeline, goals)
+        try:
+            trainer.run()
+        except RolledBack:
+            goals = trainer.goals
+            continue
+        return
+
+
 def main(job: Job, lifeline: Lifeline) -> None:
     """Run the trainer in this process."""
     flush_denormals()
-    Trainer(job, lifeline).run()
+    learn(job, lifeline)
 
 
 if __name__ == "__main__":

@@ -7,11 +7,13 @@ from collections.abc import Callable
 
 from drcli.base.json_record import RecordError
 from drcli.base.log import get_logger
-from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord
+from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord, checkpoint_name
+from drcli.exchange.rollout_manifest import Manifest
 from drcli.exchange.run_state import TrainingEnd
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
+from drcli.store.rollbacks import read_rollbacks
 from drcli.store.rollout_reader import find_manifest
 from drcli.workers.worker_process import StopRequested
 
@@ -154,10 +156,20 @@ class CheckpointWaiter:
             manifest is not None
             and manifest.is_of(self._session)
             and manifest.checkpoint in self._checkpoints.drivers(newest)
+            and self._counts(manifest)
         ):
             return False
         # A trainer that has just learned from them, or ended, may have deleted them.
         return self._checkpoints.pointed() == newest and not self._finished()
+
+    def _counts(self, manifest: Manifest) -> bool:
+        """Whether the trainer has not given up the weights that drove."""
+        try:
+            rollbacks = read_rollbacks(self._bucket, self._prefix)
+        except ObjectDamaged:
+            return True
+        number = checkpoint_name(manifest.checkpoint).number
+        return rollbacks.allows(number, manifest.rollbacks)
 
     def _check_stop(self) -> None:
         if self._should_stop():

@@ -14,7 +14,7 @@ from drsim.episode.reward import (
 )
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
-from drsim.errors import RewardError, TrackError
+from drsim.errors import DiscardEpisode, RewardError, TrackError
 from drsim.gym.racer import RacerEnv
 from drsim.gym.racer_vector import RacerVectorEnv
 from drsim.gym.registration import register
@@ -34,6 +34,7 @@ __all__ = [
     "CarParameters",
     "CarSet",
     "ContinuousActions",
+    "DiscardEpisode",
     "DiscreteActions",
     "EpisodeRules",
     "ObstacleRules",

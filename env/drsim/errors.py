@@ -4,9 +4,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-RewardErrorKind = Literal["load", "signature", "raises", "endless", "type", "range"]
+RewardErrorKind = Literal["load", "signature", "raises", "endless", "type", "range", "discard"]
 """What is wrong with a reward function: its file, its parameters or its kind, an exception, a call
-that does not return, a value that is not a number, a number outside the limits."""
+that does not return, a value that is not a number, a number outside the limits. With `discard`, the
+function itself is in order: it declares that its episode is broken."""
+
+
+class DiscardEpisode(Exception):
+    """A reward function raises this to declare its episode broken.
+
+    The episode ends in this step, and no training learns from it. A reward function that must run
+    without drsim may define an exception class of this name in its own file instead.
+    """
 
 
 class TrackError(ValueError):

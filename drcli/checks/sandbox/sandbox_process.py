@@ -95,6 +95,7 @@ class _Passes:
         self._took_s: dict[CallIndex, float] = {}
         self._watched_until_s = 0.0
         self._hangs = False
+        self._discards: list[tuple[RewardError, CallIndex]] = []
 
     def run(self) -> SandboxResult:
         function = self._load(first=True)
@@ -102,6 +103,8 @@ class _Passes:
             CallIndex(k, i) for k, calls in enumerate(self._calls) for i in range(len(calls))
         ]
         values = self._play(function, everything, FIRST_PASS_S, first=True) if function else {}
+        if self._discards and len(self._discards) == len(values):
+            self._record(*self._discards[0])  # every episode is broken: nothing can be learned
         printed = self.printed.noted()
         random = memory = None
         repeated = [where for where in everything if where.sequence < self._request.repeated]
@@ -164,7 +167,9 @@ class _Passes:
             except RewardError as error:
                 values[where] = None
                 self._hangs = self._hangs or error.kind == "endless"
-                if first:
+                if first and error.kind == "discard":
+                    self._discards.append((error, where))
+                elif first:
                     self._record(error, where, last.returned)
             finally:
                 self._regain()
@@ -216,7 +221,13 @@ class _Passes:
     def _record(self, error: RewardError, where: CallIndex | None, returned: str = "") -> None:
         """Record a failure; of those that differ in numbers only, the first is enough."""
         cause = error.__cause__
-        kind: FailureKind = "undefined" if type(cause) is NameError else error.kind
+        kind: FailureKind = (
+            "undefined"
+            if type(cause) is NameError
+            else "raises"
+            if error.kind == "discard"
+            else error.kind
+        )
         alike = "" if kind == "range" else returned
         key = (kind, type(cause).__name__ if cause else alike, error.line)
         known = self._failures.get(key)

@@ -9,6 +9,7 @@ from drcli.cli.views import iterations
 from drcli.cli.views.layout import counted, fitted, indented
 
 if TYPE_CHECKING:
+    from drcli.exchange.reward_error_record import RewardErrorEntry
     from drcli.exchange.training_start import Pretrained
     from drcli.runs.increment import Increment
     from drcli.runs.plan import EndWorkPlan, RunPlan
@@ -88,9 +89,11 @@ def run(columns: int, report: "RunReport") -> RenderableType:
                 f"{laps} full training laps."
             ),
             Text(_checkpoints(report)),
+            *(Text(line) for line in [_convergence(report)] if line),
         ]
         if report.warning:
-            parts.append(_warning(report))
+            parts += [_warning(report), *(indented(f"Try: {each}") for each in report.advice)]
+    parts += [Text(line) for line in _failures(report)]
     parts += [Text(line) for line in (_spent(report), _left(report), _requests(report)) if line]
     return Group(*parts)
 
@@ -205,6 +208,42 @@ def _source(pretrained: "Pretrained") -> str:
 
 def _warning(report: "RunReport") -> Text:
     return Text(f"Warning: {report.warning}", style="bold yellow")
+
+
+def _convergence(report: "RunReport") -> str:
+    """How near training and evaluation are to each other."""
+    found = report.convergence
+    if found is None:
+        return ""
+    state = "converged" if found.reached else f"a gap of {abs(found.gap):.0f} points"
+    return (
+        f"Completion: training {found.training:.0f} %, evaluations {found.evaluation:.0f} %: "
+        f"{state}."
+    )
+
+
+def _failures(report: "RunReport") -> list[str]:
+    """Failures after which the training went on."""
+    lines = [f"Rollback: {rollback.sentence}" for rollback in report.rollbacks]
+    counts = report.reward_errors
+    if counts is None or not (counts.failed or counts.discarded):
+        return lines
+    parts = []
+    if counts.failed:
+        parts.append(
+            f"{counts.failed:,} of {counts.calls:,} calls failed ({100.0 * counts.share:.2g} %)"
+        )
+    if counts.discarded:
+        parts.append(f"{counted(counts.discarded, 'episode')} declared broken")
+    lines.append(f"Reward function: {', '.join(parts)}.")
+    for entry in counts.errors:
+        lines.append(f"  {entry.text} ({counted(entry.count, 'time')})")
+        lines += [f"    {text}" for text in (entry.source, _params(entry)) if text]
+    return lines
+
+
+def _params(entry: "RewardErrorEntry") -> str:
+    return f"params = {entry.params}" if entry.params else ""
 
 
 def _head(report: "RunReport") -> Text:

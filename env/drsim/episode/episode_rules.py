@@ -30,6 +30,7 @@ class Status(IntEnum):
     IMMOBILIZED = 7
     TIME_UP = 8
     REVERSED = 9
+    DISCARDED = 10
 
     @property
     def label(self) -> str:
@@ -218,6 +219,14 @@ class Episodes:
         # lap counts with the next step that it drives.
         progress = np.minimum(advance_progress(before, fraction, start), UNFINISHED)
         self.state.progress[cars] = progress
+
+    def discard(self, cars: Bools, verdict: Verdict) -> None:
+        """End episodes that the reward function declared broken in this step. Shape (n,)."""
+        verdict.status[cars] = Status.DISCARDED
+        verdict.terminated[cars] = verdict.put_back[cars] = False
+        verdict.truncated[cars] = True
+        self.state.pause_steps[cars] = 0
+        self.state.over[cars] = True
 
     def judge(self, observed: Observed) -> Verdict:
         """Count one driven step and decide what it led to."""

@@ -24,10 +24,12 @@ from drsim.episode.reward_errors import (
     shown,
     source,
 )
-from drsim.errors import RewardError, RewardErrorKind
+from drsim.errors import DiscardEpisode, RewardError, RewardErrorKind
 
 RewardParams = dict[str, Any]
 RewardFunction = Callable[[RewardParams], float]
+OnRewardError = Callable[[int, RewardError], float]
+"""Takes the number of a call and its failure; returns the reward instead, or raises the failure."""
 
 REWARD_DEADLINE_S = 5.0
 """How long one call may take. Source: the limit of the console's validator."""
@@ -82,6 +84,7 @@ def checked_rewards(
     functions: RewardFunction | Iterable[RewardFunction],
     calls: Iterable[RewardParams],
     deadline_s: float = REWARD_DEADLINE_S,
+    on_error: OnRewardError | None = None,
 ) -> list[float]:
     """Call a reward function once for each car.
 
@@ -91,13 +94,15 @@ def checked_rewards(
     interrupt ends it too, by the signal `reward_deadline.STUCK`.
 
     `functions` are the user's function, or one for each call; it may keep and alter its parameters.
-    One call may take `deadline_s`. The rewards are in the order of the calls.
+    One call may take `deadline_s`. The rewards are in the order of the calls. `on_error` decides
+    about failures; without it, the first one ends the calls. A call that did not return in time
+    always ends them: it was interrupted anywhere, and the next one takes as long.
 
     Raises:
         RewardError: The function raised, did not return in time, or returned something that is not
             a finite number within +-1e5.
     """
-    rewards = []
+    rewards: list[float] = []
     process = os.getpid()
     each = repeat(functions) if callable(functions) else functions
     with alarm(deadline_s, partial(_end_for, _late(deadline_s))) as clock:
@@ -116,7 +121,10 @@ def checked_rewards(
                 clock.armed = False
                 if isinstance(error, KeyboardInterrupt):
                     raise  # the user wants to end
-                _raise_failed(function, params, error, deadline_s)
+                failure = _failure(function, params, error, deadline_s)
+                if on_error is None or failure.kind == "endless":
+                    raise failure from failure.__cause__
+                value = on_error(len(rewards), failure)
             rewards.append(value)
     return rewards
 
@@ -286,9 +294,10 @@ def _end_for(what: str, frame: FrameType | None) -> NoReturn:
         os._exit(1)
 
 
-def _raise_failed(
+def _failure(
     function: RewardFunction, params: RewardParams, error: BaseException, deadline_s: float
-) -> NoReturn:
+) -> RewardError:
+    """What went wrong in a call, with the exception of the user's code as its cause."""
     code = code_of(function)
     path = Path(code.co_filename) if code else None
     line = line_in(code.co_filename, error.__traceback__) if code else None
@@ -301,8 +310,10 @@ def _raise_failed(
         what = f"{_late(deadline_s)}, probably an endless loop"
     else:
         what = described(error)
+        if any(each.__name__ == DiscardEpisode.__name__ for each in type(error).__mro__):
+            kind = "discard"
     short = compact(params)
-    raise RewardError(
+    failure = RewardError(
         f"The reward function{place(path, line)} failed: {what}.{quoted(path, line)}\n"
         f"  params = {short}",
         file=path,
@@ -311,4 +322,6 @@ def _raise_failed(
         params=short,
         kind=kind,
         reason=what,
-    ) from (None if isinstance(error, _NoRewardError | DeadlinePassed) else error)
+    )
+    failure.__cause__ = None if isinstance(error, _NoRewardError | DeadlinePassed) else error
+    return failure

@@ -1,6 +1,6 @@
 """Many cars on one track: motion, observations, rewards and episodes, all cars at once."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from drsim.episode.privileged_features import features
 from drsim.episode.reward import REWARD_DEADLINE_S, RewardFunction, checked_rewards
 from drsim.episode.stability import mark_unstable
 from drsim.episode.step import StepResult
+from drsim.errors import RewardError
 from drsim.race.race import TIME_TRIAL, Race
 from drsim.race.traffic import Contacts, Traffic
 from drsim.sensing.observations import Observations, Randomize
@@ -36,6 +37,7 @@ class Simulation:
         traffic: The obstacles, bots and opponents of each car; None where a car is alone.
         unstable: Cars whose physics failed in the last step: they jumped, flew or became NaN. They
             stand where they were before that step, and count as off track. Shape (n,).
+        reward_calls: How often reward functions were called so far, by all cars together.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class Simulation:
         scene: Scene | None = None,
         car_parameters: CarParameters | None = None,
         reward_deadline_s: float = REWARD_DEADLINE_S,
+        on_reward_error: Callable[[RewardError, int], float] | None = None,
         race: Race = TIME_TRIAL,
         sensors: Sensors | None = None,
         realism: Realism | None = None,
@@ -68,6 +71,10 @@ class Simulation:
             scene: What the cameras see; built from the track when left out.
             car_parameters: The cars; the calibrated ones when left out.
             reward_deadline_s: How long one call of the reward function may take, seconds.
+            on_reward_error: Takes the failure of a call and the number of calls so far, and returns
+                the reward of that step instead, or raises. It is also told when a function declares
+                its episode broken, with the kind `discard`; what it returns is not used then. When
+                left out, every failure is raised.
             race: What else is on the track.
             sensors: What each car perceives; the front camera when left out.
             realism: Sim-to-real extras; none when left out.
@@ -117,6 +124,8 @@ class Simulation:
             [reward_function] * num_cars if callable(reward_function) else list(reward_function)
         )
         self._reward_deadline_s = reward_deadline_s
+        self._on_reward_error = on_reward_error
+        self.reward_calls = 0
 
     def reset(
         self,
@@ -168,6 +177,9 @@ class Simulation:
     def step(self, steering_deg: Floats, speed_mps: Floats) -> StepResult:
         """Let all running cars act for 1/15 s; parked and waiting cars ignore their action.
 
+        An episode that its reward function declares broken ends with the status `DISCARDED` and
+        the reward 0.
+
         They are asked for wheel angles, left positive, and speeds. Shape (n,) each.
 
         Raises:
@@ -203,7 +215,9 @@ class Simulation:
             situation = self._situation(
                 steering_deg, speed_mps, driven & (verdict.status == Status.CRASHED)
             )
-            rewards = self._rewards(situation, driven)
+            rewards, discarded = self._rewards(situation, driven)
+            if discarded.any():
+                episodes.discard(discarded, verdict)
         finally:
             self._observations.finish()
         status = np.where(waiting, Status.PAUSE, np.where(driven, verdict.status, Status.PARK))
@@ -369,13 +383,29 @@ class Simulation:
             objects=None if self.traffic is None else self.traffic.objects(),
         )
 
-    def _rewards(self, situation: Situation, driven: Bools) -> Floats:
+    def _rewards(self, situation: Situation, driven: Bools) -> tuple[Floats, Bools]:
+        """The rewards of all cars, and whose episodes their functions declare broken."""
         cars = np.flatnonzero(driven)
         rewards = np.zeros(self.num_cars)
+        discarded = np.zeros(self.num_cars, np.bool_)
+
+        def instead(call: int, error: RewardError) -> float:
+            made = begun + call + 1
+            if error.kind == "discard":
+                discarded[cars[call]] = True
+                if self._on_reward_error is not None:
+                    self._on_reward_error(error, made)
+                return 0.0
+            if self._on_reward_error is None:
+                raise error from error.__cause__
+            return self._on_reward_error(error, made)
+
+        begun = self.reward_calls
+        self.reward_calls += len(cars)
         calls = params_of(self._tracks, situation, cars)
         own = [self._reward_functions[car] for car in cars.tolist()]
-        rewards[cars] = checked_rewards(own, calls, self._reward_deadline_s)
-        return rewards
+        rewards[cars] = checked_rewards(own, calls, self._reward_deadline_s, instead)
+        return rewards, discarded
 
     def _result(
         self,

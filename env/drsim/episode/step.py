@@ -17,7 +17,8 @@ class StepResult:
             the first step of an episode. Only driven steps can be learned from.
         reward: What the reward function returned; 0 where the car was not driven.
         terminated: The episode ended by its rules in this step.
-        truncated: The episode was cut off by the step limit in this step.
+        truncated: The episode was cut off in this step, by the step limit or, with the status
+            `Status.DISCARDED`, because the reward function declared it broken.
         status: Numbers of `Status`.
         progress: Percent of the lap, exactly 100 in the step that completes it.
         x: World x of the point 0.14 m ahead of the car's origin, metres.

@@ -121,6 +121,6 @@ def folder(
     monkeypatch.setattr("drcli.checks.validate.open_bucket", lambda *_, **__: made.bucket)
     monkeypatch.setattr(
         "drcli.checks.before_start.try_inputs",
-        lambda races, _directory, reward, _given_up: try_here(races, reward),
+        lambda races, _directory, reward, *_: try_here(races, reward),
     )
     return made

@@ -95,7 +95,7 @@ def test_a_sandbox_that_is_given_up_ends_at_once_and_finds_nothing(settings, fol
 
 
 def test_ctrl_c_gives_the_sandbox_up(settings, folder, tmp_path, monkeypatch):
-    def wait(_races, _directory, _reward, given_up):
+    def wait(_races, _directory, _reward, given_up, _tolerated):
         ends.append(given_up.wait(60))
         return []
 

@@ -36,6 +36,40 @@ def test_gradients_add_up_until_they_are_set_to_zero():
     assert torch.equal(network[0].weight.grad, once)
 
 
+@pytest.mark.parametrize("parts", [1, 2])
+def test_a_gpu_that_is_too_small_takes_smaller_parts_with_the_same_result(parts):  # 001-08
+    whole, short = _network(), _network()
+    sizes = []
+
+    def loss_of(model, part):
+        sizes.append(part.stop - part.start)
+        if sizes[-1] > 2:
+            raise torch.OutOfMemoryError("CUDA out of memory.")
+        return _loss(model, part)
+
+    parallel = DataParallel(short, parts, threads=parts)
+    expected = DataParallel(whole).backward(_loss, SAMPLES) + DataParallel(whole).backward(
+        _loss, SAMPLES
+    )
+    statistics = parallel.backward(loss_of, SAMPLES)
+    tried = len(sizes)
+    statistics = statistics + parallel.backward(loss_of, SAMPLES)  # adds up, also when repeated
+
+    assert parallel.most_samples in (1, 2)
+    assert max(sizes[tried:]) <= 2, "it remembers what fits"
+    torch.testing.assert_close(statistics, expected)
+    for one, other in zip(whole.parameters(), short.parameters(), strict=True):
+        torch.testing.assert_close(other.grad, one.grad)
+
+
+def test_a_gpu_without_room_for_one_sample_is_said():
+    def loss_of(model, part):
+        raise torch.OutOfMemoryError("CUDA out of memory.")
+
+    with pytest.raises(torch.OutOfMemoryError):
+        DataParallel(_network()).backward(loss_of, SAMPLES)
+
+
 def test_the_gradients_of_a_step_that_failed_do_not_count():
     network = _network()
     parallel = DataParallel(network, parts=2, threads=2)

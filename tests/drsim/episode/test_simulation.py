@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import drsim
 from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
@@ -385,3 +386,99 @@ def test_an_endless_loop_in_the_reward_function_is_cut(simulate):
 
     with pytest.raises(RewardError, match="endless loop"):
         straight(simulation, 1)
+
+
+class Broken(Exception):
+    """Stands for the base class of a racer."""
+
+
+class DiscardEpisode(Broken):
+    """Defined in the racer's own file: only the name counts."""
+
+
+@pytest.mark.parametrize("raised", [DiscardEpisode, drsim.DiscardEpisode])
+def test_an_episode_that_its_function_declares_broken_ends_at_once(raised):  # 001-17
+    told = []
+
+    def broken(params):
+        if params["steps"] == 4:
+            raise raised("the car is lost")
+        return 1.0
+
+    def tell(error, calls):
+        told.append((error.kind, error.reason, calls))
+        return 7.0
+
+    simulation = Simulation(
+        load_track("reinvent_base"),
+        num_cars=2,
+        reward_function=[broken, lambda params: 1.0],
+        num_threads=1,
+        on_reward_error=tell,
+    )
+    simulation.reset(np.arange(2), np.zeros(2))
+    results = [simulation.step(np.zeros(2), np.ones(2)) for _ in range(4)]
+    simulation.close()
+
+    ended = results[2]
+    assert ended.status[0] == Status.DISCARDED
+    assert Status.DISCARDED.label == "discarded"
+    assert (ended.truncated[0], ended.terminated[0], ended.reward[0]) == (True, False, 0.0)
+    assert not ended.done[1], "the other car drives on"
+    assert results[3].driven.tolist() == [False, True]
+    assert told == [("discard", f"{raised.__name__}: the car is lost", 5)]
+
+
+@pytest.mark.parametrize(
+    ("returned", "kind"),
+    [
+        (None, "type"),
+        ("1.0", "type"),
+        (1j, "type"),
+        ([1.0, 2.0], "type"),
+        (float("nan"), "range"),
+        (float("inf"), "range"),
+        (1e6, "range"),
+    ],
+)
+def test_a_step_without_a_reward_gets_the_one_that_is_given_instead(returned, kind):  # 001-17
+    errors = []
+
+    def instead(error, calls):
+        errors.append(error)
+        return 0.25
+
+    simulation = Simulation(
+        load_track("reinvent_base"),
+        num_cars=1,
+        reward_function=lambda params: returned,
+        num_threads=1,
+        on_reward_error=instead,
+    )
+    simulation.reset(np.zeros(1, int), np.zeros(1))
+    result = simulation.step(np.zeros(1), np.ones(1))
+    simulation.close()
+
+    assert result.reward[0] == 0.25
+    assert not result.done[0]
+    assert [error.kind for error in errors] == [kind]
+    assert "progress" in errors[0].params
+
+
+def test_a_call_that_does_not_return_ends_the_run_whatever_is_given_instead():
+    def endless(params):
+        while True:
+            pass
+
+    simulation = Simulation(
+        load_track("reinvent_base"),
+        num_cars=1,
+        reward_function=endless,
+        num_threads=1,
+        reward_deadline_s=0.05,
+        on_reward_error=lambda error, calls: 0.0,
+    )
+    simulation.reset(np.zeros(1, int), np.zeros(1))
+    with pytest.raises(RewardError, match=r"did not return within 0\.05 s"):
+        simulation.step(np.zeros(1), np.ones(1))
+    simulation.close()

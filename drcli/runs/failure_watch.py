@@ -1,0 +1,124 @@
+"""Tells journal and `dr-status` of failures after which a training goes on.
+
+These are rollbacks of the trainer, and calls of the reward function that the workers count.
+"""
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+
+from drcli.base.errors import DrError
+from drcli.exchange.job import Job
+from drcli.exchange.reward_error_record import RewardErrorEntry, RewardErrorRecord
+from drcli.exchange.rollback_record import Rollbacks
+from drcli.runs.duty import Duty, RunningTraining
+from drcli.runs.outcome import Outcome
+from drcli.runs.periodic import Periodic, within
+from drcli.runs.warnings_board import WarningsBoard
+from drcli.store.bucket import Bucket
+from drcli.store.reward_errors import read_reward_errors
+from drcli.store.rollbacks import read_rollbacks
+
+LOOK_S = 60.0
+"""How often it looks into the bucket: two requests."""
+
+LAST_LOOK_S = 3.0
+"""Longest time for the look when the workers have exited."""
+
+ErrorKey = tuple[str, str, int | None]
+
+
+class FailureWatch(Duty):
+    """Looks at what trainer and workers wrote into the bucket.
+
+    Each rollback, and each distinct error of the reward function, is told once in the life of a
+    model: what an earlier start has left is known already.
+    """
+
+    name = "failure watch"
+
+    def __init__(self, job: Job, board: WarningsBoard) -> None:
+        """Prepare."""
+        self._job = job
+        self._board = board
+        self._open: Callable[[], Bucket] | None = None
+        self._bucket: Bucket | None = None
+        self._thread: Periodic | None = None
+        self._rollbacks = Rollbacks()
+        self._records: list[RewardErrorRecord] = []
+        self._told_rollbacks = 0
+        self._told_errors: set[ErrorKey] = set()
+
+    def start(self, run: RunningTraining) -> None:
+        """Begin to look, and take what is there as told."""
+        self._board.begin(run.journal)
+        self._open = run.open_bucket
+        with suppress(DrError):
+            prefix = self._job.config.model.prefix
+            self._told_rollbacks = read_rollbacks(run.bucket, prefix).count
+            records = read_reward_errors(run.bucket, prefix)
+            self._told_errors = {entry.key for record in records for entry in record.total.errors}
+        self._thread = Periodic(self.name, self.look, LOOK_S)
+        self._thread.start()
+
+    def look(self) -> None:
+        """Look now; DrError if the bucket does not answer."""
+        if self._open is None:
+            return
+        if self._bucket is None:
+            self._bucket = self._open()
+        prefix = self._job.config.model.prefix
+        self._records = read_reward_errors(self._bucket, prefix)
+        self._rollbacks = read_rollbacks(self._bucket, prefix)
+
+    def check(self) -> Outcome | None:
+        """Tell what is new."""
+        self._tell()
+        return None
+
+    def end_facts(self) -> Mapping[str, object]:
+        """How often the training went back, and how many calls and episodes were broken.
+
+        The workers have exited, so this is the last look, and what it finds is told before the end.
+        """
+        if self._thread is not None:
+            self._thread.stop()
+            within(LAST_LOOK_S, self._look_last)
+            self._tell()
+        facts: dict[str, object] = {}
+        if self._rollbacks.count:
+            facts["rollbacks"] = self._rollbacks.count
+        failed = sum(record.total.failed for record in self._records)
+        discarded = sum(record.total.discarded for record in self._records)
+        if failed:
+            facts["reward_errors"] = failed
+        if discarded:
+            facts["discarded_episodes"] = discarded
+        return facts
+
+    def _look_last(self) -> None:
+        with suppress(DrError):
+            self.look()
+
+    def _tell(self) -> None:
+        for rollback in self._rollbacks.entries[self._told_rollbacks :]:
+            self._board.tell("recovery", rollback.sentence, **rollback.facts())
+        self._told_rollbacks = max(self._told_rollbacks, self._rollbacks.count)
+        for record in self._records:
+            for entry in record.total.errors:
+                if entry.key not in self._told_errors:
+                    self._told_errors.add(entry.key)
+                    self._tell_error(record.worker, entry)
+
+    def _tell_error(self, worker: int, entry: RewardErrorEntry) -> None:
+        broken = entry.kind == "discard"
+        what = "declared an episode broken" if broken else "failed, and the training goes on"
+        text = f"The reward function {what} (sim-{worker}, iteration {entry.first_iteration}): "
+        self._board.tell(
+            "fault",
+            f"{text}{entry.text}.",
+            worker=f"sim-{worker}",
+            line=entry.line,
+            source=entry.source,
+            reason=entry.reason,
+            params=entry.params,
+        )

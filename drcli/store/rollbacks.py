@@ -1,0 +1,20 @@
+"""Reads and writes the rollbacks of a model in the bucket."""
+
+from drcli.exchange.rollback_record import Rollbacks
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing, read_record
+
+_REMEDY = "Delete it: then the training goes on with the learning rate of its hyperparameters."
+
+
+def read_rollbacks(bucket: Bucket, prefix: str) -> Rollbacks:
+    """The rollbacks of a model, mostly none; ObjectDamaged if they cannot be read."""
+    try:
+        return read_record(bucket, keys.rollbacks(prefix), Rollbacks.decode, _REMEDY)
+    except ObjectMissing:
+        return Rollbacks()
+
+
+def write_rollbacks(bucket: Bucket, prefix: str, rollbacks: Rollbacks) -> None:
+    """Publish them; with this write, the newest rollback has happened."""
+    bucket.put(keys.rollbacks(prefix), rollbacks.encode())

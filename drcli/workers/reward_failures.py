@@ -1,0 +1,140 @@
+"""What a worker does when the racer's reward function fails: end, or count and go on."""
+
+from collections import deque
+from dataclasses import replace
+
+from drcli.base.errors import SettingsError
+from drcli.base.json_record import RecordError
+from drcli.base.log import get_logger
+from drcli.config.groups.failures import FailureSettings
+from drcli.exchange.reward_error_record import (
+    MOST_ERRORS,
+    RewardCounts,
+    RewardErrorEntry,
+    RewardErrorRecord,
+)
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing
+from drsim.errors import RewardError
+
+_logger = get_logger(__name__)
+
+WINDOW_CALLS = 2_000
+"""Over so many of a worker's newest calls the share of failures is taken. A car makes 15 calls in a
+simulated second, so twenty cars make them in seven. A function that always fails ends a training
+after 100 calls with the default share, and one that fails once in a while never does."""
+
+_REMEDY = (
+    "Correct reward_function.py and continue with `dr-start-training --resume`, or start over "
+    "with `-w`. DR_REWARD_MAX_ERROR_SHARE is the limit."
+)
+
+
+class RewardErrorsExceeded(SettingsError):
+    """More calls of the reward function failed than DR_REWARD_MAX_ERROR_SHARE allows."""
+
+
+class AllEpisodesDiscarded(SettingsError):
+    """The reward function declares every episode broken, so there is nothing to learn from."""
+
+
+class RewardFailures:
+    """Counts the failures of one worker, and keeps the counts in the bucket.
+
+    Attributes:
+        record: What was counted so far, also by earlier processes of this worker.
+    """
+
+    def __init__(self, settings: FailureSettings, worker: int = 0) -> None:
+        self.record = RewardErrorRecord(worker)
+        self._settings = settings
+        self._calls = 0
+        self._failed_at: deque[int] = deque()
+        self._bucket: Bucket | None = None
+        self._key = ""
+
+    def restore(self, bucket: Bucket, prefix: str) -> None:
+        """Continue the counts of earlier processes of this worker, and keep them there."""
+        self._bucket, self._key = bucket, keys.reward_errors(prefix, self.record.worker)
+        try:
+            self.record = RewardErrorRecord.decode(bucket.get(self._key))
+        except ObjectMissing:
+            return
+        except RecordError as error:
+            _logger.warning("%s is damaged and starts over: %s.", self._key, error)
+
+    def begin(self, iteration: int) -> None:
+        """Begin to count for an iteration."""
+        self.record = self.record.begun(iteration)
+
+    def count_calls(self, calls: int) -> None:
+        """Note how many calls were made in the iteration, and how many by this process in all."""
+        made = calls - self._calls
+        self._calls = calls
+        newest = self.record.newest
+        self.record = replace(self.record, newest=replace(newest, calls=newest.calls + made))
+
+    def handle(self, error: RewardError, calls: int) -> float:
+        """The reward of a step whose call failed, or 0 if it declared its episode broken.
+
+        Args:
+            error: What went wrong.
+            calls: How many calls this process has made.
+
+        Raises:
+            RewardError: Failures end the run, by DR_REWARD_ON_ERROR or because memory is short.
+            RewardErrorsExceeded: Too many of the newest calls failed.
+        """
+        if error.kind == "discard":
+            self._note(error, discarded=1)
+            return 0.0
+        if self._settings.reward_on_error == "stop" or isinstance(error.__cause__, MemoryError):
+            raise error from error.__cause__
+        self._note(error, failed=1)
+        self._failed_at.append(calls)
+        while self._failed_at[0] <= calls - WINDOW_CALLS:
+            self._failed_at.popleft()
+        share = self._settings.reward_max_error_share
+        if len(self._failed_at) > share * WINDOW_CALLS:
+            raise RewardErrorsExceeded(
+                f"{len(self._failed_at):,} of the last {WINDOW_CALLS:,} calls of the reward "
+                f"function failed, and DR_REWARD_MAX_ERROR_SHARE is {share:g}. The newest failure: "
+                f"{_message(error)}",
+                remedy=_REMEDY,
+            )
+        return self._settings.reward_fallback
+
+    def save(self, *, always: bool = False) -> None:
+        """Write the counts into the bucket; as long as nothing failed, only with `always`."""
+        total = self.record.total
+        if self._bucket is not None and (always or total.failed or total.discarded):
+            self._bucket.put(self._key, self.record.encode())
+
+    def _note(self, error: RewardError, *, failed: int = 0, discarded: int = 0) -> None:
+        iteration = max(0, self.record.iteration)
+        entry = RewardErrorEntry(
+            kind=error.kind,
+            exception="" if error.__cause__ is None else type(error.__cause__).__name__,
+            reason=error.reason if error.file is None else _without_path(error.reason, error),
+            line=error.line,
+            source=error.source,
+            params=str(error.params) if error.params else "",
+            first_iteration=iteration,
+            last_iteration=iteration,
+        )
+        known = self.record.total.errors
+        is_new = len(known) < MOST_ERRORS and entry.key not in {each.key for each in known}
+        counts = RewardCounts(failed=failed, discarded=discarded, errors=[entry])
+        self.record = replace(self.record, newest=self.record.newest.joined(counts))
+        if is_new:
+            what = "declares an episode broken" if discarded else "failed and is counted"
+            _logger.warning("The reward function %s: %s", what, _message(error))
+
+
+def _message(error: RewardError) -> str:
+    return _without_path(str(error), error)
+
+
+def _without_path(text: str, error: RewardError) -> str:
+    """A text that names the racer's file instead of our copy of it."""
+    return text if error.file is None else text.replace(str(error.file), error.file.name)

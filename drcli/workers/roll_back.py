@@ -1,0 +1,141 @@
+"""Lets a trainer go back to its last good checkpoint, at any point of which it may be killed.
+
+The decision is one write (`Rollbacks`). Everything else is what a trainer does when it starts: so
+an interrupted rollback, a completed one and `--resume` run the same code.
+"""
+
+import time
+from dataclasses import replace
+
+from drcli.base.log import get_logger
+from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
+from drcli.exchange.job import Job
+from drcli.exchange.rollback_record import RATE_FACTOR, Reason, Rollback, Rollbacks
+from drcli.store.best_checkpoint import read_scores
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.store.checkpoints import Checkpoint, CheckpointStore, checkpoint_objects
+from drcli.store.history import SMOOTH
+from drcli.store.rollbacks import read_rollbacks, write_rollbacks
+
+_logger = get_logger(__name__)
+
+
+LOOK_BACK = 3
+"""How many of the newest checkpoints may be gone back to after NaN."""
+
+
+class RolledBack(Exception):
+    """The training has gone back: begin again from the bucket."""
+
+
+class RollbackControl:
+    """Decides about rollbacks of one model.
+
+    Attributes:
+        known: The rollbacks so far, those of earlier starts included.
+    """
+
+    def __init__(self, bucket: Bucket, job: Job, checkpoints: CheckpointStore) -> None:
+        self._bucket = bucket
+        self._job = job
+        self._prefix = job.config.model.prefix
+        self._checkpoints = checkpoints
+        try:
+            self.known = read_rollbacks(bucket, self._prefix)
+        except ObjectDamaged as error:
+            _logger.warning("%s The training goes on as if there had been none.", error)
+            self.known = Rollbacks()
+
+    @property
+    def left(self) -> int:
+        """How many more DR_TRAIN_MAX_ROLLBACKS allows."""
+        return max(0, self._job.config.train.train_max_rollbacks - self.known.count)
+
+    def load_latest(self) -> Checkpoint | None:
+        """The checkpoint to go on from, with its optimizer; None if the model has none.
+
+        Raises:
+            StorageError: All checkpoints are damaged.
+        """
+        found = self._checkpoints.load_latest(with_optimizer=True)
+        target = None if found is None else self.known.pending(found.record)
+        if target is None:
+            return found
+        older = self._checkpoints.load_latest(with_optimizer=True, newest=target)
+        if older is None:
+            _logger.warning("Checkpoint %d is lost; the training cannot go back.", target.number)
+        return older or found
+
+    def mark(self, found: Checkpoint) -> None:
+        """Note in the checkpoint from which the training goes on how often it went back."""
+        counters = found.record.counters
+        if (counters.rollbacks or 0) < self.known.count:
+            counters = replace(counters, rollbacks=self.known.count)
+            self._checkpoints.rewrite(replace(found.record, counters=counters))
+
+    def decide(
+        self, reason: Reason, text: str, newest: CheckpointName, lr: float, elapsed_s: float
+    ) -> Rollback | None:
+        """Go back, if that is allowed and there is a good checkpoint.
+
+        Args:
+            reason: Why.
+            text: What is wrong, a sentence without its full stop.
+            newest: The newest checkpoint.
+            lr: Of the hyperparameters.
+            elapsed_s: Wall time of training so far.
+
+        Returns:
+            What was decided, and is stored now; None if the training does not go back.
+        """
+        target = self._target(reason, newest) if self.left else None
+        if target is None:
+            return None
+        rollback = Rollback(
+            at=time.time(),
+            reason=reason,
+            text=text,
+            left=str(newest),
+            target=str(target),
+            lr=lr,
+            factor=self.known.factor(lr) * RATE_FACTOR,
+            elapsed_s=elapsed_s,
+            session=self._job.session,
+        )
+        self.known = Rollbacks([*self.known.entries, rollback])
+        write_rollbacks(self._bucket, self._prefix, self.known)
+        return rollback
+
+    def _target(self, reason: Reason, newest: CheckpointName) -> CheckpointName | None:
+        """The last good checkpoint.
+
+        After a collapse, that is the best one. A loss that is NaN announces itself a few updates
+        before, so the oldest of the newest checkpoints is taken, but none before the best one.
+        """
+        best = self._best()
+        if reason == "collapse":
+            # What was so good just now has not collapsed.
+            old_enough = best is not None and best.number <= newest.number - SMOOTH
+            return best if best is not None and old_enough and self._is_intact(best) else None
+        names = sorted(set(checkpoint_objects(self._bucket, self._prefix).values()))
+        oldest = best.number if best is not None else 0
+        candidates = [name for name in names if oldest <= name.number <= newest.number]
+        recent = candidates[-LOOK_BACK:]
+        return next((name for name in recent if self._is_intact(name)), None)
+
+    def _best(self) -> CheckpointName | None:
+        """The best checkpoint; None as long as none was evaluated."""
+        try:
+            scores = read_scores(self._bucket, self._prefix)
+        except ObjectDamaged:
+            return None
+        if scores is None or scores.best_checkpoint.avg_eval_metric is None:
+            return None
+        return checkpoint_name(scores.best_checkpoint.name)
+
+    def _is_intact(self, name: CheckpointName) -> bool:
+        try:
+            self._checkpoints.load(str(name))
+        except (ObjectMissing, ObjectDamaged):
+            return False
+        return True
