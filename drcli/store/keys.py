@@ -217,6 +217,9 @@ coach_checkpoint = _in_model("model/.coach_checkpoint")
 deepracer_checkpoints = _in_model("model/deepracer_checkpoints.json")
 """Names and scores of the best and the last checkpoint."""
 
+milestones = _in_model("model/milestones.json")
+"""Checkpoints that did something first or best, and those that are kept as every n-th."""
+
 
 def checkpoint_tensors(prefix: str, name: str) -> str:
     """The weights of a checkpoint."""
