@@ -8,6 +8,7 @@ from drcli.base.process_identity import exists
 from drcli.config.settings import RunConfig
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.milestone_record import MilestoneKind
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
 from drcli.exchange.run_state import ActivityRecord
 from drcli.exchange.spending import Spending
@@ -23,6 +24,8 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.connect import open_running_bucket
 from drcli.store.history import HistoryReader, collapse, read_history
 from drcli.store.last_outcome import read_outcome
+from drcli.store.milestones import NO_MILESTONES, with_history
+from drcli.store.notes import read_notes
 from drcli.store.repair import Model, readable_history, readable_scores
 
 
@@ -47,6 +50,25 @@ class WorkerReport:
     activity: str
     log: str
     health: WorkerHealth | None = None
+
+
+@dataclass(frozen=True)
+class MilestoneReport:
+    """A milestone of the training.
+
+    Attributes:
+        word: first-lap, three-laps or best-lap; --checkpoint takes it.
+        checkpoint: Name of its checkpoint.
+        laps: Completed laps of its evaluation.
+        episodes: Episodes of its evaluation.
+        best_lap_s: Fastest of the laps, simulated seconds.
+    """
+
+    word: MilestoneKind
+    checkpoint: str
+    laps: int
+    episodes: int
+    best_lap_s: float
 
 
 @dataclass(frozen=True)
@@ -79,6 +101,9 @@ class RunReport:
         money_left: Until DR_MAX_COST, USD; None without that limit.
         requests: Requests to the bucket of the newest start; None before the first count.
         watches: What the watches of the training warn of, a sentence each: memory, disk, stalls.
+        milestones: Checkpoints of the first lap, the first three laps, the fastest lap, as far as
+            they were reached; `dr-list-checkpoints` says whether they are still there.
+        notes: What the racer wrote about the model; only in `dr-status`.
     """
 
     run_id: int
@@ -105,6 +130,8 @@ class RunReport:
     money_left: float | None = None
     requests: RequestReport | None = None
     watches: list[str] = field(default_factory=list)
+    milestones: list[MilestoneReport] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     @property
     def dead(self) -> list[str]:
@@ -247,7 +274,23 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         money_left=money_left(spending),
         requests=request_report(folder, record.session, spending),
         watches=WatchRecord.read(folder, record.session).warnings,
+        milestones=[
+            MilestoneReport(kind, found.checkpoint, found.laps, found.episodes, found.best_lap_s)
+            for kind, found in with_history(NO_MILESTONES, history).reached()
+        ],
     )
+
+
+def notes_of_run(config: RunConfig, report: RunReport) -> list[str]:
+    """What the racer wrote about the model of a run, oldest first; empty without an answer."""
+    bucket = open_running_bucket(config.storage)
+    if bucket is None or bucket.name != report.bucket:
+        return []
+    try:
+        notes = read_notes(bucket, report.prefix)
+    except StorageError:
+        return []
+    return [note.record.text for note in notes if note.record is not None]
 
 
 def _record_of_elsewhere(config: RunConfig) -> RunRecord | None:

@@ -359,7 +359,7 @@ class CheckpointStore:
         pinned = {name for name in names if str(name) in always} | {here}
         marked = self._marked()
         kept = kept_besides(sizes, pinned, marked, self._rules, here)
-        # Before anything is deleted: what is not marked goes with the next checkpoint at the latest.
+        # First of all: what is not marked goes with the next checkpoint at the latest.
         self._mark(replace(marked, spaced=list(kept.spaced)))
         old = names - pinned - kept.names
         # The graph of the newest one is written later; what is there belongs to a lost checkpoint.

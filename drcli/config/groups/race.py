@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Literal
 
+from drcli.config.checkpoint_words import CheckpointText
 from drcli.config.fields import Group, setting
 from drcli.config.value_types import Colour, Gpus, WorldName
 
@@ -254,8 +255,10 @@ class EvaluationSettings(Group, title="Evaluation"):
         low=0,
         old_names=("DR_COLLISION_PENALTY",),
     )
-    eval_checkpoint: Literal["last", "best"] = setting(
-        "DR_EVAL_CHECKPOINT", "last", "Checkpoint to evaluate."
+    eval_checkpoint: CheckpointText = setting(
+        "DR_EVAL_CHECKPOINT",
+        "last",
+        "Checkpoint to evaluate: last, best, first-lap, three-laps, best-lap or a number.",
     )
     eval_reverse_direction: bool = setting(
         "DR_EVAL_REVERSE_DIRECTION", False, "Evaluate in the opposite direction."
