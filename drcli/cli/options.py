@@ -42,6 +42,15 @@ MaxMb = Annotated[
         help="Delete the oldest there beyond this size (DR_UPLOAD_MAX_MB).",
     ),
 ]
+KeepModels = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--keep",
+        metavar="MODEL",
+        help="Leave this model alone: a prefix, or a pattern. Can be given again.",
+        autocompletion=candidates.model_prefixes,
+    ),
+]
 CustomFiles = Annotated[
     bool, typer.Option("-c", "--custom-files", help="Also copy its three files to custom_files/.")
 ]

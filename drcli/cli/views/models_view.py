@@ -81,7 +81,7 @@ def models(columns: int, found: "ModelList") -> RenderableType:
         return f"There is no model in s3://{found.bucket}{matching}."
     digits = _MINUTE if columns >= _WITH_TIME else _DAY
     noted = any(model.note for model in found.models)
-    rows = [
+    rows: list[tuple[str | Text, ...]] = [
         (
             Text.assemble(model.prefix, (" (training)" if model.training else "", "green")),
             str(model.checkpoints),
