@@ -96,7 +96,7 @@ class Milestones(JsonRecord):
             return self
         mean = sum(progress) / len(progress)
         new = Milestone(checkpoint, len(lap_s), len(progress), mean, min(lap_s))
-        best = min(filter(None, (self.best_lap, new)), key=lambda m: (m.best_lap_s, m.name))
+        best = min(filter(None, (self.best_lap, new)), key=_fastest)
         return replace(
             self,
             first_lap=_earlier(self.first_lap, new),
@@ -113,13 +113,20 @@ class Milestones(JsonRecord):
         def _is_before(name: CheckpointName) -> bool:
             return name == newest or name.number < newest.number
 
+        left = [kept(each) for each in (self.best_lap, self.first_lap, self.three_laps)]
+        best, first, three = left
+        fastest = min(filter(None, left), key=_fastest, default=None)
         return replace(
             self,
-            first_lap=kept(self.first_lap),
-            three_laps=kept(self.three_laps),
-            best_lap=kept(self.best_lap),
+            first_lap=first,
+            three_laps=three,
+            best_lap=best or fastest,
             spaced=[name for name in self.spaced if _is_before(checkpoint_name(name))],
         )
+
+
+def _fastest(milestone: Milestone) -> tuple[float, CheckpointName]:
+    return milestone.best_lap_s, milestone.name
 
 
 def _earlier(known: Milestone | None, new: Milestone) -> Milestone:

@@ -104,7 +104,7 @@ def read_weights(
             command = import_command(f"s3://{bucket.name}/{prefix}", local=True)
             remedy = f"Make them a model here with `{command}`, and name that model."
             raise _wrong(name, place, prefix, what, remedy) from e
-        what = f"its checkpoint {checkpoint} cannot be used: {e}"
+        what = f"its {checkpoint} checkpoint cannot be used: {e}"
         if not isinstance(e, CheckpointGone):
             what += f" {ModelCheckpoints.read(model).summary}"
         other = "last" if checkpoint == "best" else "best"

@@ -251,6 +251,8 @@ class CheckpointStore:
             newest: The checkpoint that the trainer continues from.
             records: The learning curve until then.
         """
+        if not self._bucket.exists(keys.milestones(self._prefix)):
+            self._milestones = self._unmarked()
         self._mark(with_history(self._marked().until(newest), records))
 
     def _marked(self) -> Milestones:
@@ -259,12 +261,12 @@ class CheckpointStore:
             try:
                 found = read_milestones(self._bucket, self._prefix)
             except ObjectDamaged:
-                found = None
-            self._milestones = found or self._unmarked()
+                found = self._unmarked()
+            self._milestones = found or NO_MILESTONES
         return self._milestones
 
     def _unmarked(self) -> Milestones:
-        """Milestones for a model without a record: what is left of an older training stays."""
+        """Milestones for a model whose record is lost: every checkpoint that is there stays."""
         names = sorted(set(checkpoint_objects(self._bucket, self._prefix).values()))
         others = [str(name) for name in names[:-KEEP] if str(name) != self._best_or_none()]
         return replace(NO_MILESTONES, spaced=others)
