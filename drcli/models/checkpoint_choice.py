@@ -126,21 +126,24 @@ def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> 
         if not missing:
             return score
         raise _gone(ModelCheckpoints.read(model), _incomplete(bucket, missing), remedy)
+    if isinstance(choice, int):
+        name = _whole(bucket.list(keys.model_folder(prefix)), prefix, choice)
+        if name is not None:
+            return _score(scores, name)
     has = ModelCheckpoints.read(model)
     if not has.names:
         raise SettingsError(
             f"{has.url} has no checkpoint.",
             remedy="Train that model first, or correct its prefix; `dr-list-models` lists all.",
         )
-    name = _numbered(has, choice, remedy) if isinstance(choice, int) else None
-    if name is None:
-        assert not isinstance(choice, int)
+    if isinstance(choice, int):
+        name = _numbered(has, choice, remedy)
+    else:
         name = _reached(has, choice, remedy)
     missing = has.missing_parts(str(name))
     if missing:
         raise _gone(has, _incomplete(bucket, missing), remedy)
-    known = () if scores is None else (scores.best_checkpoint, scores.last_checkpoint)
-    return next((score for score in known if score.name == str(name)), Score(str(name)))
+    return _score(scores, name)
 
 
 def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
@@ -154,11 +157,23 @@ def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
     return theirs if is_tensorflow else ours
 
 
+def _whole(listed: Listing, prefix: str, number: int) -> CheckpointName | None:
+    """The complete checkpoint of this number; the newest if there are several."""
+    found = {keys.checkpoint_of(prefix, info.key) for info in listed}
+    same = (name for name in found if name is not None and name.number == number)
+    whole = (name for name in same if not missing_parts(listed, prefix, str(name)))
+    return max(whole, default=None)
+
+
+def _score(scores: Scores | None, name: CheckpointName) -> Score:
+    known = () if scores is None else (scores.best_checkpoint, scores.last_checkpoint)
+    return next((score for score in known if score.name == str(name)), Score(str(name)))
+
+
 def _numbered(has: ModelCheckpoints, number: int, remedy: str) -> CheckpointName:
     same = [name for name in has.names if name.number == number]
-    whole = [name for name in same if not has.missing_parts(str(name))]
     if same:
-        return (whole or same)[-1]
+        return same[-1]
     newest = has.names[-1].number
     if number > newest:
         raise _gone(has, f"There is no checkpoint {number}: the newest is {newest}.", remedy)

@@ -112,22 +112,29 @@ def list_checkpoints(
     results = readable_evaluations(bucket, prefix).values()
     evaluated = {r.checkpoint: (r.evaluation_progress, r.evaluation_lap_s) for r in history}
     evaluated |= {result.checkpoint: (result.progress, result.lap_s) for result in results}
+    # The record of a milestone has the numbers of an evaluation that the learning curve has lost.
+    marked = {found.name: found for _, found in has.milestones.reached()}
     sizes = _sizes(has)
     store = CheckpointStore(bucket, prefix)
     spaced = set(has.milestones.spaced)
     listed = []
     for name in has.names:
         progress, lap_s = evaluated.get(str(name), ([], []))
+        known = marked.get(name)
+        if known is None or progress:
+            seen = len(progress), len(lap_s), _mean(progress), min(lap_s, default=None)
+        else:
+            seen = known.episodes, known.laps, known.progress, known.best_lap_s
         listed.append(
             ListedCheckpoint(
                 number=name.number,
                 name=str(name),
                 words=has.words_for(name),
                 every=str(name) in spaced,
-                episodes=len(progress),
-                laps=len(lap_s),
-                progress=sum(progress) / len(progress) if progress else None,
-                best_lap_s=min(lap_s, default=None),
+                episodes=seen[0],
+                laps=seen[1],
+                progress=seen[2],
+                best_lap_s=seen[3],
                 size_bytes=sizes[name],
                 problem=_problem(has, store, name, check=check),
             )
@@ -143,15 +150,19 @@ def list_checkpoints(
         )
         for kind, found in has.milestones.reached()
     ]
-    known = {entry.word for entry in reached}
+    words_known = {entry.word for entry in reached}
     return CheckpointList(
         has.url,
         listed,
         reached,
-        [kind for kind in KINDS if kind not in known],
+        [kind for kind in KINDS if kind not in words_known],
         sum(sizes.values()),
         damaged,
     )
+
+
+def _mean(progress: list[float]) -> float | None:
+    return sum(progress) / len(progress) if progress else None
 
 
 def _sizes(has: ModelCheckpoints) -> dict[CheckpointName, int]:

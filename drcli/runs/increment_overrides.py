@@ -1,5 +1,6 @@
 """What else changes with the next model: settings in run.env, and the racer's own files."""
 
+import ast
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -150,7 +151,25 @@ def _reward(path: Path) -> bytes:
     if source is not None:
         problems = [*problems, *review_source(source)]
     refuse(problem for problem in problems if problem.severity == "error")
+    if source is not None and not _defines_reward(data):
+        raise SettingsError(
+            f"--reward {path}: it defines no reward_function.",
+            remedy="Write `def reward_function(params):` in it.",
+        )
     return data
+
+
+def _defines_reward(data: bytes) -> bool:
+    """Whether a name `reward_function` comes into being anywhere in the file."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(data)):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.add(node.id)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            names |= {alias.asname or alias.name for alias in node.names}
+    return bool(names & {"reward_function", "*"})
 
 
 def _parameters(base: InputFile, texts: Sequence[str]) -> bytes:

@@ -1,9 +1,10 @@
 """Which checkpoints are milestones, which stay, and what survives a crash (003-16, 001-09)."""
 
-from hypothesis import given
-from hypothesis import strategies as st
+from itertools import pairwise
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.milestone_record import Milestones
@@ -24,7 +25,9 @@ KEEP_ALL = KeepRules()
 def result(number: int, *lap_s: float, episodes: int = 3) -> EvaluationResult:
     """The evaluation of a checkpoint that completed laps in these times."""
     progress = [100.0] * len(lap_s) + [40.0] * (episodes - len(lap_s))
-    return EvaluationResult(f"{number}_Step-{number * 100}.ckpt", progress, [1.0] * episodes, [*lap_s])
+    return EvaluationResult(
+        f"{number}_Step-{number * 100}.ckpt", progress, [1.0] * episodes, [*lap_s]
+    )
 
 
 def train(store: CheckpointStore, *numbers: int, laps: dict[int, tuple[float, ...]] | None = None):
@@ -44,7 +47,9 @@ def kept(sizes: dict[int, int], milestones: Milestones, rules: KeepRules, always
     """Numbers that stay of checkpoints with these sizes."""
     names = {CheckpointName(n, n * 100): size for n, size in sizes.items()}
     newest = max(names)
-    found = kept_besides(names, [CheckpointName(n, n * 100) for n in always], milestones, rules, newest)
+    found = kept_besides(
+        names, [CheckpointName(n, n * 100) for n in always], milestones, rules, newest
+    )
     return sorted(name.number for name in found.names)
 
 
@@ -78,7 +83,8 @@ def test_milestones_that_are_not_kept_are_still_known(memory):
     train(CheckpointStore(memory, PREFIX, KeepRules(milestones=False)), *range(20), laps=LAPS)
 
     found = read_milestones(memory, PREFIX)
-    assert found is not None and found.first_lap is not None
+    assert found is not None
+    assert found.first_lap is not None
     assert found.first_lap.name.number == 6
     assert 6 not in numbers(memory)
 
@@ -102,7 +108,7 @@ def test_the_size_limit_thins_every_nth_evenly_and_spares_milestones():
 
     assert 33 in left
     assert len(left) == 5
-    gaps = [b - a for a, b in zip(left, left[1:], strict=False)]
+    gaps = [b - a for a, b in pairwise(left)]
     assert max(gaps) <= 40
 
 
@@ -168,7 +174,8 @@ def test_a_trainer_that_goes_back_forgets_the_milestones_of_later_checkpoints(me
     CheckpointStore(memory, PREFIX).restore_milestones(CheckpointName(5, 500), [])
 
     found = read_milestones(memory, PREFIX)
-    assert found is not None and found.best_lap is not None
+    assert found is not None
+    assert found.best_lap is not None
     assert found.best_lap.name.number == 2
 
 
@@ -207,7 +214,8 @@ def test_a_lost_record_is_reconstructed_and_no_kept_checkpoint_is_lost(memory, m
     assert damaged == []
     assert set(before) - {10} <= set(numbers(memory))
     if damage is not None:
-        assert found.best_lap is not None and found.best_lap.name.number == 11
+        assert found.best_lap is not None
+        assert found.best_lap.name.number == 11
 
 
 def test_a_model_of_version_0_1_0_has_milestones_from_its_learning_curve(memory, make_record):
