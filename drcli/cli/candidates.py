@@ -38,14 +38,16 @@ def model_prefixes() -> list[str]:
 
 
 def checkpoints() -> list[str]:
-    """Numbers of the configured model's checkpoints, the newest first."""
+    """Numbers of the configured model's checkpoints, the newest first, and the words for some."""
+    from drcli.config.checkpoint_words import WORDS
+
     settings = _settings()
     bucket, prefix = _bucket(settings), settings.get("DR_LOCAL_S3_MODEL_PREFIX")
     if bucket is None or not prefix:
-        return []
+        return list(WORDS)
     names = _names(bucket / prefix / "model")
     numbers = {int(match[1]) for name in names if (match := _CHECKPOINT.match(name))}
-    return [str(number) for number in sorted(numbers, reverse=True)]
+    return [*(str(number) for number in sorted(numbers, reverse=True)), *WORDS]
 
 
 def experiments() -> list[str]:

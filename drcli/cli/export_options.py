@@ -10,16 +10,16 @@ if TYPE_CHECKING:
     from drcli.models.export_model import Selection
 
 ExportBest = Annotated[bool, best_option("Export")]
-ExportNumber = Annotated[int | None, checkpoint_option("Export")]
+ExportNumber = Annotated[str | None, checkpoint_option("Export")]
 ExportPrefix = Annotated[str | None, prefix_option("Export this model instead.")]
 ReplaceFiles = Annotated[bool, typer.Option("-f", "--force", help="Replace files at the target.")]
 
 
-def selection(best: bool, number: int | None, prefix: str | None) -> "Selection":
+def selection(best: bool, number: str | None, prefix: str | None) -> "Selection":
     """The checkpoint that the options choose.
 
     Raises:
-        BadParameter: -b and -c are both given.
+        BadParameter: -b and -c are both given, or -c names none.
     """
     from drcli.models.export_model import Selection
 

@@ -2,12 +2,15 @@
 
 import re
 from collections.abc import Collection, Mapping
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from drcli.base.problems import ProblemsError
 from drcli.cli import candidates
+
+if TYPE_CHECKING:
+    from drcli.config.checkpoint_words import CheckpointChoice
 
 
 def _not_a_digit(delimiter: str | None) -> str | None:
@@ -37,6 +40,15 @@ MaxMb = Annotated[
         metavar="MB",
         min=0,
         help="Delete the oldest there beyond this size (DR_UPLOAD_MAX_MB).",
+    ),
+]
+KeepModels = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--keep",
+        metavar="MODEL",
+        help="Leave this model alone: a prefix, or a pattern. Can be given again.",
+        autocompletion=candidates.model_prefixes,
     ),
 ]
 CustomFiles = Annotated[
@@ -80,28 +92,44 @@ def best_option(verb: str) -> Any:
     return typer.Option("-b", "--best", help=f"{verb} the best checkpoint.")
 
 
-def checkpoint_option(verb: str) -> Any:
-    """An option that chooses a checkpoint by its number."""
+def checkpoint_option(verb: str, *names: str) -> Any:
+    """An option, -c and --checkpoint if not named otherwise, that chooses a checkpoint."""
     return typer.Option(
-        "-c",
-        "--checkpoint",
-        metavar="N",
-        min=0,
-        help=f"{verb} checkpoint N.",
+        *(names or ("-c", "--checkpoint")),
+        metavar="WHICH",
+        help=f"{verb} this one: a number, last, best, first-lap, three-laps or best-lap.",
         autocompletion=candidates.checkpoints,
     )
 
 
-def checkpoint_choice(best: bool, number: int | None) -> Literal["best", "last"] | int:
+def parsed_checkpoint(text: str | None, option: str = "--checkpoint") -> "CheckpointChoice | None":
+    """The checkpoint that the value of an option names; None if it was not given.
+
+    Raises:
+        BadParameter: It names none.
+    """
+    from drcli.base.problems import BadValue, shown
+    from drcli.config.checkpoint_words import parse_checkpoint
+
+    if text is None:
+        return None
+    try:
+        return parse_checkpoint(text)
+    except BadValue as error:
+        raise typer.BadParameter(f"{option} {shown(text)} {error}. {error.remedy}") from error
+
+
+def checkpoint_choice(best: bool, text: str | None) -> "CheckpointChoice":
     """The checkpoint that -b or -c chooses: the last one without them.
 
     Raises:
-        BadParameter: Both are given.
+        BadParameter: Both are given, or -c names none.
     """
-    if best and number is not None:
+    if best and text is not None:
         raise typer.BadParameter("-b and -c both choose a checkpoint; use only one.")
-    if number is not None:
-        return number
+    chosen = parsed_checkpoint(text)
+    if chosen is not None:
+        return chosen
     return "best" if best else "last"
 
 

@@ -9,9 +9,11 @@ from pathlib import Path
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.base.file_lock import only_writer
+from drcli.base.problems import shown
 from drcli.base.regular_file import read_regular
-from drcli.config.editing import with_values
+from drcli.config.editing import with_any_value, with_values
 from drcli.config.loading import active_run_file
+from drcli.config.setting_problems import hidden
 from drcli.config.settings import Settings
 from drcli.config.settings_files import parse_env
 
@@ -81,17 +83,35 @@ def written(settings: Settings, name: str) -> str | None:
     return None if entry is None else entry.value
 
 
-def plan_edit(settings: Settings, values: Mapping[str, str]) -> RunEnvEdit:
+def plan_edit(
+    settings: Settings, values: Mapping[str, str], texts: Mapping[str, str] | None = None
+) -> RunEnvEdit:
     """Work out an edit; nothing is changed yet.
 
+    Args:
+        settings: Name the file.
+        values: Names in the bucket and other words, by setting.
+        texts: Any texts by setting; they get quotes where they need them.
+
     Raises:
-        SettingsError: One of the names is set in the environment, which would win.
+        SettingsError: One of the names is set in the environment, which would win, or a text cannot
+            be written into its line.
     """
-    refuse_stronger_values(settings, values)
+    texts = texts or {}
+    refuse_stronger_values(settings, (*values, *texts))
     name = file_name(settings)
     path = settings.directory / name
     old = read_regular(path)
-    return RunEnvEdit(settings.directory, path, old, with_values(old, values, name))
+    new = with_values(old, values, name)
+    for key, text in texts.items():
+        changed = with_any_value(new, key, text, name)
+        if changed is None:
+            raise SettingsError(
+                f"{key}={shown(hidden(key, text))} cannot be written into a line of {name}.",
+                remedy="Leave out line breaks, quotes, $ and \\.",
+            )
+        new = changed
+    return RunEnvEdit(settings.directory, path, old, new)
 
 
 def refuse_stronger_values(settings: Settings, names: Iterable[str]) -> None:

@@ -7,6 +7,7 @@ from typing import Any, Literal, Self
 
 from drcli.base.json_record import from_json
 from drcli.base.problems import Place, Problem, few
+from drcli.config.checkpoint_words import CheckpointChoice, parse_checkpoint
 from drcli.config.fields import FrozenGroups, Setting, declared
 from drcli.config.groups.failures import FailureSettings
 from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
@@ -140,7 +141,7 @@ class PretrainedConfig:
     """The model whose weights a new model begins with, and where its two settings were given."""
 
     prefix: str
-    checkpoint: Literal["last", "best"]
+    checkpoint: CheckpointChoice
     place: Place
     checkpoint_place: Place
 
@@ -386,7 +387,7 @@ class Settings(
             return None
         return PretrainedConfig(
             self.pretrained_prefix,
-            self.pretrained_checkpoint,
+            parse_checkpoint(self.pretrained_checkpoint),
             self.place("DR_LOCAL_S3_PRETRAINED_PREFIX"),
             self.place("DR_LOCAL_S3_PRETRAINED_CHECKPOINT"),
         )

@@ -19,6 +19,9 @@ LONGEST_KEY, LONGEST_PART = 800, 255
 """Characters of a name in the bucket, and of the parts between its slashes: S3 allows 1024 bytes,
 of which a model's files need some, and file systems allow 255."""
 
+LONGEST_TEXT = 2000
+"""Characters of what a racer writes about a model."""
+
 RUN_FOLDERS = ("runs", "rollouts")
 """Folders of the bucket with the files of running trainings."""
 
@@ -157,6 +160,12 @@ def _car_address(value: str) -> str:
     return value
 
 
+def _model_text(value: str) -> str:
+    if len(value) > LONGEST_TEXT:
+        raise BadValue("is too long", f"Write at most {LONGEST_TEXT} characters.")
+    return value
+
+
 def _colour(value: str) -> str:
     named = {colour.casefold(): colour for colour in _COLOURS}
     if value.casefold() not in named and not value.startswith("f1_car_"):
@@ -218,5 +227,7 @@ Gpus = Annotated[
     str, Check(_gpus), Shape("numbers or ids of GPUs separated by commas, -1 for none, or nothing")
 ]
 """As CUDA_VISIBLE_DEVICES has them."""
+ModelText = Annotated[str, Check(_model_text), Shape(f"at most {LONGEST_TEXT} characters")]
+"""What a racer writes about a model."""
 Positions = Annotated[tuple[tuple[float, float], ...], Check(_positions)]
 """Progress (fraction of the lap) and lane (-1 outer, any other inner) of each obstacle."""

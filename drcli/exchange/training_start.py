@@ -1,7 +1,7 @@
 """How a training was started: `ip/run.json`, which the next start reads."""
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 from drcli.base.json_record import JsonRecord
 
@@ -20,14 +20,14 @@ class Pretrained:
 
     Attributes:
         prefix: Their model.
-        checkpoint: Which of its checkpoints: last or best.
+        checkpoint: Which of its checkpoints: last, best, the word of a milestone, or a number.
         name: That checkpoint, such as `12_Step-7824.ckpt`.
         metric: Mean score of its evaluation there; None if it was not evaluated.
         sha256: Fingerprint of the weights.
     """
 
     prefix: str
-    checkpoint: Literal["last", "best"]
+    checkpoint: str
     name: str
     metric: float | None
     sha256: str

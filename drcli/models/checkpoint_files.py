@@ -1,25 +1,25 @@
 """Chooses a checkpoint of a model, and reads it with all files that belong to it."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
+from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import ModelConfig
-from drcli.exchange.scores import Score, Scores
+from drcli.exchange.scores import Score
 from drcli.modelfiles.params_yaml import moved_training_parameters
+from drcli.models.checkpoint_choice import (
+    OUR_PARTS,
+    CheckpointGone,
+    find_choice,
+    missing_parts,
+)
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket, Listing, ObjectDamaged
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.complete_files import read_complete
-from drcli.store.repair import Model, readable_scores
-
-Choice = Literal["last", "best"] | int
-"""The newest checkpoint, the one with the best evaluation, or the one with this number."""
-
-OUR_PARTS = (".safetensors", ".json")
-"""Ends of the files that every checkpoint of ours has."""
+from drcli.store.repair import Model
 
 METADATA = "model/" + keys.MODEL_METADATA_FILE
 HYPERPARAMETERS = "ip/" + keys.HYPERPARAMETERS_FILE
@@ -31,10 +31,6 @@ SHAPING = (METADATA, HYPERPARAMETERS)
 
 PARAMETERS_FILE = "training_params.yaml"
 """The name that import tools look for. Here it can have another one."""
-
-
-class CheckpointGone(SettingsError):
-    """The chosen checkpoint does not exist or lacks a file: a training may have deleted it."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +45,7 @@ class Item:
 class Chosen:
     """A complete checkpoint; `parts` are the ends of its files' keys, after its name."""
 
-    choice: Choice
+    choice: CheckpointChoice
     score: Score
     parts: tuple[str, ...]
 
@@ -73,30 +69,23 @@ class Chosen:
         return f"Chosen checkpoint: {self.number}"
 
 
-def choose(bucket: Bucket, prefix: str, choice: Choice) -> Chosen:
+def choose(bucket: Bucket, prefix: str, choice: CheckpointChoice) -> Chosen:
     """Find a checkpoint of a model.
 
     Raises:
         CheckpointGone: It does not exist, or one of its files is missing.
         SettingsError: The model does not exist.
     """
-    scores, _ = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
-    if scores is None and not isinstance(choice, int):
-        raise SettingsError(
-            f"No checkpoint file available at s3://{bucket.name}/"
-            f"{keys.deepracer_checkpoints(prefix)}. Exiting.",
-            remedy="Train that model first, or correct its prefix; `dr-list-models` lists all.",
-        )
+    score = find_choice(Model(bucket, prefix, keys.metrics_prefix(prefix)), choice)
+    start = keys.checkpoint_part(prefix, score.name, "")
     listed = bucket.list(keys.model_folder(prefix))
-    score = _score(scores, listed, prefix, choice)
     missing = missing_parts(listed, prefix, score.name)
     if missing:
         raise CheckpointGone(
             "No model files found. Files possibly deleted. Try again. "
-            f"s3://{bucket.name}/{missing[0]} is missing.",
-            remedy="Run the command again, or choose another checkpoint with -b or -c N.",
+            f"s3://{bucket.name}/{missing[0]} has just been deleted.",
+            remedy="Run the command again.",
         )
-    start = keys.checkpoint_part(prefix, score.name, "")
     found = [info.key for info in listed if info.key.startswith(start + ".")]
     return Chosen(choice, score, tuple(key.removeprefix(start) for key in found))
 
@@ -108,17 +97,6 @@ def known_best(bucket: Bucket, prefix: str) -> str | None:
     except ObjectDamaged:
         return None
     return None if scores is None else scores.best_checkpoint.name
-
-
-def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
-    """Keys of the files that a checkpoint lacks; those of our own format if it has none at all."""
-    there = {info.key for info in listed}
-    ours, theirs = (
-        [key for part in parts if (key := keys.checkpoint_part(prefix, name, part)) not in there]
-        for parts in (OUR_PARTS, keys.TENSORFLOW_PARTS)
-    )
-    is_tensorflow = len(ours) == len(OUR_PARTS) and len(theirs) < len(keys.TENSORFLOW_PARTS)
-    return theirs if is_tensorflow else ours
 
 
 def needs_import(listed: Listing) -> bool:
@@ -205,30 +183,11 @@ def read_model_files(
     copies = [Item(keys.MODEL_METADATA_FILE, items[METADATA].data)]
     if bucket.exists(keys.training_start(prefix)):
         copies.append(Item(TRAINING_START, bucket.get(keys.training_start(prefix))))
+    for info in bucket.list(keys.notes_folder(prefix)):
+        name = info.key.removeprefix(keys.folder(prefix))
+        copies.append(Item(name, bucket.get(info.key)))
     parameters = _parameters(model, bucket, prefix, target, described)
     return [*items.values(), *copies, Item(PARAMETERS_FILE, parameters)]
-
-
-def _score(scores: Scores | None, listed: Listing, prefix: str, choice: Choice) -> Score:
-    """The chosen checkpoint; a number needs no index."""
-    if scores is not None and choice == "best":
-        return scores.best_checkpoint
-    if scores is not None and choice == "last":
-        return scores.last_checkpoint
-    found = {keys.checkpoint_of(prefix, info.key) for info in listed}
-    names = sorted(name for name in found if name is not None)
-    same = [str(name) for name in names if name.number == choice]
-    if not same:
-        numbers = sorted({name.number for name in names})
-        raise CheckpointGone(
-            "No model files found. Files possibly deleted. Try again. There is no checkpoint "
-            f"{choice}; there are {', '.join(map(str, numbers)) or 'none'}.",
-            remedy="Choose one of them with -c N.",
-        )
-    whole = [name for name in same if not missing_parts(listed, prefix, name)]
-    name = (whole or same)[-1]
-    known = () if scores is None else (scores.best_checkpoint, scores.last_checkpoint)
-    return next((score for score in known if score.name == name), Score(name))
 
 
 def _filled(bucket: Bucket, prefix: str, name: str) -> Item:

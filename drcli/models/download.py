@@ -11,6 +11,7 @@ from drcli.config.settings import Settings
 from drcli.exchange.checkpoint import decode_pointer
 from drcli.exchange.scores import Scores
 from drcli.modelfiles.params_yaml import moved_training_parameters
+from drcli.models.checkpoint_choice import missing_parts
 from drcli.models.checkpoint_files import (
     HYPERPARAMETERS,
     METADATA,
@@ -18,7 +19,6 @@ from drcli.models.checkpoint_files import (
     SHAPING,
     Item,
     import_command,
-    missing_parts,
     needs_import,
 )
 from drcli.models.copy_custom_files import write_own_files

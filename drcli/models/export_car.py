@@ -48,7 +48,7 @@ class CarReport:
 
     Attributes:
         source: The model, as an s3:// address.
-        choice: last, best, or the requested number.
+        choice: last, best, the word of a milestone, or the requested number.
         checkpoint: Name of its checkpoint.
         metric: Mean score of the checkpoint's evaluation; null if it was not evaluated.
         files: Where the archive is: a path, or s3:// addresses.

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError
+from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import Settings, catalogue
 from drcli.modelfiles.network_shape import Design
+from drcli.models.checkpoint_choice import OUR_PARTS, CheckpointGone
 from drcli.models.checkpoint_files import (
-    OUR_PARTS,
-    CheckpointGone,
-    Choice,
     Chosen,
     choose,
     known_best,
@@ -31,7 +30,7 @@ _PICKS = 5
 class Selection:
     """Which checkpoint to export; without `prefix`, one of the model in the settings."""
 
-    choice: Choice = "last"
+    choice: CheckpointChoice = "last"
     prefix: str | None = None
 
 

@@ -7,6 +7,7 @@ from fnmatch import fnmatchcase
 from drcli.exchange.scores import Score
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket, ObjectInfo
+from drcli.store.notes import headline
 from drcli.store.repair import Model, readable_scores
 
 _MARKS = ("/model/deepracer_checkpoints.json", "/model/.coach_checkpoint")
@@ -45,6 +46,7 @@ class ModelEntry:
         modified: When the newest object was written, ISO 8601.
         training: Whether it is being trained now.
         damaged: Damage to its index; `best` and `last` are reconstructed then.
+        note: Its description, else its newest note; empty without one.
     """
 
     prefix: str
@@ -56,6 +58,7 @@ class ModelEntry:
     modified: str
     training: bool
     damaged: list[str] = field(default_factory=list)
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -113,4 +116,5 @@ def _entry(bucket: Bucket, prefix: str, objects: list[ObjectInfo]) -> ModelEntry
         modified=max(info.modified for info in objects).isoformat(timespec="seconds"),
         training=lease.live_holder(bucket, prefix) is not None,
         damaged=damaged,
+        note=headline(bucket, prefix, {info.key: info for info in objects}),
     )

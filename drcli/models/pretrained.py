@@ -1,13 +1,14 @@
 """Finds the weights of another model for a new one to start with, and checks that they fit."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 from drcli.base.problems import Place, Problem, ProblemsError, refuse
+from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import PretrainedConfig
 from drcli.exchange.training_start import Pretrained
 from drcli.modelfiles.network_shape import Design, weight_problems
+from drcli.models.checkpoint_choice import CheckpointGone, ModelCheckpoints, find_choice
 from drcli.models.checkpoint_files import import_command, needs_import
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
@@ -76,39 +77,42 @@ def named_weights(config: PretrainedConfig, bucket: Bucket) -> tuple[Pretrained,
 
 
 def read_weights(
-    bucket: Bucket, prefix: str, checkpoint: Literal["last", "best"], name: str, place: Place
+    bucket: Bucket, prefix: str, checkpoint: CheckpointChoice, name: str, place: Place
 ) -> tuple[Pretrained, Checkpoint]:
-    """Read the last or best checkpoint of a model, which the setting `name` chose at `place`.
+    """Read a checkpoint of a model, which the setting `name` chose at `place`.
 
     Raises:
         ProblemsError: It does not exist or is not complete.
     """
     folder = f"s3://{bucket.name}/{keys.model_folder(prefix)}"
-    remedy = "Correct the prefix, or train that model first."
     store = CheckpointStore(bucket, prefix)
+    model = Model(bucket, prefix, keys.metrics_prefix(prefix))
+    scores, _ = readable_scores(model)
     try:
-        scores, _ = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
         pointed = store.pointed()
-        chosen = None if pointed is None else str(pointed)
-        if scores is not None:
-            last = chosen or scores.last_checkpoint.name
-            chosen = scores.best_checkpoint.name if checkpoint == "best" else last
-        if chosen is None:
+        if pointed is not None and (checkpoint == "last" or scores is None):
+            chosen = str(pointed)
+        elif scores is None:
+            remedy = "Correct the prefix, or train that model first."
             raise _wrong(name, place, prefix, f"there is no checkpoint at {folder}.", remedy)
+        else:
+            chosen = find_choice(model, checkpoint).name
         found = store.load(chosen)
-    except (ObjectMissing, ObjectDamaged) as e:
+    except (ObjectMissing, ObjectDamaged, CheckpointGone) as e:
         if needs_import(bucket.list(keys.model_folder(prefix))):
             what = f"the checkpoints at {folder} are TensorFlow's, from the reference simulator."
             command = import_command(f"s3://{bucket.name}/{prefix}", local=True)
             remedy = f"Make them a model here with `{command}`, and name that model."
             raise _wrong(name, place, prefix, what, remedy) from e
-        other = "last" if checkpoint == "best" else "best"
         what = f"its {checkpoint} checkpoint cannot be used: {e}"
-        remedy = f"Set DR_LOCAL_S3_PRETRAINED_CHECKPOINT={other}, or choose another model."
-        raise _wrong(name, place, prefix, what, remedy) from e
+        if not isinstance(e, CheckpointGone):
+            what += f" {ModelCheckpoints.read(model).summary}"
+        other = "last" if checkpoint == "best" else "best"
+        remedy = f"Set DR_LOCAL_S3_PRETRAINED_CHECKPOINT={other} or to another one of these, or "
+        raise _wrong(name, place, prefix, what, f"{remedy}choose another model.") from e
     metric = None if scores is None else scores.metric_of(chosen)
     sha256 = found.record.tensors.sha256
-    return Pretrained(prefix, checkpoint, chosen, metric, sha256), found
+    return Pretrained(prefix, str(checkpoint), chosen, metric, sha256), found
 
 
 def _wrong(name: str, place: Place, prefix: str, message: str, remedy: str) -> ProblemsError:

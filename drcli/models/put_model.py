@@ -12,7 +12,8 @@ from typing import TypeVar
 
 from drcli.base.errors import StorageError
 from drcli.exchange.scores import Score, Scores, encode_single
-from drcli.models.checkpoint_files import Item, missing_parts
+from drcli.models.checkpoint_choice import missing_parts
+from drcli.models.checkpoint_files import Item
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, Watch

@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass, field, replace
 
+from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import Settings
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.modelfiles.params_yaml import training_parameters
+from drcli.models.checkpoint_choice import CheckpointGone
 from drcli.models.checkpoint_files import (
     SHAPING,
-    CheckpointGone,
-    Choice,
     Chosen,
     Item,
     choose,
@@ -44,7 +44,7 @@ class UploadOptions:
     `keep` and `max_mb` replace DR_UPLOAD_KEEP and DR_UPLOAD_MAX_MB.
     """
 
-    choice: Choice = "last"
+    choice: CheckpointChoice = "last"
     prefix: str | None = None
     to: str | None = None
     local: bool = False
@@ -72,7 +72,7 @@ class UploadReport(TransferReport):
     """The result of `dr-upload-model`.
 
     Attributes:
-        choice: last, best, or the requested number.
+        choice: last, best, the word of a milestone, or the requested number.
         metric: Mean score of the checkpoint's evaluation; None if it was not evaluated.
         older: Checkpoints of earlier uploads that are still there.
         older_bytes: Their size.

@@ -2,6 +2,7 @@
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
+from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import Settings
 from drcli.exchange.scores import encode_single
 from drcli.modelfiles.droa_params import (
@@ -16,7 +17,6 @@ from drcli.modelfiles.droa_params import (
 from drcli.modelfiles.params_yaml import training_parameters
 from drcli.models.checkpoint_files import (
     PARAMETERS_FILE,
-    Choice,
     choose,
     read_checkpoint,
     read_model_files,
@@ -31,7 +31,7 @@ from drcli.store import keys
 from drcli.tracks.track_list import list_tracks
 
 
-def read_bucket_model(settings: Settings, prefix: str, choice: Choice) -> Files:
+def read_bucket_model(settings: Settings, prefix: str, choice: CheckpointChoice) -> Files:
     """The files of a model, by their names in an import.
 
     DeepRacer on AWS restores a TensorFlow checkpoint. One that the model has is taken as it is;

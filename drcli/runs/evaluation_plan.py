@@ -10,12 +10,14 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError
+from drcli.config.checkpoint_words import parse_checkpoint
 from drcli.config.settings import Settings
 from drcli.config.track_names import track_problem
 from drcli.exchange.evaluation_record import claim, sweep
 from drcli.exchange.job import Job
 from drcli.exchange.policy_source import PolicySource, Runtime
 from drcli.modelfiles.params_yaml import evaluation_parameters
+from drcli.models.checkpoint_choice import find_choice
 from drcli.models.repair_model import repair_or_warn
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -95,13 +97,15 @@ def prepare_evaluation(
     if clone:
         settings = _cloned(settings, bucket)
         on_progress(f"Cloning model into s3://{bucket.name}/{settings.model_prefix}")
-    checkpoints = [_driven(settings, bucket, settings.model_prefix, own)]
+    choice = settings.eval_checkpoint
+    checkpoints = [_driven(settings, bucket, settings.model_prefix, choice, own)]
     if settings.race_type == "HEAD_TO_MODEL":
         theirs = settings.eval_opp_s3_model_prefix
         if sources[1].file is None:
             repair_or_warn(settings.model, bucket, theirs, missing=True)
             _check_model(bucket, theirs, "DR_EVAL_OPP_S3_MODEL_PREFIX")
-        checkpoints.append(_driven(settings, bucket, theirs, sources[1]))
+        choice = settings.eval_opp_checkpoint or choice
+        checkpoints.append(_driven(settings, bucket, theirs, choice, sources[1]))
     on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
     sweep(directory, settings.run_id)
     stamp, folder = _claim_stamp(settings, bucket, directory)
@@ -147,9 +151,11 @@ def _checked(source: PolicySource) -> PolicySource:
     return replace(source, runtime=runtime, sha256=file.sha256)
 
 
-def _driven(settings: Settings, bucket: Bucket, prefix: str, source: PolicySource) -> str:
+def _driven(
+    settings: Settings, bucket: Bucket, prefix: str, choice: str, source: PolicySource
+) -> str:
     """The name of the checkpoint or file that drives."""
-    return _choose(settings, bucket, prefix) if source.file is None else source.file.name
+    return _choose(settings, bucket, prefix, choice) if source.file is None else source.file.name
 
 
 def _check_model(bucket: Bucket, prefix: str, setting: str) -> None:
@@ -162,16 +168,16 @@ def _check_model(bucket: Bucket, prefix: str, setting: str) -> None:
             )
 
 
-def _choose(settings: Settings, bucket: Bucket, prefix: str) -> str:
-    """The checkpoint of a model that DR_EVAL_CHECKPOINT asks for."""
-    scores, _ = readable_scores(Model.of(settings.model, bucket, prefix))
+def _choose(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> str:
+    """The checkpoint of a model that DR_EVAL_CHECKPOINT or DR_EVAL_OPP_CHECKPOINT asks for."""
+    model = Model.of(settings.model, bucket, prefix)
+    scores, _ = readable_scores(model)
     if scores is None:
         raise SettingsError(
             f"s3://{bucket.name}/{prefix} has no checkpoint yet.",
             remedy="Wait for the first iteration; `dr-status` shows how far it is.",
         )
-    best, last = scores.best_checkpoint.name, scores.last_checkpoint.name
-    return best if settings.eval_checkpoint == "best" else last
+    return find_choice(model, parse_checkpoint(choice)).name
 
 
 def _cloned(settings: Settings, bucket: Bucket) -> Settings:

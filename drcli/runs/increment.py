@@ -1,15 +1,26 @@
 """Prepares training a model further under a new name: edits run.env."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 from drcli.base.errors import SettingsError
-from drcli.config.loading import load_settings
+from drcli.config.checkpoint_words import parse_checkpoint
 from drcli.config.run_env import RunEnvEdit, plan_edit, raised, refuse_stronger_values, written
 from drcli.config.settings import Settings, StorageConfig
 from drcli.exchange.run_record import run_folder
 from drcli.exchange.training_start import Pretrained
 from drcli.models.pretrained import read_weights
 from drcli.models.repair_model import repair_or_warn
+from drcli.runs.increment_overrides import (
+    CHECKPOINT,
+    DESCRIPTION,
+    NO_OVERRIDES,
+    Overrides,
+    changed_files,
+    changed_settings,
+    check_settings,
+    write_files,
+)
 from drcli.runs.take_model import refuse_second_run
 from drcli.store import lease
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
@@ -33,6 +44,8 @@ class Increment:
         after: Prefix of the new model.
         pretrained: The current state of the weights that the new model will start with.
         wipes: Whether there are objects under the new prefix, which will be deleted.
+        settings: What else changes in the file, by DR_ name.
+        files: Paths of the racer's own files that change; each old one is kept as NAME.bak.
     """
 
     file: str
@@ -42,6 +55,8 @@ class Increment:
     after: str
     pretrained: Pretrained
     wipes: bool
+    settings: dict[str, str] = field(default_factory=dict)
+    files: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -50,6 +65,8 @@ class PlannedIncrement:
 
     step: Increment
     edit: RunEnvEdit
+    settings: Settings
+    files: Mapping[str, bytes]
 
 
 def plan_increment(
@@ -58,11 +75,13 @@ def plan_increment(
     prefix: str | None = None,
     delimiter: str | None = None,
     wiping: bool = False,
+    overrides: Overrides = NO_OVERRIDES,
 ) -> PlannedIncrement:
     """Check everything and prepare the edit; nothing is changed yet.
 
     Without a `prefix`, this raises the number at the end of the present one; `delimiter` is what
     must stand before that number. With `wiping`, everything at the new prefix will be deleted.
+    `overrides` are other settings and files for the new model.
 
     Raises:
         DrError: The first thing that is wrong.
@@ -73,11 +92,16 @@ def plan_increment(
     now = written(settings, MODEL) or before
     text, after = (prefix, prefix) if prefix is not None else raised(now, before, delimiter)
     _refuse_nested(before, after)
-    _refuse_left_behind(settings, after)
+    described = written(settings, DESCRIPTION) or ""
+    others = changed_settings(overrides, (MODEL, METRICS, PRETRAINED, PRETRAINED_PREFIX), described)
+    refuse_stronger_values(settings, others)
+    _refuse_left_behind(settings, after, others)
 
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     repair_or_warn(settings.model, bucket, before)
-    checkpoint, place = settings.pretrained_checkpoint, settings.place(MODEL)
+    files = changed_files(settings, overrides, bucket)
+    checkpoint = parse_checkpoint(others.get(CHECKPOINT, settings.pretrained_checkpoint))
+    place = settings.place(MODEL)
     pretrained, _ = read_weights(bucket, before, checkpoint, MODEL, place)
     used = is_used(bucket, after)
     if used and not wiping:
@@ -88,14 +112,18 @@ def plan_increment(
     if used:
         lease.refuse_other_owner(bucket, after)
     values = {PRETRAINED: "True", PRETRAINED_PREFIX: before, MODEL: text}
-    edit = plan_edit(settings, values)
+    edit = plan_edit(settings, values, others)
     file, backup = str(edit.path), str(edit.backup)
-    step = Increment(file, backup, bucket.name, before, after, pretrained, used)
-    return PlannedIncrement(step, edit)
+    paths = [str(settings.custom_files_dir / name) for name in files]
+    step = Increment(file, backup, bucket.name, before, after, pretrained, used, others, paths)
+    return PlannedIncrement(step, edit, settings, files)
 
 
-def make_increment(planned: PlannedIncrement, storage: StorageConfig) -> None:
-    """Delete the objects at the new prefix if asked to, then edit the file.
+def make_increment(planned: PlannedIncrement, storage: StorageConfig) -> Increment:
+    """Delete the objects at the new prefix if asked to, then edit the files, run.env last.
+
+    Returns:
+        What has changed.
 
     Raises:
         SettingsError: The file has changed since the check, or cannot be written.
@@ -104,7 +132,9 @@ def make_increment(planned: PlannedIncrement, storage: StorageConfig) -> None:
     planned.edit.check()
     if planned.step.wipes:
         wipe(open_bucket(storage, patience_s=COMMAND_PATIENCE_S), planned.step.after)
+    files = write_files(planned.settings, planned.files)
     planned.edit.make()
+    return replace(planned.step, files=files)
 
 
 def _refuse_nested(before: str, after: str) -> None:
@@ -116,11 +146,11 @@ def _refuse_nested(before: str, after: str) -> None:
         )
 
 
-def _refuse_left_behind(settings: Settings, after: str) -> None:
+def _refuse_left_behind(settings: Settings, after: str, others: Mapping[str, str]) -> None:
     """Check the settings after the edit: they must be right and not name the old model."""
     before = settings.model_prefix
-    edited = {MODEL: after, PRETRAINED: "True", PRETRAINED_PREFIX: before}
-    metrics = load_settings(settings.directory, flags=edited).metrics_prefix
+    edited = {MODEL: after, PRETRAINED: "True", PRETRAINED_PREFIX: before, **others}
+    metrics = check_settings(settings, edited).metrics_prefix
     if contains(before, metrics):
         raise SettingsError(
             f"{settings.source(METRICS)}: {METRICS}={metrics} would store the metrics of the "

@@ -1,7 +1,7 @@
 """Reads the journal of a model: the events of all its starts, in order."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from drcli.base.errors import SettingsError
@@ -11,6 +11,7 @@ from drcli.exchange.journal_entry import JournalEntry
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.connect import open_running_bucket
+from drcli.store.notes import StoredNote, read_notes
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class JournalEvent:
     Attributes:
         session: Unique name of the start that it belongs to.
         at: Unix seconds by the clock of its machine.
-        kind: start, notice, fault, recovery, upload, message or end.
+        kind: start, notice, fault, recovery, upload, message or end; note for one of the racer.
         text: A sentence.
         facts: For programs.
     """
@@ -63,7 +64,25 @@ def journal_of(settings: Settings, prefix: str | None) -> JournalReport:
     bucket = open_running_bucket(settings.storage)
     if bucket is None:
         return JournalReport(f"s3://{settings.bucket}/{chosen}")
-    return read_journal(bucket, chosen)
+    report = read_journal(bucket, chosen)
+    notes = read_notes(bucket, chosen)
+    return replace(
+        report,
+        events=_with_notes(report.events, notes),
+        damaged=[*report.damaged, *(note.problem for note in notes if note.problem)],
+    )
+
+
+def _with_notes(events: list[JournalEvent], notes: list[StoredNote]) -> list[JournalEvent]:
+    """The events with each note before the first one that is later."""
+    found = list(events)
+    for note in sorted(
+        (note.record for note in notes if note.record is not None), key=lambda record: record.at
+    ):
+        later = (at for at, event in enumerate(found) if event.at > note.at)
+        facts = {} if note.checkpoint is None else {"checkpoint": note.checkpoint}
+        found.insert(next(later, len(found)), JournalEvent("", note.at, "note", note.text, facts))
+    return found
 
 
 def read_journal(bucket: Bucket, prefix: str) -> JournalReport:

@@ -33,6 +33,7 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.last_outcome import read_outcome, write_outcome
 from drcli.store.model_prefix import is_aborted_start, is_used, newest_checkpoint, wipe
+from drcli.store.notes import describe
 from drcli.store.repair import Model
 from drcli.workers.goals import ending
 
@@ -167,6 +168,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         warnings += _forget_other_scores(settings, bucket, before)
         start = describe_start(settings, directory, job.seed, source, before)
         bucket.put(keys.training_start(prefix), start.encode())
+        describe(bucket, prefix, settings.model_description, is_new=not options.resume)
         noted = start_entries(start, resumes, previous, repairs)
         if transfer is not None:
             # Checkpoint 0 with a fresh optimizer: steps, episodes and time count from 0.

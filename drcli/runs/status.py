@@ -8,6 +8,7 @@ from drcli.base.process_identity import exists
 from drcli.config.settings import RunConfig
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.milestone_record import MilestoneKind
 from drcli.exchange.reward_error_record import RewardCounts, sum_of
 from drcli.exchange.rollback_record import Rollback
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
@@ -26,6 +27,8 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.connect import open_running_bucket
 from drcli.store.history import HistoryReader, read_history
 from drcli.store.last_outcome import read_outcome
+from drcli.store.milestones import NO_MILESTONES, with_history
+from drcli.store.notes import read_notes
 from drcli.store.repair import Model, readable_history, readable_scores
 from drcli.store.reward_errors import read_reward_errors
 from drcli.store.rollbacks import read_rollbacks
@@ -52,6 +55,25 @@ class WorkerReport:
     activity: str
     log: str
     health: WorkerHealth | None = None
+
+
+@dataclass(frozen=True)
+class MilestoneReport:
+    """A milestone of the training.
+
+    Attributes:
+        word: first-lap, three-laps or best-lap; --checkpoint takes it.
+        checkpoint: Name of its checkpoint.
+        laps: Completed laps of its evaluation.
+        episodes: Episodes of its evaluation.
+        best_lap_s: Fastest of the laps, simulated seconds.
+    """
+
+    word: MilestoneKind
+    checkpoint: str
+    laps: int
+    episodes: int
+    best_lap_s: float
 
 
 @dataclass(frozen=True)
@@ -89,6 +111,9 @@ class RunReport:
             that it declared broken; None if nothing was counted.
         rollbacks: When the training went back to an older checkpoint, oldest first.
         convergence: How near training and evaluation are; None before there are five evaluations.
+        milestones: Checkpoints of the first lap, the first three laps, the fastest lap, as far as
+            they were reached; `dr-list-checkpoints` says whether they are still there.
+        notes: What the racer wrote about the model; only in `dr-status`.
     """
 
     run_id: int
@@ -119,6 +144,8 @@ class RunReport:
     reward_errors: RewardCounts | None = None
     rollbacks: list[Rollback] = field(default_factory=list)
     convergence: Convergence | None = None
+    milestones: list[MilestoneReport] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     @property
     def dead(self) -> list[str]:
@@ -275,7 +302,23 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         money_left=money_left(spending),
         requests=request_report(folder, record.session, spending),
         watches=WatchRecord.read(folder, record.session).warnings,
+        milestones=[
+            MilestoneReport(kind, found.checkpoint, found.laps, found.episodes, found.best_lap_s)
+            for kind, found in with_history(NO_MILESTONES, history).reached()
+        ],
     )
+
+
+def notes_of_run(config: RunConfig, report: RunReport) -> list[str]:
+    """What the racer wrote about the model of a run, oldest first; empty without an answer."""
+    bucket = open_running_bucket(config.storage)
+    if bucket is None or bucket.name != report.bucket:
+        return []
+    try:
+        notes = read_notes(bucket, report.prefix)
+    except StorageError:
+        return []
+    return [note.record.text for note in notes if note.record is not None]
 
 
 def _record_of_elsewhere(config: RunConfig) -> RunRecord | None:

@@ -4,7 +4,7 @@ A checkpoint has tensors, maybe an optimizer state, and a record with sizes, has
 Readers use it when the pointer names it, which is written last. Only the trainer writes here.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -18,13 +18,26 @@ from drcli.exchange.checkpoint import (
     checkpoint_name,
     decode_pointer,
 )
+from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.milestone_record import Milestones
 from drcli.exchange.scores import EvaluationResult, Score, Scores
 from drcli.store import best_checkpoint, keys
 from drcli.store.best_checkpoint import read_scores, write_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.checkpoint_retention import KeepRules, kept_besides
+from drcli.store.milestones import (
+    NO_MILESTONES,
+    read_milestones,
+    with_history,
+    with_results,
+    write_milestones,
+)
 
 KEEP = 4
 """How many of the newest checkpoints stay, besides the best. Source: the reference simulator."""
+
+KEEP_ALL_MARKED = KeepRules()
+"""Keeps the milestones, and what was kept as every n-th, whatever its size."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +58,13 @@ class Checkpoint:
 
 
 class CheckpointStore:
-    """The checkpoints below one model prefix."""
+    """The checkpoints below one model prefix; `rules` say which ones stay besides the newest."""
 
-    def __init__(self, bucket: Bucket, prefix: str) -> None:
+    def __init__(self, bucket: Bucket, prefix: str, rules: KeepRules = KEEP_ALL_MARKED) -> None:
         self._bucket = bucket
         self._prefix = prefix
+        self._rules = rules
+        self._milestones: Milestones | None = None  # once they are read; only a trainer writes them
 
     def save(
         self,
@@ -233,12 +248,56 @@ class CheckpointStore:
             time_stamp = self.record(result.checkpoint).sim_time_s
         except ObjectMissing:
             return False
+        self._mark(with_results(self._marked(), [result]))
         if scores is None:
             return False
         score = best_checkpoint.score_of(result, metric, time_stamp)
         after = best_checkpoint.with_evaluation(scores, score, metric)
         write_scores(self._bucket, self._prefix, after)
         return after.best_checkpoint == score
+
+    def restore_milestones(
+        self, newest: CheckpointName, records: Sequence[IterationRecord]
+    ) -> None:
+        """Find the milestones again when a trainer starts, and write them if they have changed.
+
+        A trainer may have ended between an evaluation and the record of a milestone, or have gone
+        back to an older checkpoint. If the record is lost, every checkpoint that is there stays.
+
+        Args:
+            newest: The checkpoint that the trainer continues from.
+            records: The learning curve until then.
+        """
+        if not self._bucket.exists(keys.milestones(self._prefix)):
+            self._milestones = self._unmarked()
+        self._mark(with_history(self._marked().until(newest), records))
+
+    def _marked(self) -> Milestones:
+        """The milestones until now, as this process has read or written them."""
+        if self._milestones is None:
+            try:
+                found = read_milestones(self._bucket, self._prefix)
+            except ObjectDamaged:
+                found = self._unmarked()
+            self._milestones = found or NO_MILESTONES
+        return self._milestones
+
+    def _unmarked(self) -> Milestones:
+        """Milestones for a model whose record is lost: every checkpoint that is there stays."""
+        names = sorted(set(checkpoint_objects(self._bucket, self._prefix).values()))
+        others = [str(name) for name in names[:-KEEP] if str(name) != self._best_or_none()]
+        return replace(NO_MILESTONES, spaced=others)
+
+    def _best_or_none(self) -> str | None:
+        try:
+            return self.best_name()
+        except ObjectDamaged:
+            return None
+
+    def _mark(self, milestones: Milestones) -> None:
+        if milestones != self._milestones:
+            write_milestones(self._bucket, self._prefix, milestones)
+        self._milestones = milestones
 
     def forget_damaged_best(self) -> str | None:
         """If the best checkpoint is damaged, the last one becomes the best until an evaluation.
@@ -302,23 +361,35 @@ class CheckpointStore:
         return [str(name) for name in sorted(found, reverse=True)]
 
     def _prune(self, newest: CheckpointRecord) -> None:
-        """Delete all checkpoints except the newest ones and the best, and their evaluations.
+        """Delete all checkpoints that nothing keeps, and their evaluations.
 
         One with a higher number than the newest was never published, or was skipped as damaged.
         """
-        listed = [info.key for info in self._bucket.list(keys.model_folder(self._prefix))]
-        objects = _of_checkpoints(self._prefix, listed)
+        listed = self._bucket.list(keys.model_folder(self._prefix))
+        objects = _of_checkpoints(self._prefix, [info.key for info in listed])
         names = set(objects.values())
         older = sorted(name for name in names if name.number < newest.number)
-        kept = {str(name) for name in older[-(KEEP - 1) :]} | {newest.name, self.best_name()}
-        old = {name for name in names if str(name) not in kept}
+        always = {str(name) for name in older[-(KEEP - 1) :]} | {newest.name, self.best_name()}
+        here = checkpoint_name(newest.name)
+        sizes = dict.fromkeys((*older, here), 0)
+        graphs = {keys.checkpoint_graph(self._prefix, name.number): name for name in sizes}
+        for info in listed:
+            name = objects.get(info.key, graphs.get(info.key))
+            if name in sizes:
+                sizes[name] += info.size_bytes
+        pinned = {name for name in names if str(name) in always} | {here}
+        marked = self._marked()
+        kept = kept_besides(sizes, pinned, marked, self._rules, here)
+        # First of all: what is not marked goes with the next checkpoint at the latest.
+        self._mark(replace(marked, spaced=list(kept.spaced)))
+        old = names - pinned - kept.names
         # The graph of the newest one is written later; what is there belongs to a lost checkpoint.
         gone = {name.number for name in old} - {name.number for name in names - old}
-        graphs = {keys.checkpoint_graph(self._prefix, n) for n in (*gone, newest.number)}
+        unused = {keys.checkpoint_graph(self._prefix, n) for n in (*gone, newest.number)}
         results = [keys.evaluation_result(self._prefix, number) for number in sorted(gone)]
         self._bucket.delete(
             [key for key, name in objects.items() if name in old]
-            + sorted(graphs & set(listed))
+            + sorted(unused & {info.key for info in listed})
             + results
         )
 

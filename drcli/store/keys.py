@@ -178,6 +178,16 @@ def journal_session(prefix: str, key: str) -> str | None:
     return found[1] if found else None
 
 
+def notes_folder(prefix: str) -> str:
+    """Folder with what the racer wrote about the model: one object for each note."""
+    return folder(prefix) + "notes/"
+
+
+def note(prefix: str, name: str) -> str:
+    """A note; sorted by key, the notes are in their order."""
+    return f"{notes_folder(prefix)}{name}.json"
+
+
 def damaged_folder(prefix: str) -> str:
     """Folder of damaged objects that were moved out of the model."""
     return f"{run_folder(prefix)}damaged/"
@@ -229,6 +239,9 @@ coach_checkpoint = _in_model("model/.coach_checkpoint")
 
 deepracer_checkpoints = _in_model("model/deepracer_checkpoints.json")
 """Names and scores of the best and the last checkpoint."""
+
+milestones = _in_model("model/milestones.json")
+"""Checkpoints that did something first or best, and those that are kept as every n-th."""
 
 
 def checkpoint_tensors(prefix: str, name: str) -> str:

@@ -71,7 +71,11 @@ def is_aborted_start(bucket: Bucket, prefix: str, parameter_files: Collection[st
         keys.training_start(prefix),
         *(keys.parameter_file(prefix, name) for name in parameter_files),
     }
-    folders = (f"{keys.folder(prefix)}logs/", keys.journal_folder(prefix))
+    folders = (
+        f"{keys.folder(prefix)}logs/",
+        keys.journal_folder(prefix),
+        keys.notes_folder(prefix),
+    )
     unfinished = checkpoint_objects(bucket, prefix)
     if any(name.number or key.endswith(".ckpt.json") for key, name in unfinished.items()):
         return False

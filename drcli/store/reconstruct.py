@@ -7,12 +7,15 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar
 
 from drcli.base.fingerprint import Fingerprint
+from drcli.base.json_record import from_json
 from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord, Counters
 from drcli.exchange.episode_metrics import EpisodeMetrics
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.milestone_record import Milestone, Milestones
 from drcli.exchange.scores import EvaluationResult, Score, Scores
 from drcli.exchange.trace import read_csv
 from drcli.store import keys
@@ -23,9 +26,10 @@ from drcli.store.best_checkpoint import (
     with_evaluation,
 )
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
-from drcli.store.checkpoints import CheckpointStore, checkpoint_objects
+from drcli.store.checkpoints import KEEP, CheckpointStore, checkpoint_objects
 from drcli.store.complete_files import combined_history
 from drcli.store.growing_file import list_parts
+from drcli.store.milestones import NO_MILESTONES, with_history, with_results
 
 _TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
 
@@ -174,6 +178,27 @@ def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | Non
     if scores.best_checkpoint.avg_eval_metric is None:
         return Scores(last, last)
     return scores
+
+
+def reconstruct_milestones(bucket: Bucket, prefix: str, damaged: bytes = b"") -> Milestones:
+    """The milestones, from the learning curve, the evaluations and what is left of the record.
+
+    It is unknown which checkpoints were kept as every n-th, so all that are there stay.
+    """
+    found = whole_records(damaged, partial(from_json, Milestone))
+    names = whole_checkpoints(bucket, prefix)
+    scores = reconstruct_scores(bucket, prefix, "progress")
+    best = None if scores is None else scores.best_checkpoint.name
+    known = replace(
+        NO_MILESTONES, spaced=[str(name) for name in names[:-KEEP] if str(name) != best]
+    )
+    known = with_history(known, reconstruct_history(bucket, prefix))
+    known = with_results(known, readable_evaluations(bucket, prefix).values())
+    for each in found:
+        known = known.with_evaluation(
+            each.checkpoint, [each.progress] * max(1, each.episodes), [each.best_lap_s] * each.laps
+        )
+    return known
 
 
 def reconstruct_metrics(

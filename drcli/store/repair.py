@@ -21,6 +21,7 @@ from drcli.exchange.checkpoint import (
 )
 from drcli.exchange.episode_metrics import EpisodeMetrics, decode_metrics, encode_metrics
 from drcli.exchange.iteration import IterationRecord, decode_history
+from drcli.exchange.milestone_record import Milestones
 from drcli.exchange.run_state import ActivityRecord, Lease
 from drcli.exchange.scores import EvaluationResult, Scores
 from drcli.store import keys
@@ -35,10 +36,12 @@ from drcli.store.bucket import (
 from drcli.store.complete_files import combined_metrics
 from drcli.store.growing_file import list_parts, read_parts
 from drcli.store.history import HistoryReader, read_history, write_history
+from drcli.store.milestones import write_milestones
 from drcli.store.reconstruct import (
     readable_objects,
     reconstruct_history,
     reconstruct_metrics,
+    reconstruct_milestones,
     reconstruct_record,
     reconstruct_scores,
     traced_iterations,
@@ -298,6 +301,7 @@ def _objects(model: Model, *, missing: bool) -> Iterator[_Object]:
 
     yield _Object(keys.coach_checkpoint(prefix), pointer, partial(_write_pointer, model))
     yield _Object(keys.deepracer_checkpoints(prefix), scores, partial(_write_scores, model))
+    yield _Object(keys.milestones(prefix), Milestones.decode, partial(_write_milestones, model))
     yield from _metrics(model)
     rewritten = "It will be rewritten when the training continues."
     yield _Object(keys.lease(prefix), Lease.decode, lambda _: rewritten)
@@ -354,6 +358,13 @@ def _write_scores(model: Model, _damaged: bytes) -> str:
     write_scores(model.bucket, model.prefix, scores)
     best, last = scores.best_checkpoint.name, scores.last_checkpoint.name
     return f"It was reconstructed: the best is {best}, the last is {last}."
+
+
+def _write_milestones(model: Model, damaged: bytes) -> str:
+    milestones = reconstruct_milestones(model.bucket, model.prefix, damaged)
+    write_milestones(model.bucket, model.prefix, milestones)
+    reached = ", ".join(f"{kind} is {found.checkpoint}" for kind, found in milestones.reached())
+    return f"It was reconstructed: {reached or 'no milestone is known'}."
 
 
 def _write_metrics(model: Model, worker: int, damaged: bytes) -> str:

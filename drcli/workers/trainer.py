@@ -26,6 +26,7 @@ from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.alarms import trends
+from drcli.store.checkpoint_retention import KeepRules
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History
 from drcli.store.repair import Model, repair
@@ -67,7 +68,10 @@ class Trainer:
         own = Model(self._bucket, self._prefix, model.metrics_prefix, model.metric, ())
         for sentence in repair(own):
             _logger.warning(sentence)
-        self._checkpoints = CheckpointStore(self._bucket, self._prefix)
+        rules = KeepRules(
+            train.train_keep_milestones, train.train_keep_every, train.train_keep_max_mb * 1_000_000
+        )
+        self._checkpoints = CheckpointStore(self._bucket, self._prefix, rules)
         self._history = History(self._bucket, self._prefix)
         self._metrics = LearnerMetrics(self._bucket, self._prefix)
         design = Design.of_model(self._bucket, self._prefix)
@@ -182,6 +186,7 @@ class Trainer:
         self._newest = CheckpointName(record.number, record.steps)
         self._history.restore(record.number, record.counters.learned)
         self._scoring.restore(self._history.records)
+        self._checkpoints.restore_milestones(self._newest, self._history.records)
         problem = self._metrics.restore(self._history.records)
         if problem is not None:
             _logger.warning(problem)

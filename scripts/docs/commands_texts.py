@@ -64,8 +64,8 @@ _WEIGHTS = """
 ## Starting from another model's weights
 
 With `DR_LOCAL_S3_PRETRAINED=True`, `dr-start-training` starts from the weights of another model
-in the same bucket: the `last` or `best` checkpoint (`DR_LOCAL_S3_PRETRAINED_CHECKPOINT`) of
-`DR_LOCAL_S3_PRETRAINED_PREFIX` becomes checkpoint 0 of the new model. The other model is not
+in the same bucket: a checkpoint (`DR_LOCAL_S3_PRETRAINED_CHECKPOINT`: `last`, `best`, a milestone
+or a number, see [checkpoints.md](checkpoints.md)) of `DR_LOCAL_S3_PRETRAINED_PREFIX` becomes checkpoint 0 of the new model. The other model is not
 changed. Steps, episodes, best checkpoint and optimizer start from zero. World, reward function
 and hyperparameters may differ, and also the values of the actions (with a warning). Type and
 number of actions, sensors, network, algorithm, `stack_size` and `critic` must be the same; the
@@ -87,8 +87,8 @@ _BEST = """
 
 The one with the best mean over its evaluation episodes. `DR_TRAIN_BEST_MODEL_METRIC` chooses
 progress, reward or lap time (an unfinished lap counts as 999.999 s). If means are equal, the
-better lap time decides, then the progress, then the newer checkpoint. The best checkpoint and the
-newest four are kept.
+better lap time decides, then the progress, then the newer checkpoint. The best checkpoint, the
+newest four and the milestones are kept: [checkpoints.md](checkpoints.md).
 """
 
 _EVALUATING = """

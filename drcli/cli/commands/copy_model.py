@@ -27,7 +27,7 @@ from drcli.cli.working_folder import settings
 def upload_model(
     force: Force = False,
     best: Annotated[bool, best_option("Copy")] = False,
-    number: Annotated[int | None, checkpoint_option("Copy")] = None,
+    number: Annotated[str | None, checkpoint_option("Copy")] = None,
     prefix: Annotated[
         str | None, prefix_option("Copy this model instead, under its own name.")
     ] = None,

@@ -119,7 +119,7 @@ def droa_import_model(
         str, typer.Option("--model-description", metavar="TEXT", help="Its description.")
     ] = "",
     best: Annotated[bool, best_option("Import")] = False,
-    number: Annotated[int | None, checkpoint_option("Import")] = None,
+    number: Annotated[str | None, checkpoint_option("Import")] = None,
     no_wait: Annotated[
         bool, typer.Option("--no-wait", help="Do not wait until the model is checked there.")
     ] = False,

@@ -8,7 +8,7 @@ import typer
 
 from drcli.cli import console
 from drcli.cli.fetch_tracks import bring_tracks
-from drcli.cli.options import AsJson
+from drcli.cli.options import AsJson, checkpoint_option, parsed_checkpoint
 from drcli.cli.views import evaluation_view
 from drcli.cli.working_folder import settings
 from drcli.exchange.policy_source import PolicySource, Runtime
@@ -57,6 +57,10 @@ def evaluate(
     clone: Annotated[
         bool, typer.Option("-c", "--clone", help="Evaluate a copy at <prefix>-E.")
     ] = False,
+    checkpoint: Annotated[str | None, checkpoint_option("Drive", "--checkpoint")] = None,
+    opponent_checkpoint: Annotated[
+        str | None, checkpoint_option("Let the opponent drive", "--opp-checkpoint")
+    ] = None,
     runtime: Annotated[
         Runtime | None,
         typer.Option(
@@ -90,8 +94,9 @@ def evaluate(
 ) -> None:
     """Drive evaluation laps with the model and report the result.
 
-    DR_EVAL_CHECKPOINT chooses the best or the last checkpoint; the other DR_EVAL_ settings describe
-    the laps. The model is not changed, so it may be training at the same time.
+    Drives the checkpoint of --checkpoint, else of DR_EVAL_CHECKPOINT: a number, last, best, or a
+    milestone such as first-lap (`dr-list-checkpoints` lists them). The other DR_EVAL_ settings
+    describe the laps. The model is not changed, so it may be training at the same time.
 
     With --runtime the same laps are driven by another engine than PyTorch, such as the one of the
     car. With --model a file drives, without any model in the bucket; its model_metadata.json lies
@@ -107,9 +112,20 @@ def evaluate(
 
     if clone and model is not None:
         raise typer.BadParameter("-c copies a model in the bucket, but --model drives a file.")
+    if checkpoint is not None and model is not None:
+        raise typer.BadParameter("--checkpoint chooses one of a model, but --model drives a file.")
+    chosen = {
+        "eval_checkpoint": parsed_checkpoint(checkpoint),
+        "eval_opp_checkpoint": parsed_checkpoint(opponent_checkpoint, "--opp-checkpoint"),
+    }
     own = _source("", runtime, model, metadata) or PolicySource()
     opponent = _source("opp-", opponent_runtime, opponent_model, opponent_metadata)
     loaded = settings()
+    if chosen["eval_opp_checkpoint"] is not None and loaded.race_type != "HEAD_TO_MODEL":
+        raise typer.BadParameter("--opp-checkpoint needs DR_RACE_TYPE=HEAD_TO_MODEL.")
+    loaded = loaded.replaced(
+        **{name: str(choice) for name, choice in chosen.items() if choice is not None}
+    )
     bring_tracks(loaded)
     if quiet and context.info_name == STARTER:
         plan = prepare_evaluation(

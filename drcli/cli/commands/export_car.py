@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from drcli.models.export_model import ExportSource
 
 _Best = Annotated[bool, best_option("Take")]
-_Number = Annotated[int | None, checkpoint_option("Take")]
+_Number = Annotated[str | None, checkpoint_option("Take")]
 
 
 def export_car(

@@ -108,7 +108,7 @@ def _export(
     form: "Form",
     out: Path | None,
     best: bool,
-    number: int | None,
+    number: str | None,
     prefix: str | None,
     force: bool,
     as_json: bool,

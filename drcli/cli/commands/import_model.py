@@ -15,6 +15,7 @@ from drcli.cli.options import (
     DryRun,
     Force,
     World,
+    parsed_checkpoint,
     prefix_option,
     wipe_option,
 )
@@ -41,8 +42,10 @@ def import_model(
         bool, typer.Option("-b", "--best", help="Import its best checkpoint, not its last.")
     ] = False,
     number: Annotated[
-        int | None,
-        typer.Option("--checkpoint", metavar="N", min=0, help="Import checkpoint N."),
+        str | None,
+        typer.Option(
+            "--checkpoint", metavar="WHICH", help="Import this one: a number, last, best."
+        ),
     ] = None,
     metadata: Annotated[
         Path | None,
@@ -77,8 +80,15 @@ def import_model(
     if best and number is not None:
         raise typer.BadParameter("-b and --checkpoint both choose a checkpoint; use only one.")
     loaded = settings()
-    by_name: Literal["best"] | None = "best" if best else None
-    wanted = by_name if number is None else number
+    chosen = parsed_checkpoint(number)
+    wanted: Literal["last", "best"] | int | None = "best" if best else None
+    if chosen is not None:
+        if not (isinstance(chosen, int) or chosen == "last" or chosen == "best"):
+            raise typer.BadParameter(
+                f"--checkpoint {chosen}: models of other systems have no milestones. Give a "
+                "number, last or best."
+            )
+        wanted = chosen
     options = ImportOptions(
         source, target, wanted, metadata, world, local, wipe, dry_run, custom_files
     )

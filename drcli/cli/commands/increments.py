@@ -2,12 +2,21 @@
 
 import shlex
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from drcli.cli import console, prompts
-from drcli.cli.options import AsJson, Delimiter, Force, prefix_option, wipe_option
+from drcli.cli import candidates, console, prompts
+from drcli.cli.options import (
+    AsJson,
+    Delimiter,
+    Force,
+    checkpoint_option,
+    parsed_checkpoint,
+    prefix_option,
+    wipe_option,
+)
 from drcli.cli.views import models_view, training_view
 from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import settings, working_folder
@@ -18,26 +27,89 @@ def increment_training(
     wipe: Annotated[bool, wipe_option("Delete everything under the new model prefix.")] = False,
     prefix: Annotated[str | None, prefix_option("Name of the new model.")] = None,
     delimiter: Delimiter = None,
+    checkpoint: Annotated[str | None, checkpoint_option("Start with", "--checkpoint")] = None,
+    world: Annotated[
+        str | None,
+        typer.Option(
+            "--world",
+            metavar="TRACK",
+            help="Train on this track (DR_WORLD_NAME).",
+            autocompletion=candidates.worlds,
+        ),
+    ] = None,
+    reward: Annotated[
+        Path | None,
+        typer.Option("--reward", metavar="FILE", help="Replace reward_function.py by this file."),
+    ] = None,
+    hyperparameter: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--hyperparameter",
+            metavar="KEY=VALUE",
+            help="Change a value in hyperparameters.json; can be given again.",
+        ),
+    ] = None,
+    setting: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="Change another setting, such as a stop condition; can be given again.",
+            autocompletion=candidates.assignments,
+        ),
+    ] = None,
+    max_iterations: Annotated[
+        int | None,
+        typer.Option(
+            "--max-iterations",
+            min=0,
+            metavar="N",
+            help="Finish after N updates (DR_TRAIN_MAX_ITERATIONS).",
+        ),
+    ] = None,
+    description: Annotated[
+        str | None,
+        typer.Option("--description", metavar="TEXT", help="Say what the new model is."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Make the next training start a new model from this model's weights.
 
     Changes run.env and keeps a copy as run.env.bak: the current model becomes the pretrained one,
-    and the number at the end of its name goes up by one. A name without a number gets -1.
+    and the number at the end of its name goes up by one. A name without a number gets -1. The last
+    checkpoint counts unless --checkpoint or DR_LOCAL_S3_PRETRAINED_CHECKPOINT chooses another.
 
-    Example: dr-increment-training -f
+    Everything is checked before anything is written. Files in custom_files/ that change are kept as
+    NAME.bak too. The number of actions, the network and the sensors must stay as they are.
+
+    Example: dr-increment-training -f --checkpoint first-lap --hyperparameter lr=0.0001
     """
     from drcli.runs.increment import make_increment, plan_increment
+    from drcli.runs.increment_overrides import Overrides
 
+    others = list(setting or ())
+    if max_iterations is not None:
+        others.append(f"DR_TRAIN_MAX_ITERATIONS={max_iterations}")
+    overrides = Overrides(
+        parsed_checkpoint(checkpoint), world, reward, hyperparameter or (), others, description
+    )
     loaded = settings()
-    planned = plan_increment(loaded, prefix=prefix, delimiter=delimiter, wiping=wipe)
+    planned = plan_increment(
+        loaded, prefix=prefix, delimiter=delimiter, wiping=wipe, overrides=overrides
+    )
     step = planned.step
     _announce(step.file, step.before, step.after)
+    for name, value in step.settings.items():
+        console.say(f"{name}={value}")
+    for path in step.files:
+        console.say(f"{path} will be written.")
     prompts.agree("Are you sure?", yes=force)
     if step.wipes:
         prompts.agree(f"Delete everything at s3://{step.bucket}/{step.after}?", yes=force)
-    make_increment(planned, loaded.storage)
+    step = make_increment(planned, loaded.storage)
     console.emit(step, training_view.increment(step), as_json=as_json)
+    for path in step.files:
+        console.say(f"Wrote {path}; the old one, if there was one, is {path}.bak.")
     _done(step.file, step.backup, "dr-start-training", "train the new model")
 
 

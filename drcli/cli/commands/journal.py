@@ -19,7 +19,7 @@ def journal(
 ) -> None:
     """Show what happened to a model: starts, machines, notices, faults, and how each start ended.
 
-    Contains the starts on all machines, from the bucket.
+    Contains the starts on all machines, from the bucket, and the notes of `dr-note`.
 
     Example: dr-journal
     """

@@ -9,7 +9,13 @@ import typer
 from drcli.base.errors import WorkerDied
 from drcli.cli import console, watch_training
 from drcli.cli.fetch_tracks import bring_tracks
-from drcli.cli.options import AsJson, wipe_option
+from drcli.cli.options import (
+    AsJson,
+    checkpoint_option,
+    parsed_checkpoint,
+    prefix_option,
+    wipe_option,
+)
 from drcli.cli.views import training_view as views
 from drcli.cli.working_folder import settings
 
@@ -98,6 +104,13 @@ def start_training(
             help="Seed, to repeat a training exactly.",
         ),
     ] = None,
+    pretrained: Annotated[
+        str | None,
+        prefix_option("Start with the weights of this model.", "--pretrained"),
+    ] = None,
+    checkpoint: Annotated[
+        str | None, checkpoint_option("Start with the weights of", "--checkpoint")
+    ] = None,
     on_end: Annotated[
         str | None,
         typer.Option(
@@ -117,6 +130,9 @@ def start_training(
     line is printed for each iteration. The command exits when the training ends, with the same exit
     code. With -q it returns at once.
 
+    --pretrained and --checkpoint replace the DR_LOCAL_S3_PRETRAINED settings for this start: the
+    new model begins with the weights of another one.
+
     With --resume-or-start, --max-minutes counts the time of all starts together, and a training
     that SIGTERM or the cloud ends exits 75: it can be resumed.
 
@@ -126,7 +142,7 @@ def start_training(
         raise typer.BadParameter("--no-wait needs --resume-or-start.")
     from drcli.runs.plan import StartOptions
 
-    loaded = settings()
+    loaded = _with_weights(settings(), pretrained, checkpoint, resume=resume)
     if on_end is not None:
         loaded = loaded.replaced(on_end=on_end)
     followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
@@ -136,6 +152,36 @@ def start_training(
     if not resume_or_start:
         raise typer.Exit(_run(loaded, _planned(loaded, options), how))
     raise typer.Exit(_resume_or_start(loaded, options, how, wait=not no_wait))
+
+
+def _with_weights(
+    loaded: "Settings", pretrained: str | None, checkpoint: str | None, *, resume: bool
+) -> "Settings":
+    """The settings with the model and the checkpoint to start from that the options name.
+
+    Raises:
+        BadParameter: The options do not fit.
+    """
+    choice = parsed_checkpoint(checkpoint)
+    if pretrained is None and choice is None:
+        return loaded
+    if resume:
+        raise typer.BadParameter(
+            "--pretrained and --checkpoint choose the weights of a new model; --resume continues "
+            "with the newest checkpoint. To go back to another one, make a new model from it with "
+            "`dr-increment-training --checkpoint N`."
+        )
+    if pretrained is None and not loaded.pretrained:
+        raise typer.BadParameter(
+            "--checkpoint chooses one of another model, but DR_LOCAL_S3_PRETRAINED is False. Name "
+            "the model with --pretrained PREFIX."
+        )
+    if pretrained is not None:
+        from drcli.models.transfer_buckets import checked_prefix
+
+        prefix = checked_prefix(pretrained, "--pretrained")
+        loaded = loaded.replaced(pretrained=True, pretrained_prefix=prefix)
+    return loaded if choice is None else loaded.replaced(pretrained_checkpoint=str(choice))
 
 
 @dataclass(frozen=True)

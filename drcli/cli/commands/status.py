@@ -1,5 +1,7 @@
 """`dr status` and `dr summary`."""
 
+from dataclasses import replace
+
 from drcli.base.errors import WorkerDied
 from drcli.cli import console
 from drcli.cli.options import AsJson
@@ -14,9 +16,11 @@ def status(as_json: AsJson = False) -> None:
 
     Example: dr-status --json
     """
-    from drcli.runs.status import inspect
+    from drcli.runs.status import inspect, notes_of_run
 
-    report = inspect(settings().run)
+    config = settings().run
+    report = inspect(config)
+    report = replace(report, notes=notes_of_run(config, report))
     console.warn(*report.damaged)
     console.emit(report, training_view.run(report), as_json=as_json)
     if report.state == "lost" or report.dead:

@@ -6,6 +6,7 @@ from rich.console import Group, RenderableType
 from rich.filesize import decimal
 from rich.text import Text
 
+from drcli.cli.views import notes_view
 from drcli.cli.views.layout import Rows, counted, fitted
 
 if TYPE_CHECKING:
@@ -79,7 +80,8 @@ def models(columns: int, found: "ModelList") -> RenderableType:
         matching = f" that matches {found.pattern}" if found.pattern else ""
         return f"There is no model in s3://{found.bucket}{matching}."
     digits = _MINUTE if columns >= _WITH_TIME else _DAY
-    rows = [
+    noted = any(model.note for model in found.models)
+    rows: list[tuple[str | Text, ...]] = [
         (
             Text.assemble(model.prefix, (" (training)" if model.training else "", "green")),
             str(model.checkpoints),
@@ -87,12 +89,13 @@ def models(columns: int, found: "ModelList") -> RenderableType:
             _checkpoint(model.last),
             decimal(model.size_bytes),
             model.modified[:digits].replace("T", " "),
+            *([notes_view.short(model.note)] if noted else []),
         )
         for model in found.models
     ]
-    names = ("model", "ckpts", "best", "last", "size", "modified")
+    names = ("model", "ckpts", "best", "last", "size", "modified", *(["note"] if noted else []))
     title = Text(f"s3://{found.bucket}", style="bold")
-    return Group(title, Rows(names, rows, left=("model", "modified")))
+    return Group(title, Rows(names, rows, left=("model", "modified", "note")))
 
 
 def _checkpoint(entry: "CheckpointEntry | None") -> str:

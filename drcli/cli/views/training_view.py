@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from drcli.cli.views import iterations
+from drcli.cli.views import iterations, notes_view
 from drcli.cli.views.layout import counted, fitted, indented
 
 if TYPE_CHECKING:
@@ -23,6 +23,9 @@ STATUS_ROWS = 10
 """Iterations in the table of `dr status`."""
 
 FOOTER = "Ctrl-C leaves this display; dr-stop-training stops the training."
+
+NOTES = 3
+"""Newest notes on the page of `dr status`."""
 
 STATE_STYLES = {
     "running": "green",
@@ -90,12 +93,27 @@ def run(columns: int, report: "RunReport") -> RenderableType:
             ),
             Text(_checkpoints(report)),
             *(Text(line) for line in [_convergence(report)] if line),
+            *(Text(line) for line in _milestones(report)),
         ]
         if report.warning:
             parts += [_warning(report), *(indented(f"Try: {each}") for each in report.advice)]
     parts += [Text(line) for line in _failures(report)]
     parts += [Text(line) for line in (_spent(report), _left(report), _requests(report)) if line]
+    parts += [Text(f"Note: {notes_view.short(text)}") for text in report.notes[-NOTES:]]
     return Group(*parts)
+
+
+def _milestones(report: "RunReport") -> list[str]:
+    """A line for each milestone; one checkpoint may be several of them."""
+    words: dict[str, list[str]] = {}
+    for each in report.milestones:
+        words.setdefault(each.checkpoint, []).append(each.word)
+    numbers = {each.checkpoint: each for each in report.milestones}
+    return [
+        f"{', '.join(words[name])}: {name.partition('_')[0]} ({found.laps} of "
+        f"{found.episodes} laps, {found.best_lap_s:.2f} s)"
+        for name, found in numbers.items()
+    ]
 
 
 def _spent(report: "RunReport") -> str:

@@ -2,6 +2,7 @@
 
 from typing import Literal
 
+from drcli.config.checkpoint_words import OptionalCheckpointText
 from drcli.config.fields import Group, setting
 from drcli.config.value_types import ObjectKey, Positions
 
@@ -81,6 +82,11 @@ class OpponentSettings(Group, title="Opponent of HEAD_TO_MODEL"):
 
     eval_opp_s3_model_prefix: ObjectKey = setting(
         "DR_EVAL_OPP_S3_MODEL_PREFIX", "rl-deepracer-sagemaker", "Model of the opponent."
+    )
+    eval_opp_checkpoint: OptionalCheckpointText = setting(
+        "DR_EVAL_OPP_CHECKPOINT",
+        "",
+        "Its checkpoint, as for DR_EVAL_CHECKPOINT; if empty, the same word or number as that.",
     )
     eval_opp_car_body_shell_type: str = setting(
         "DR_EVAL_OPP_CAR_BODY_SHELL_TYPE", "deepracer", "Body of its car.", ignored=_OVERLAY

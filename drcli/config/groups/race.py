@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Literal
 
+from drcli.config.checkpoint_words import CheckpointText
 from drcli.config.fields import Group, setting
 from drcli.config.value_types import Colour, Gpus, WorldName
 
@@ -122,6 +123,25 @@ class TrainSettings(Group, title="Training"):
         "every second of the older traces is deleted.",
         low=0,
     )
+    train_keep_milestones: bool = setting(
+        "DR_TRAIN_KEEP_MILESTONES",
+        True,
+        "Keep the checkpoints of the first evaluation lap, of the first three laps in one "
+        "evaluation, and of the fastest lap.",
+    )
+    train_keep_every: int = setting(
+        "DR_TRAIN_KEEP_EVERY",
+        0,
+        "Also keep every n-th checkpoint; 0 for none.",
+        low=0,
+    )
+    train_keep_max_mb: int = setting(
+        "DR_TRAIN_KEEP_MAX_MB",
+        2000,
+        "Largest size of milestones and every n-th checkpoint; 0 for no limit. Beyond it, some of "
+        "every n-th go first, then the first lap, the three laps, and the fastest lap.",
+        low=0,
+    )
     train_max_iterations: int = setting(
         "DR_TRAIN_MAX_ITERATIONS",
         0,
@@ -235,8 +255,10 @@ class EvaluationSettings(Group, title="Evaluation"):
         low=0,
         old_names=("DR_COLLISION_PENALTY",),
     )
-    eval_checkpoint: Literal["last", "best"] = setting(
-        "DR_EVAL_CHECKPOINT", "last", "Checkpoint to evaluate."
+    eval_checkpoint: CheckpointText = setting(
+        "DR_EVAL_CHECKPOINT",
+        "last",
+        "Checkpoint to evaluate: last, best, first-lap, three-laps, best-lap or a number.",
     )
     eval_reverse_direction: bool = setting(
         "DR_EVAL_REVERSE_DIRECTION", False, "Evaluate in the opposite direction."

@@ -3,12 +3,14 @@
 from pathlib import Path
 from typing import Literal
 
+from drcli.config.checkpoint_words import CheckpointText
 from drcli.config.fields import Group, setting
 from drcli.config.value_types import (
     HOME_REGION,
     Address,
     BucketName,
     FolderName,
+    ModelText,
     ObjectKey,
     Region,
     UploadBucket,
@@ -71,8 +73,13 @@ class KeySettings(Group, title="Places in the bucket"):
     pretrained_prefix: ObjectKey = setting(
         "DR_LOCAL_S3_PRETRAINED_PREFIX", "rl-sagemaker-pretrained", "Folder of that model."
     )
-    pretrained_checkpoint: Literal["last", "best"] = setting(
-        "DR_LOCAL_S3_PRETRAINED_CHECKPOINT", "last", "Which of its checkpoints."
+    pretrained_checkpoint: CheckpointText = setting(
+        "DR_LOCAL_S3_PRETRAINED_CHECKPOINT",
+        "last",
+        "Which of its checkpoints: last, best, first-lap, three-laps, best-lap or a number.",
+    )
+    model_description: ModelText = setting(
+        "DR_MODEL_DESCRIPTION", "", "What the model is, in a few words; lists of models show it."
     )
     custom_files_prefix: ObjectKey = setting(
         "DR_LOCAL_S3_CUSTOM_FILES_PREFIX", "custom_files", "Folder of your own files."

@@ -7,7 +7,7 @@ import pytest
 
 from drcli.base.errors import StorageError
 from drcli.exchange.checkpoint import CheckpointName
-from drcli.models.checkpoint_files import CheckpointGone
+from drcli.models.checkpoint_choice import CheckpointGone
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from memory_bucket import MemoryBucket

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from drcli.base.errors import SettingsError, StorageError
-from drcli.models.checkpoint_files import CheckpointGone
+from drcli.models.checkpoint_choice import CheckpointGone
 from drcli.store import keys, lease
 from drcli.store.best_checkpoint import read_scores
 from drcli.store.checkpoints import CheckpointStore
@@ -261,7 +261,7 @@ def test_a_checkpoint_with_a_part_missing_is_refused(mover, part):
 
 
 def test_a_number_that_is_not_there_is_refused_with_those_that_are(mover):
-    with pytest.raises(CheckpointGone, match=r"There is no checkpoint 4; there are 3, 5\."):
+    with pytest.raises(CheckpointGone, match=r"4 was deleted, .* It has 3 \(best\), 5 \(last\)\."):
         mover.upload(choice=4)
 
 

@@ -224,3 +224,85 @@ def test_a_file_that_was_changed_meanwhile_is_left_alone(trained):
         make_increment(planned, settings.storage)
 
     assert trained.settings().model_prefix == "other"
+
+
+def overrides(**options):
+    from drcli.runs.increment_overrides import Overrides
+
+    return Overrides(**options)
+
+
+def test_the_next_model_gets_another_track_values_and_description(trained, increment):
+    """003-11: a clone with a changed track, reward, batch and stop."""
+    (trained.folder / "new.py").write_text("def reward_function(params):\n    return 2.0\n")
+
+    step = increment(
+        overrides=overrides(
+            checkpoint="best",
+            world="paddle",
+            reward=trained.folder / "new.py",
+            hyperparameters=("batch_size=128", "loss_type=huber"),
+            settings=("DR_TRAIN_MAX_ITERATIONS=7",),
+            description="Wider kerbs, $5 faster",
+        )
+    )
+    trained.start()
+
+    settings = trained.settings()
+    custom = trained.folder / "custom_files"
+    assert step.pretrained.name == "3_Step-300.ckpt"
+    assert (settings.world_name, settings.train_max_iterations) == ("paddle", 7)
+    assert (custom / "reward_function.py").read_text().endswith("return 2.0\n")
+    assert "p): ..." in (custom / "reward_function.py.bak").read_text()
+    assert b'"batch_size": 128' in (custom / "hyperparameters.json").read_bytes()
+    assert trained.store("model-2").load_latest().tensors == b"weights 3"
+    note = trained.bucket.get("model-2/notes/000-description.json")
+    assert b"Wider kerbs, $5 faster" in note
+
+
+def test_the_description_of_the_old_model_does_not_describe_the_new_one(trained, increment):
+    increment(overrides=overrides(description="The first"))
+
+    trained.start()
+    trained.store("model-2").save(1, 100, b"weights")
+    increment()
+
+    assert trained.settings().model_description == ""
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"world": "no_such_track"}, "no_such_track"),
+        ({"hyperparameters": ("lr",)}, "--hyperparameter lr: it is not KEY=VALUE"),
+        ({"hyperparameters": ("lr=fast",)}, "lr"),
+        ({"hyperparameters": ("lrr=0.1",)}, "lrr"),
+        ({"hyperparameters": ("stack_size=4",)}, "stack_size"),
+        ({"hyperparameters": ("lr=0.1e-3", "lr=0.2e-3")}, "given twice"),
+        ({"settings": ("DR_TRAIN_MAX_ITERATONS=3",)}, "there is no such setting"),
+        ({"settings": ("DR_TRAIN_MAX_ITERATIONS=-3",)}, "is below 0"),
+        ({"settings": ("DR_LOCAL_S3_PRETRAINED=False",)}, "changes it by itself"),
+        ({"checkpoint": 99}, "the newest is 5"),
+        ({"checkpoint": "first-lap"}, "no evaluation during its training has completed a lap"),
+    ],
+)
+def test_a_wrong_override_changes_nothing(trained, increment, wrong, said):
+    before = {path: path.read_bytes() for path in trained.folder.rglob("*") if path.is_file()}
+
+    with pytest.raises(SettingsError) as caught:
+        increment(overrides=overrides(**wrong))
+
+    assert said in str(caught.value)
+    after = {path: path.read_bytes() for path in trained.folder.rglob("*") if path.is_file()}
+    assert after == before
+
+
+@pytest.mark.parametrize("text", ["def reward_function(", "x = 1\n", ""])
+def test_a_reward_function_that_cannot_be_used_changes_nothing(trained, increment, text):
+    (trained.folder / "new.py").write_text(text)
+
+    with pytest.raises(SettingsError):
+        increment(overrides=overrides(reward=trained.folder / "new.py"))
+
+    kept = (trained.folder / "custom_files" / "reward_function.py").read_text()
+    assert kept == "def reward_function(p): ..."

@@ -16,6 +16,7 @@ from drcli.exchange.job import Job
 from drcli.exchange.training_start import Pretrained
 from drcli.formats.car_actions import CarAction
 from drcli.modelfiles.custom_files import InputFile, Inputs
+from drcli.models.checkpoint_list import CheckpointList, ListedCheckpoint, MilestoneEntry
 from drcli.models.copy_custom_files import CustomFilesReport
 from drcli.models.download import DownloadReport
 from drcli.models.export_car import CarReport
@@ -23,6 +24,7 @@ from drcli.models.export_checkpoint import ExportReport
 from drcli.models.export_forms import FormReport
 from drcli.models.imported_model import ImportedModel
 from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
+from drcli.models.model_notes import NoteEntry, NoteList
 from drcli.models.upload import UploadReport
 from drcli.models.upload_prefix import UploadIncrement
 from drcli.models.write_export import ExportTarget
@@ -46,10 +48,12 @@ from drcli.runs.evaluation import EvaluationReport
 from drcli.runs.foreign_watch import WatchReport
 from drcli.runs.increment import Increment
 from drcli.runs.journal_reader import JournalEvent, JournalReport
+from drcli.runs.model_removal import PlannedRemoval, RemovalReport, RemovedModel
 from drcli.runs.plan import RunPlan, StartOptions
 from drcli.runs.status import Process, RunReport, SpeedReport
 from drcli.runs.stopping import Stopped, StopReport
 from drcli.runs.support_bundle import BundledFile, BundleReport
+from drcli.runs.tidy import TidyItem, TidyReport
 from drcli.spot.before_spending import Wishes
 from drcli.spot.cost_estimate import Estimate
 from drcli.spot.creation import CreatedStack
@@ -268,11 +272,34 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     weights = Pretrained(MODEL, "best", "8_Step-4000.ckpt", 1.0, "0")
     step = Increment("run.env", "run.env.bak", "bucket", MODEL, MODEL, weights, wipes=False)
     answer("runs.increment.plan_increment", SimpleNamespace(step=step))
-    answer("runs.increment.make_increment", None)
+    answer("runs.increment.make_increment", step)
     score = CheckpointEntry("8_Step-4000.ckpt", 87.54321)
     model = ModelEntry(MODEL, 4, score, score, 99, 123_456_789, "2026-01-02T03:04:05", True)
     answer("models.transfer_buckets.bucket_to_look_at", SimpleNamespace(name="bucket"))
     answer("models.model_list.list_models", ModelList("bucket", "", [model]))
+    listed = ListedCheckpoint(
+        8, "8_Step-4000.ckpt", ["last", "best", "first-lap"], True, 5, 2, 87.5, 12.34, 4_900_000
+    )
+    reached = MilestoneEntry("first-lap", "8_Step-4000.ckpt", 2, 5, 12.34, kept=False)
+    answer(
+        "models.checkpoint_list.list_checkpoints",
+        CheckpointList(URL, [listed], [reached], ["three-laps"], 4_900_000),
+    )
+    text = "A note about wider kerbs that is longer than a narrow terminal has columns."
+    notes = [
+        NoteEntry(0, 1_000_000.0, 1_000_060.0, "host", None, text),
+        NoteEntry(1, 1_000_000.0, None, "host", 12, text),
+    ]
+    for function in ("write_note", "list_notes", "rewrite_note", "delete_note"):
+        answer(f"models.model_notes.{function}", NoteList(URL, notes))
+    removed = RemovedModel(MODEL, 4, 99, 123_456_789, "2026-01-02T03:04:05", ["/logs/a.log"], 999)
+    removal = RemovalReport("bucket", [removed], dry_run=False, size_bytes=123_456_789)
+    answer("runs.model_removal.plan_removal", PlannedRemoval(removal, (SimpleNamespace(),)))
+    answer("runs.model_removal.remove_models", removal)
+    left = TidyItem("traces", MODEL, 12, 123_456, ["a"])
+    tidied = TidyReport("bucket", [left], [MODEL], dry_run=False, size_bytes=123_456)
+    answer("runs.tidy.find_surplus", tidied)
+    answer("runs.tidy.tidy", tidied)
     worker = Process("trainer", 4243, True, "/logs/trainer.log")
     answer("runs.status.trainers", [worker])
     text = "sim-0 was started again (restart 1), after a fault that takes a long sentence to tell."

@@ -1,0 +1,53 @@
+"""`dr delete-model`."""
+
+from typing import Annotated
+
+import typer
+
+from drcli.base.errors import SettingsError
+from drcli.cli import candidates, console, prompts
+from drcli.cli.options import AsJson, DryRun, Force, KeepModels
+from drcli.cli.views import removal_view
+from drcli.cli.working_folder import settings
+
+
+def delete_model(
+    models: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="MODEL...",
+            help="Prefixes of models, or patterns with * and ?.",
+            autocompletion=candidates.model_prefixes,
+        ),
+    ],
+    keep: KeepModels = None,
+    force: Force = False,
+    dry_run: DryRun = False,
+    as_json: AsJson = False,
+) -> None:
+    """Delete models from the bucket, with all their traces.
+
+    Deletes checkpoints, metrics, traces, logs, notes, rollouts and the records of runs, in the
+    bucket and on this machine. Shows first what would go and how large it is, and asks. A model
+    that is being trained on any machine, or evaluated on this one, is never deleted.
+
+    Example: dr-delete-model "old/*" --keep old/fast --dry-run
+    """
+    from drcli.runs.model_removal import plan_removal, remove_models
+
+    loaded = settings()
+    planned = plan_removal(loaded, models, keep or (), dry_run=dry_run)
+    if not planned.traces:
+        raise SettingsError(
+            "--keep leaves nothing to delete.", remedy="Leave it out, or name other models."
+        )
+    for model in planned.report.models:
+        if model.warning:
+            console.warn(f"{model.prefix}: {model.warning}.")
+    if not dry_run:
+        console.err.print(removal_view.planned(planned.report))
+        prompts.agree("Delete all of this? It cannot be undone.", yes=force)
+        with console.waiting("Deleting ..."):
+            remove_models(planned, loaded)
+    view = removal_view.planned if dry_run else removal_view.removed
+    console.emit(planned.report, view(planned.report), as_json=as_json)

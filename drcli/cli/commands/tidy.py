@@ -1,0 +1,75 @@
+"""`dr tidy`."""
+
+from typing import Annotated
+
+import typer
+
+from drcli.cli import candidates, console, prompts
+from drcli.cli.options import AsJson, DryRun, Force, KeepModels
+from drcli.cli.views import removal_view
+from drcli.cli.working_folder import settings
+
+_DAY_S = 86_400.0
+
+
+def tidy(
+    models: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="MODEL...",
+            help="Only in these models: prefixes, or patterns with * and ?.",
+            autocompletion=candidates.model_prefixes,
+        ),
+    ] = None,
+    only: Annotated[
+        str | None,
+        typer.Option(
+            "--only",
+            metavar="KINDS",
+            help="Some of remains, damaged, rollouts, traces, checkpoints, logs.",
+        ),
+    ] = None,
+    checkpoints: Annotated[
+        str,
+        typer.Option(
+            "--checkpoints",
+            metavar="RULES",
+            help="Delete all checkpoints but these, such as last-2,best,milestones,every-50.",
+        ),
+    ] = "",
+    keep: KeepModels = None,
+    older_than: Annotated[
+        float,
+        typer.Option("--older-than", metavar="DAYS", min=0, help="Only what is older than this."),
+    ] = 0.0,
+    force: Force = False,
+    dry_run: DryRun = False,
+    as_json: AsJson = False,
+) -> None:
+    """Delete what is left over in the bucket, and free its space.
+
+    Without options: what remains of models that were not deleted or started completely (unless it
+    is younger than an hour), damaged objects that a repair has set aside, and recorded episodes
+    that no training needs any more. The traces of trainings, checkpoints, and local logs of deleted
+    models go only if --only or --checkpoints says so. The best and the last checkpoint always stay.
+
+    Shows first what would go and how large it is, and asks. Models that are being trained on any
+    machine, or evaluated on this one, are left alone.
+
+    Example: dr-tidy "team/*" --checkpoints milestones,every-100 --dry-run
+    """
+    from drcli.runs import tidy as tidying
+
+    kinds = tidying.read_kinds(only, checkpoints)
+    loaded = settings()
+    seconds = older_than * _DAY_S if older_than == older_than else 0.0
+    options = tidying.TidyOptions(models or (), keep or (), kinds, checkpoints, seconds, dry_run)
+    with console.waiting(f"Reading s3://{loaded.bucket} ..."):
+        report = tidying.find_surplus(loaded, options)
+    if report.items and not dry_run:
+        console.err.print(removal_view.surplus(report))
+        prompts.agree("Delete all of this? It cannot be undone.", yes=force)
+        with console.waiting("Deleting ..."):
+            report = tidying.tidy(report, loaded)
+    view = removal_view.surplus if dry_run or not report.items else removal_view.tidied
+    console.emit(report, view(report), as_json=as_json)

@@ -1,0 +1,55 @@
+"""Shows the checkpoints of a model, and its milestones."""
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from rich.console import Group, RenderableType
+from rich.filesize import decimal
+from rich.text import Text
+
+from drcli.cli.views.layout import Rows, counted
+
+if TYPE_CHECKING:
+    from drcli.models.checkpoint_list import CheckpointList, ListedCheckpoint, MilestoneEntry
+
+
+def checkpoints(found: "CheckpointList") -> RenderableType:
+    """One row for each checkpoint, then what is not in the table."""
+    rows = [
+        (
+            str(each.number),
+            _meaning(each),
+            f"{each.laps} of {each.episodes}" if each.episodes else "-",
+            "-" if each.progress is None else f"{each.progress:.1f} %",
+            "-" if each.best_lap_s is None else f"{each.best_lap_s:.2f} s",
+            decimal(each.size_bytes),
+        )
+        for each in found.checkpoints
+    ]
+    names = ("checkpoint", "is", "laps", "progress", "best lap", "size")
+    parts: list[RenderableType] = [
+        Text(found.model, style="bold"),
+        Rows(names, rows, left=("is",)),
+        Text(f"{counted(len(rows), 'checkpoint')}, {decimal(found.size_bytes)}."),
+    ]
+    parts += [Text(line) for line in milestone_lines(found.milestones) if "deleted" in line]
+    if found.not_reached:
+        parts.append(Text(f"Not reached: {', '.join(found.not_reached)}."))
+    problems = (f"{each.number}: {each.problem}" for each in found.checkpoints if each.problem)
+    parts += [Text(f"Checkpoint {line}", style="bold yellow") for line in problems]
+    return Group(*parts)
+
+
+def milestone_lines(milestones: "Iterable[MilestoneEntry]") -> list[str]:
+    """A line for each milestone."""
+    return [
+        f"{entry.word}: checkpoint {entry.checkpoint.partition('_')[0]}, "
+        f"{entry.laps} of {entry.episodes} laps, best {entry.best_lap_s:.2f} s"
+        f"{'' if entry.kept else ' (deleted)'}"
+        for entry in milestones
+    ]
+
+
+def _meaning(each: "ListedCheckpoint") -> str:
+    words = [*each.words, *(["every n-th"] if each.every else [])]
+    return ", ".join(words) or "-"

@@ -1,0 +1,60 @@
+"""Shows the notes of a model."""
+
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from drcli.cli.views.layout import indented
+
+if TYPE_CHECKING:
+    from drcli.models.model_notes import NoteEntry, NoteList
+
+LONGEST = 60
+"""Characters of a note in a list of models."""
+
+
+def notes(found: "NoteList") -> RenderableType:
+    """Each note with its number and time."""
+    if not found.notes:
+        return Text(f"{found.model} has no notes.")
+    parts: list[RenderableType] = [Text(found.model, style="bold")]
+    for note in found.notes:
+        parts += [Text(_head(note), style="dim"), indented(_printable(note.text))]
+    return Group(*parts)
+
+
+def short(text: str) -> str:
+    """The beginning of a note, on one line."""
+    words = " ".join(_printable(text).split())
+    return words if len(words) <= LONGEST else f"{words[: LONGEST - 3]}..."
+
+
+def line(note: "NoteEntry") -> str:
+    """A note on one line."""
+    return f"Description: {short(note.text)}" if note.number == 0 else f"Note: {short(note.text)}"
+
+
+def _head(note: "NoteEntry") -> str:
+    title = "Description" if note.number == 0 else f"Note {note.number}"
+    parts = [title, _moment(note.at)]
+    if note.checkpoint is not None:
+        parts.append(f"at checkpoint {note.checkpoint}")
+    if note.edited_at is not None:
+        parts.append(f"changed {_moment(note.edited_at)}")
+    return ", ".join(part for part in parts if part)
+
+
+def _moment(at: float | None) -> str:
+    if at is None:
+        return ""
+    with suppress(ValueError, OverflowError, OSError):
+        return time.strftime("%Y-%m-%d %H:%M", time.gmtime(at))
+    return "?"
+
+
+def _printable(text: str) -> str:
+    """The text on one line, without what would control a terminal."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)

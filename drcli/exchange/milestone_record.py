@@ -1,0 +1,133 @@
+"""The milestones of a training: `milestones.json`, which the trainer writes beside the checkpoints.
+
+A milestone is the checkpoint that did something first or best in an evaluation during the training.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
+
+from drcli.base.json_record import JsonRecord
+from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
+
+MilestoneKind = Literal["first-lap", "three-laps", "best-lap"]
+"""The first completed lap, the first evaluation with three of them, and the fastest lap."""
+
+KINDS: tuple[MilestoneKind, ...] = get_args(MilestoneKind)
+
+THREE = 3
+"""Laps in one evaluation for the second kind."""
+
+
+@dataclass(frozen=True)
+class Milestone:
+    """A checkpoint and its evaluation.
+
+    Attributes:
+        checkpoint: Its name.
+        laps: Completed laps of the evaluation.
+        episodes: Episodes of the evaluation.
+        progress: Their mean, percent of a lap.
+        best_lap_s: Fastest completed lap, simulated seconds.
+    """
+
+    checkpoint: str
+    laps: int
+    episodes: int
+    progress: float
+    best_lap_s: float
+
+    def __post_init__(self) -> None:
+        checkpoint_name(self.checkpoint)
+
+    @property
+    def name(self) -> CheckpointName:
+        """The name in its two parts."""
+        return checkpoint_name(self.checkpoint)
+
+
+@dataclass(frozen=True)
+class Milestones(JsonRecord):
+    """The milestones until now.
+
+    Attributes:
+        first_lap: The first checkpoint that completed a lap; None before one did.
+        three_laps: The first that completed three laps in one evaluation.
+        best_lap: The one with the fastest lap; of equal laps, the first.
+        spaced: Names of the checkpoints that are kept because of DR_TRAIN_KEEP_EVERY.
+    """
+
+    first_lap: Milestone | None = None
+    three_laps: Milestone | None = None
+    best_lap: Milestone | None = None
+    spaced: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        for name in self.spaced:
+            checkpoint_name(name)
+
+    def of_kind(self, kind: MilestoneKind) -> Milestone | None:
+        """The milestone of this kind; None if it was not reached."""
+        found = {
+            "first-lap": self.first_lap,
+            "three-laps": self.three_laps,
+            "best-lap": self.best_lap,
+        }
+        return found[kind]
+
+    def reached(self) -> Iterator[tuple[MilestoneKind, Milestone]]:
+        """All that were reached, in the order of `KINDS`."""
+        for kind in KINDS:
+            milestone = self.of_kind(kind)
+            if milestone is not None:
+                yield kind, milestone
+
+    def with_evaluation(
+        self, checkpoint: str, progress: Sequence[float], lap_s: Sequence[float]
+    ) -> "Milestones":
+        """The milestones after an evaluation; the order of evaluations does not matter.
+
+        Args:
+            checkpoint: Name of the checkpoint that drove.
+            progress: Percent of the lap, for each episode.
+            lap_s: Lap times of its completed laps, simulated seconds.
+        """
+        if not lap_s or not progress:
+            return self
+        mean = sum(progress) / len(progress)
+        new = Milestone(checkpoint, len(lap_s), len(progress), mean, min(lap_s))
+        best = min(filter(None, (self.best_lap, new)), key=_fastest)
+        return replace(
+            self,
+            first_lap=_earlier(self.first_lap, new),
+            three_laps=_earlier(self.three_laps, new) if new.laps >= THREE else self.three_laps,
+            best_lap=best,
+        )
+
+    def until(self, newest: CheckpointName) -> "Milestones":
+        """Without those of later checkpoints: a training that went back makes them again."""
+
+        def kept(milestone: Milestone | None) -> Milestone | None:
+            return milestone if milestone is not None and _is_before(milestone.name) else None
+
+        def _is_before(name: CheckpointName) -> bool:
+            return name == newest or name.number < newest.number
+
+        left = [kept(each) for each in (self.best_lap, self.first_lap, self.three_laps)]
+        best, first, three = left
+        fastest = min(filter(None, left), key=_fastest, default=None)
+        return replace(
+            self,
+            first_lap=first,
+            three_laps=three,
+            best_lap=best or fastest,
+            spaced=[name for name in self.spaced if _is_before(checkpoint_name(name))],
+        )
+
+
+def _fastest(milestone: Milestone) -> tuple[float, CheckpointName]:
+    return milestone.best_lap_s, milestone.name
+
+
+def _earlier(known: Milestone | None, new: Milestone) -> Milestone:
+    return new if known is None or new.name < known.name else known

@@ -1,0 +1,210 @@
+"""Finds the checkpoint of a model that a word or a number chooses, or says what there is."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from drcli.base.errors import SettingsError
+from drcli.config.checkpoint_words import WORDS, CheckpointChoice, CheckpointWord
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.milestone_record import Milestone, Milestones
+from drcli.exchange.scores import Score, Scores
+from drcli.store import keys
+from drcli.store.bucket import Bucket, Listing
+from drcli.store.milestones import readable_milestones
+from drcli.store.repair import Model, readable_history, readable_scores
+
+OUR_PARTS = (".safetensors", ".json")
+"""Ends of the files that every checkpoint of ours has."""
+
+MOST_LISTED = 12
+"""Checkpoints in a message; those with a meaning are among them."""
+
+_NEVER: dict[CheckpointWord, str] = {
+    "first-lap": "no evaluation during its training has completed a lap",
+    "three-laps": "no evaluation during its training has completed three laps",
+    "best-lap": "no evaluation during its training has completed a lap",
+}
+
+
+class CheckpointGone(SettingsError):
+    """The chosen checkpoint does not exist or lacks a file: a training may have deleted it."""
+
+
+@dataclass(frozen=True)
+class ModelCheckpoints:
+    """The checkpoints of a model and what each of them means.
+
+    Attributes:
+        url: Bucket and prefix, for messages.
+        names: All that have a file, complete or not, oldest first.
+        scores: The best and the last; None if the model has no index.
+        milestones: Of its training.
+        listed: All objects in the folder of the checkpoints.
+        prefix: Of the model.
+    """
+
+    url: str
+    prefix: str
+    listed: Listing
+    names: tuple[CheckpointName, ...]
+    scores: Scores | None
+    milestones: Milestones
+
+    @staticmethod
+    def read(model: Model) -> "ModelCheckpoints":
+        """Read what a model has; damaged records are reconstructed, and nothing is written."""
+        bucket, prefix = model.bucket, model.prefix
+        listed = bucket.list(keys.model_folder(prefix))
+        found = {keys.checkpoint_of(prefix, info.key) for info in listed}
+        scores, _ = readable_scores(model)
+        history, _ = readable_history(model)
+        milestones, _ = readable_milestones(bucket, prefix, history)
+        names = tuple(sorted(name for name in found if name is not None))
+        url = f"s3://{bucket.name}/{prefix}"
+        return ModelCheckpoints(url, prefix, listed, names, scores, milestones)
+
+    def words_for(self, name: CheckpointName) -> list[CheckpointWord]:
+        """The words that choose this checkpoint."""
+        found: list[CheckpointWord] = []
+        if self.scores is not None:
+            last, best = self.scores.last_checkpoint.name, self.scores.best_checkpoint.name
+            found += ["last"] * (last == str(name))
+            found += ["best"] * (best == str(name))
+        found += [kind for kind, each in self.milestones.reached() if each.name == name]
+        return found
+
+    def missing_parts(self, name: str) -> list[str]:
+        """Keys of the files that a checkpoint lacks."""
+        return missing_parts(self.listed, self.prefix, name)
+
+    @property
+    def summary(self) -> str:
+        """A sentence that lists the complete checkpoints."""
+        whole = [name for name in self.names if not self.missing_parts(str(name))]
+        if not whole:
+            return "It has no complete checkpoint."
+        shown = self._few(whole)
+        words = {name: self.words_for(name) for name in shown}
+        texts = [
+            f"{name.number} ({', '.join(words[name])})" if words[name] else f"{name.number}"
+            for name in shown
+        ]
+        more = len(whole) - len(shown)
+        rest = f", and {more} more (`dr-list-checkpoints {self.prefix}`)" if more else ""
+        return f"It has {', '.join(texts)}{rest}."
+
+    def _few(self, whole: list[CheckpointName]) -> list[CheckpointName]:
+        """As many as fit into a message: those with a meaning, and the newest."""
+        if len(whole) <= MOST_LISTED:
+            return whole
+        marked = [name for name in whole if self.words_for(name)]
+        others = [name for name in whole if name not in marked]
+        return sorted([*marked, *others[-max(0, MOST_LISTED - len(marked)) :]])
+
+
+def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> Score:
+    """The checkpoint that a word or a number chooses; it has all its files.
+
+    `remedy` replaces the advice to choose another one.
+
+    Raises:
+        CheckpointGone: It was deleted, is incomplete, or was never reached; the message lists all
+            that there are.
+        SettingsError: The model has no checkpoint.
+    """
+    bucket, prefix = model.bucket, model.prefix
+    scores, _ = readable_scores(model)
+    if choice == "last" or choice == "best":
+        if scores is None:
+            raise SettingsError(
+                f"No checkpoint file available at s3://{bucket.name}/"
+                f"{keys.deepracer_checkpoints(prefix)}. Exiting.",
+                remedy="Train that model first, or correct its prefix; `dr-list-models` lists all.",
+            )
+        score = scores.best_checkpoint if choice == "best" else scores.last_checkpoint
+        missing = missing_parts(bucket.list(keys.model_folder(prefix)), prefix, score.name)
+        if not missing:
+            return score
+        raise _gone(ModelCheckpoints.read(model), _incomplete(bucket, missing), remedy)
+    if isinstance(choice, int):
+        name = _whole(bucket.list(keys.model_folder(prefix)), prefix, choice)
+        if name is not None:
+            return _score(scores, name)
+    has = ModelCheckpoints.read(model)
+    if not has.names:
+        raise SettingsError(
+            f"{has.url} has no checkpoint.",
+            remedy="Train that model first, or correct its prefix; `dr-list-models` lists all.",
+        )
+    if isinstance(choice, int):
+        name = _numbered(has, choice, remedy)
+    else:
+        name = _reached(has, choice, remedy)
+    missing = has.missing_parts(str(name))
+    if missing:
+        raise _gone(has, _incomplete(bucket, missing), remedy)
+    return _score(scores, name)
+
+
+def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
+    """Keys of the files that a checkpoint lacks; those of our own format if it has none at all."""
+    there = {info.key for info in listed}
+    ours, theirs = (
+        [key for part in parts if (key := keys.checkpoint_part(prefix, name, part)) not in there]
+        for parts in (OUR_PARTS, keys.TENSORFLOW_PARTS)
+    )
+    is_tensorflow = len(ours) == len(OUR_PARTS) and len(theirs) < len(keys.TENSORFLOW_PARTS)
+    return theirs if is_tensorflow else ours
+
+
+def _whole(listed: Listing, prefix: str, number: int) -> CheckpointName | None:
+    """The complete checkpoint of this number; the newest if there are several."""
+    found = {keys.checkpoint_of(prefix, info.key) for info in listed}
+    same = (name for name in found if name is not None and name.number == number)
+    whole = (name for name in same if not missing_parts(listed, prefix, str(name)))
+    return max(whole, default=None)
+
+
+def _score(scores: Scores | None, name: CheckpointName) -> Score:
+    known = () if scores is None else (scores.best_checkpoint, scores.last_checkpoint)
+    return next((score for score in known if score.name == str(name)), Score(str(name)))
+
+
+def _numbered(has: ModelCheckpoints, number: int, remedy: str) -> CheckpointName:
+    same = [name for name in has.names if name.number == number]
+    if same:
+        return same[-1]
+    newest = has.names[-1].number
+    if number > newest:
+        raise _gone(has, f"There is no checkpoint {number}: the newest is {newest}.", remedy)
+    raise _gone(has, f"Checkpoint {number} was deleted, or this copy never had it.", remedy)
+
+
+def _reached(has: ModelCheckpoints, word: CheckpointWord, remedy: str) -> CheckpointName:
+    """The checkpoint of a milestone, which is still there."""
+    milestone = _milestone(has.milestones, word)
+    if milestone is None:
+        raise _gone(has, f"There is no checkpoint {word}: {_NEVER[word]}.", remedy)
+    if milestone.name not in has.names:
+        number = milestone.name.number
+        raise _gone(
+            has, f"Checkpoint {number}, which is {word}, is not there: it was deleted.", remedy
+        )
+    return milestone.name
+
+
+def _milestone(milestones: Milestones, word: CheckpointWord) -> Milestone | None:
+    return next((found for kind, found in milestones.reached() if kind == word), None)
+
+
+def _incomplete(bucket: Bucket, missing: Iterable[str]) -> str:
+    return f"s3://{bucket.name}/{next(iter(missing))} is missing."
+
+
+def _gone(has: ModelCheckpoints, why: str, remedy: str) -> CheckpointGone:
+    return CheckpointGone(
+        f"No model files found. Files possibly deleted. Try again. {has.url}: {why} {has.summary}",
+        remedy=remedy
+        or f"Choose one of these with --checkpoint N, or one of {', '.join(WORDS)}. If a training "
+        "runs, try again.",
+    )

@@ -1,0 +1,237 @@
+"""What else changes with the next model: settings in run.env, and the racer's own files."""
+
+import ast
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from drcli.base.errors import SettingsError
+from drcli.base.problems import ProblemsError, closest, refuse, shown
+from drcli.checks.reward_rules import read_source, review_source
+from drcli.config.checkpoint_words import CheckpointChoice
+from drcli.config.example_files import model_file
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings, catalogue
+from drcli.config.track_names import track_problem
+from drcli.modelfiles.custom_files import InputFile, find
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.modelfiles.network_shape import Design, weight_problems
+from drcli.models.copy_custom_files import write_file
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing
+
+CHECKPOINT = "DR_LOCAL_S3_PRETRAINED_CHECKPOINT"
+WORLD = "DR_WORLD_NAME"
+DESCRIPTION = "DR_MODEL_DESCRIPTION"
+
+LARGEST_REWARD = 1 << 20
+"""Bytes; a reward function is a few kilobytes."""
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """Options of the command.
+
+    Attributes:
+        checkpoint: Which weights to start with; None for what the settings say.
+        world: DR_WORLD_NAME of the new model.
+        reward: A file that replaces reward_function.py.
+        hyperparameters: Texts such as `lr=0.0001`, for hyperparameters.json.
+        settings: Texts such as `DR_TRAIN_MAX_ITERATIONS=100`, for run.env.
+        description: What the new model is, for people.
+    """
+
+    checkpoint: CheckpointChoice | None = None
+    world: str | None = None
+    reward: Path | None = None
+    hyperparameters: Sequence[str] = ()
+    settings: Sequence[str] = ()
+    description: str | None = None
+
+
+NO_OVERRIDES = Overrides()
+
+
+def changed_settings(overrides: Overrides, taken: Sequence[str], before: str) -> dict[str, str]:
+    """Texts for run.env, by name.
+
+    Args:
+        overrides: The options.
+        taken: Names that the command itself changes.
+        before: The present description; that of the old model does not fit the new one.
+
+    Raises:
+        SettingsError: A text is not NAME=VALUE, or the name is no setting of run.env.
+    """
+    values = {}
+    if overrides.checkpoint is not None:
+        values[CHECKPOINT] = str(overrides.checkpoint)
+    if overrides.world is not None:
+        values[WORLD] = overrides.world
+    if overrides.description is not None or before:
+        values[DESCRIPTION] = overrides.description or ""
+    for name, value in _pairs(overrides.settings, "--set", "DR_TRAIN_MAX_ITERATIONS=100"):
+        if name not in catalogue():
+            likely = closest(name, catalogue())
+            raise SettingsError(
+                f"--set {shown(name)}: there is no such setting.",
+                remedy=f"Did you mean {likely}?" if likely else "`dr-config show` lists all.",
+            )
+        if name in (*taken, *values):
+            raise SettingsError(
+                f"--set {name}: this command changes it by itself, or by another option.",
+                remedy="Leave it out.",
+            )
+        values[name] = value
+    return values
+
+
+def check_settings(settings: Settings, values: Mapping[str, str]) -> Settings:
+    """The settings as they will be; ProblemsError or SettingsError if a value is wrong."""
+    after = load_settings(settings.directory, flags=dict(values))
+    problem = track_problem(after.race) if WORLD in values else None
+    if problem is not None:
+        refuse([replace(problem, severity="error")])
+    return after
+
+
+def changed_files(settings: Settings, overrides: Overrides, bucket: Bucket) -> dict[str, bytes]:
+    """New contents of files in `custom_files/`, by name; everything in them is checked.
+
+    Raises:
+        ProblemsError: A file or a value is wrong, or the weights do not fit the new values.
+        SettingsError: A text is not KEY=VALUE, or the file cannot be read.
+    """
+    if overrides.reward is None and not overrides.hyperparameters:
+        return {}
+    found = find(settings.custom_files, bucket)
+    changed: dict[str, bytes] = {}
+    if overrides.reward is not None:
+        changed[keys.REWARD_FUNCTION_FILE] = _reward(overrides.reward)
+    if overrides.hyperparameters:
+        name = keys.HYPERPARAMETERS_FILE
+        base = found.get(name) or InputFile(name, model_file(name).read_bytes(), name)
+        changed[name] = _parameters(base, overrides.hyperparameters)
+        _refuse_other_shape(settings, bucket, changed[name], found)
+    examples = {str(model_file(name)) for name in found}
+    for name, file in found.items():  # one file alone would be a mistake before a start
+        if file.origin in examples:
+            changed.setdefault(name, file.data)
+    return changed
+
+
+def write_files(settings: Settings, changed: Mapping[str, bytes]) -> list[str]:
+    """Write files into `custom_files/`; each old one is kept as `NAME.bak`.
+
+    Returns:
+        The paths of those that have changed.
+    """
+    folder = settings.custom_files_dir
+    return [str(folder / name) for name, data in changed.items() if write_file(folder / name, data)]
+
+
+def _reward(path: Path) -> bytes:
+    path = path.expanduser().absolute()
+    try:
+        if not path.is_file() or path.stat().st_size > LARGEST_REWARD:
+            raise SettingsError(
+                f"--reward {path}: it is not a file, or too large for a reward function.",
+                remedy="Give the path of a reward function, such as rewards/second.py.",
+            )
+        data = path.read_bytes()
+    except OSError as e:
+        raise SettingsError(
+            f"--reward {path}: it cannot be read ({e.strerror or e}).",
+            remedy="Make it readable, or give another file.",
+        ) from e
+    source, problems = read_source(InputFile(keys.REWARD_FUNCTION_FILE, data, str(path)))
+    if source is not None:
+        problems = [*problems, *review_source(source)]
+    refuse(problem for problem in problems if problem.severity == "error")
+    if source is not None and not _defines_reward(data):
+        raise SettingsError(
+            f"--reward {path}: it defines no reward_function.",
+            remedy="Write `def reward_function(params):` in it.",
+        )
+    return data
+
+
+def _defines_reward(data: bytes) -> bool:
+    """Whether a name `reward_function` comes into being anywhere in the file."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(data)):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.add(node.id)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            names |= {alias.asname or alias.name for alias in node.names}
+    return bool(names & {"reward_function", "*"})
+
+
+def _parameters(base: InputFile, texts: Sequence[str]) -> bytes:
+    try:
+        values = json.loads(base.data.decode("utf-8-sig"))
+    except ValueError:
+        values = None
+    if not isinstance(values, dict):
+        Hyperparameters.from_bytes(base.data, base.origin)  # says what is wrong with it
+        values = {}
+    for key, text in _pairs(texts, "--hyperparameter", "lr=0.0001"):
+        values[key] = _value(text)
+    data = (json.dumps(values, indent=2) + "\n").encode()
+    try:
+        Hyperparameters.from_bytes(data, "--hyperparameter")
+    except ProblemsError:
+        # What was wrong in the file before is told with its own name.
+        Hyperparameters.from_bytes(base.data, base.origin)
+        raise
+    return data
+
+
+def _refuse_other_shape(
+    settings: Settings, bucket: Bucket, parameters: bytes, found: Mapping[str, InputFile]
+) -> None:
+    """Refuse values for which the weights of the model do not fit."""
+    metadata = found.get(keys.MODEL_METADATA_FILE)
+    try:
+        trained = Design.of_model(bucket, settings.model_prefix)
+    except (ObjectMissing, ProblemsError):
+        return  # a start says so
+    if metadata is None:
+        return
+    wanted = Design(
+        ModelMetadata.from_bytes(metadata.data, metadata.origin),
+        Hyperparameters.from_bytes(parameters, "--hyperparameter"),
+        metadata.origin,
+        "--hyperparameter",
+    )
+    model = f"s3://{bucket.name}/{settings.model_prefix}"
+    refuse([*wanted.conflicts(), *weight_problems(trained, wanted, model)])
+
+
+def _pairs(texts: Sequence[str], option: str, example: str) -> Iterator[tuple[str, str]]:
+    seen = set()
+    for text in texts:
+        name, equals, value = text.partition("=")
+        name = name.strip()
+        if not equals or not name or name in seen:
+            twice = f"{name} is given twice" if name in seen and equals else "it is not KEY=VALUE"
+            raise SettingsError(
+                f"{option} {shown(text)}: {twice}.", remedy=f"Write it as in {option} {example}."
+            )
+        seen.add(name)
+        yield name, value.strip()
+
+
+def _value(text: str) -> Any:
+    """A number, true, false, null or a text, as JSON has them."""
+    if text in ("True", "False"):
+        return text == "True"
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text

@@ -1,0 +1,264 @@
+"""Deletes models and all their traces: objects in the bucket, metrics, logs, records of runs."""
+
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from drcli.base.errors import SettingsError
+from drcli.config.settings import Settings
+from drcli.exchange.evaluation_record import running_evaluations
+from drcli.exchange.run_record import RunRecord
+from drcli.models.run_metadata import read_start
+from drcli.runs.run_logs import log_file
+from drcli.store import keys, lease
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectNewer
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.model_traces import ModelTraces, models_in, traces_of
+
+BATCH = 500
+"""Objects in a request; between two of them, the lock of the model is renewed."""
+
+_METRICS = "DR_LOCAL_S3_METRICS_PREFIX"
+
+
+@dataclass(frozen=True)
+class RemovedModel:
+    """A model that is or would be deleted.
+
+    Attributes:
+        prefix: Its name.
+        checkpoints: How many it has.
+        objects: Its objects in the bucket: checkpoints, metrics, traces, logs, rollouts, records.
+        size_bytes: Their size.
+        modified: When the newest of them was written, ISO 8601; empty without any.
+        files: Its logs and records on this machine, by path.
+        files_bytes: Their size.
+        warning: What speaks against it; empty if nothing does.
+    """
+
+    prefix: str
+    checkpoints: int
+    objects: int
+    size_bytes: int
+    modified: str
+    files: list[str]
+    files_bytes: int
+    warning: str = ""
+
+
+@dataclass(frozen=True)
+class RemovalReport:
+    """The result of `dr-delete-model`.
+
+    Attributes:
+        bucket: Name of the bucket.
+        models: What was deleted.
+        dry_run: Whether nothing was deleted.
+        size_bytes: Of all objects.
+    """
+
+    bucket: str
+    models: list[RemovedModel]
+    dry_run: bool
+    size_bytes: int
+
+
+@dataclass(frozen=True)
+class PlannedRemoval:
+    """Models that can be deleted: nobody trains or evaluates them."""
+
+    report: RemovalReport
+    traces: tuple[ModelTraces, ...]
+
+
+def plan_removal(
+    settings: Settings, names: Sequence[str], keep: Sequence[str] = (), *, dry_run: bool = False
+) -> PlannedRemoval:
+    """Find what would go; nothing is deleted yet.
+
+    Args:
+        settings: Name the bucket.
+        names: Prefixes, or patterns with `*` and `?`.
+        keep: The same, for what stays although `names` match it.
+        dry_run: Whether the report is all that is wanted.
+
+    Raises:
+        SettingsError: A name fits no model, or a model is being trained or evaluated.
+    """
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    known = models_in(bucket.list(""))
+    chosen: dict[str, None] = {}
+    for name in names:
+        plain = name.rstrip("/")
+        found = [prefix for prefix in sorted(known) if fits(prefix, plain)]
+        if not found and keys.is_valid_prefix(plain) and _has_remains(settings, bucket, plain):
+            found = [plain]
+        if not found:
+            raise _no_model(bucket, plain, known)
+        chosen |= dict.fromkeys(found)
+    left = [prefix for prefix in chosen if not any(fits(prefix, each) for each in keep)]
+    for prefix in left:
+        refuse_busy(settings, bucket, prefix)
+    traces = tuple(all_traces(settings, bucket, prefix) for prefix in left)
+    models = [described(settings, bucket.name, each) for each in traces]
+    size = sum(model.size_bytes for model in models)
+    return PlannedRemoval(RemovalReport(bucket.name, models, dry_run, size), traces)
+
+
+def remove_models(planned: PlannedRemoval, settings: Settings) -> RemovalReport:
+    """Delete the models, each with a lock that keeps a training from starting on it.
+
+    Raises:
+        SettingsError: Somebody has begun to train one of them; that one stays as it is.
+        StorageError: The bucket does not answer; what is left looks like no model.
+    """
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    for traces in planned.traces:
+        remove_traces(settings, bucket, traces)
+        for path in map(Path, local_files(settings, bucket.name, traces.prefix)):
+            path.unlink(missing_ok=True)
+        _remove_empty_folders(settings, traces.prefix)
+    return planned.report
+
+
+def remove_traces(settings: Settings, bucket: Bucket, traces: ModelTraces) -> None:
+    """Delete the objects of a model; what was written since they were listed goes too.
+
+    Raises:
+        SettingsError: Somebody trains the model.
+    """
+    session, prefix = secrets.token_hex(6), traces.prefix
+    refuse_busy(settings, bucket, prefix)
+    lease.take(bucket, prefix, session)
+    found = all_traces(settings, bucket, prefix)
+    bucket.delete(found.first)
+    rest = [info.key for info in found.objects if info.key not in found.first]
+    rest = [key for key in rest if key != keys.lease(prefix)]
+    for start in range(0, len(rest), BATCH):
+        lease.refuse_other_owner(bucket, prefix, session)
+        if start:
+            lease.take(bucket, prefix, session)
+        bucket.delete(rest[start : start + BATCH])
+    lease.refuse_other_owner(bucket, prefix, session)
+    bucket.delete([keys.lease(prefix)])
+
+
+def refuse_busy(settings: Settings, bucket: Bucket, prefix: str) -> None:
+    """Return if nobody trains a model, anywhere, and nobody evaluates it on this machine.
+
+    Raises:
+        SettingsError: Somebody does.
+    """
+    lease.refuse_other_owner(bucket, prefix)
+    for record in running_evaluations(settings.directory):
+        if (record.bucket, record.prefix) == (bucket.name, prefix):
+            raise SettingsError(
+                f"s3://{bucket.name}/{prefix} is being evaluated (process {record.pid}).",
+                remedy="Wait for its end, or stop it with `dr-stop-evaluation`.",
+            )
+
+
+def all_traces(settings: Settings, bucket: Bucket, prefix: str) -> ModelTraces:
+    """Everything that a model has in the bucket, metrics in another folder included."""
+    spared = [settings.custom_files_prefix]
+    metrics = _metrics_prefix(settings, bucket, prefix)
+    return traces_of(bucket, prefix, metrics_prefix=metrics, spared=spared)
+
+
+def described(settings: Settings, bucket: str, traces: ModelTraces) -> RemovedModel:
+    """What a model has, for people."""
+    files = local_files(settings, bucket, traces.prefix)
+    newest = max((info.modified for info in traces.objects), default=None)
+    warnings = []
+    if traces.prefix == settings.model_prefix:
+        warnings.append("it is the model that run.env names")
+    if settings.pretrained and traces.prefix == settings.pretrained_prefix:
+        warnings.append("the model that run.env names starts with its weights")
+    return RemovedModel(
+        traces.prefix,
+        traces.checkpoints,
+        len(traces.objects),
+        traces.size_bytes,
+        "" if newest is None else newest.isoformat(timespec="seconds"),
+        files,
+        sum(Path(file).lstat().st_size for file in files),
+        "; ".join(warnings),
+    )
+
+
+def fits(prefix: str, pattern: str) -> bool:
+    """Whether a model has this name, or fits a pattern with `*` and `?`."""
+    is_pattern = any(character in pattern for character in "*?[")
+    return fnmatchcase(prefix, pattern) if is_pattern else prefix == pattern
+
+
+def local_files(settings: Settings, bucket: str, prefix: str) -> list[str]:
+    """Logs and records of a model on this machine; not those of models inside it."""
+    found = []
+    for folder in _log_folders(settings, prefix):
+        found += [path for path in _entries(folder) if path.is_file() or path.is_symlink()]
+    for folder in settings.directory.glob("data/runs/*"):
+        record = RunRecord.read(folder)
+        if record is not None and (record.bucket, record.prefix) == (bucket, prefix):
+            found += [path for path in _entries(folder) if path.is_file() and not record.alive]
+    return sorted(map(str, found))
+
+
+def _log_folders(settings: Settings, prefix: str) -> list[Path]:
+    workers = ("sim-0", "trainer")
+    return [log_file(settings.directory, prefix, worker).parent for worker in workers]
+
+
+def _remove_empty_folders(settings: Settings, prefix: str) -> None:
+    for folder in _log_folders(settings, prefix):
+        top = settings.directory / "data" / "logs"
+        while folder.is_relative_to(top) and folder.parent != top and folder.is_dir():
+            if any(folder.iterdir()):
+                break
+            folder.rmdir()
+            folder = folder.parent
+
+
+def _entries(folder: Path) -> list[Path]:
+    try:
+        return list(folder.iterdir())
+    except OSError:
+        return []
+
+
+def _metrics_prefix(settings: Settings, bucket: Bucket, prefix: str) -> str | None:
+    """The folder of a model's metrics; None if that is below the model, or not known."""
+    if prefix == settings.model_prefix:
+        return settings.metrics_prefix
+    try:
+        start = read_start(bucket, prefix)
+    except (ObjectDamaged, ObjectNewer):
+        return None
+    named = None if start is None or start.settings is None else start.settings.get(_METRICS)
+    is_valid = isinstance(named, str) and keys.is_valid_prefix(named)
+    # The metrics of the present model stay, whoever used the folder before.
+    return named if is_valid and named != settings.metrics_prefix else None
+
+
+def _has_remains(settings: Settings, bucket: Bucket, prefix: str) -> bool:
+    """Whether there is something of a model that is no whole one any more."""
+    objects = all_traces(settings, bucket, prefix).objects
+    own = (keys.run_folder(prefix), keys.rollouts_folder(prefix), keys.journal_folder(prefix))
+    logs = f"{keys.folder(prefix)}logs/"
+    return any(info.key.startswith((*own, logs)) for info in objects)
+
+
+def _no_model(bucket: Bucket, name: str, known: dict[str, bool]) -> SettingsError:
+    below = [prefix for prefix in sorted(known) if prefix.startswith(keys.folder(name))]
+    if below:
+        return SettingsError(
+            f"s3://{bucket.name}/{name} is no model, but a folder with {len(below)}: "
+            f"{', '.join(below[:5])}{', ...' if len(below) > 5 else ''}.",
+            remedy=f"Name them, or all of them with '{name}/*'.",
+        )
+    return SettingsError(
+        f"There is no model {name} in s3://{bucket.name}.",
+        remedy="`dr-list-models` lists all models.",
+    )

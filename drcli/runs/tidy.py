@@ -1,0 +1,303 @@
+"""Finds what is left over in the bucket and on this machine, and deletes what was chosen."""
+
+import json
+import re
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Literal, get_args
+
+from drcli.base.errors import SettingsError
+from drcli.base.json_record import RecordError
+from drcli.config.settings import Settings
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.milestone_record import KINDS
+from drcli.models.checkpoint_choice import ModelCheckpoints
+from drcli.runs.model_removal import all_traces, fits, local_files, refuse_busy, remove_traces
+from drcli.store import keys, lease
+from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.model_traces import models_in
+from drcli.store.repair import Model
+
+TidyKind = Literal["remains", "damaged", "rollouts", "traces", "checkpoints", "logs"]
+"""What can be left over; see `docs/checkpoints.md`."""
+
+KINDS_OF_TIDY: tuple[TidyKind, ...] = get_args(TidyKind)
+
+USUAL: tuple[TidyKind, ...] = ("remains", "damaged", "rollouts")
+"""What nobody misses. The others go only if they are named."""
+
+RECENT_S = 3600.0
+"""Remains that were written within this time may belong to a copy that is still going on."""
+
+_TRACE = re.compile(r"(?:\d+/)?training-simtrace/\d+-iteration\.csv")
+
+_RULE = re.compile(r"last(?:-[1-9]\d{0,6})?|best|every-[1-9]\d{0,6}|milestones|" + "|".join(KINDS))
+
+
+@dataclass(frozen=True)
+class TidyItem:
+    """Something of one kind that one model has.
+
+    Attributes:
+        kind: remains, damaged, rollouts, traces, checkpoints or logs.
+        model: Prefix of the model.
+        objects: How many objects or files.
+        size_bytes: Their size.
+        names: Their keys or paths.
+    """
+
+    kind: TidyKind
+    model: str
+    objects: int
+    size_bytes: int
+    names: list[str]
+
+
+@dataclass(frozen=True)
+class TidyReport:
+    """The result of `dr-tidy`.
+
+    Attributes:
+        bucket: Name of the bucket.
+        items: What was deleted.
+        busy: Models that were left alone because they are being trained or evaluated.
+        dry_run: Whether nothing was deleted.
+        size_bytes: Of everything.
+    """
+
+    bucket: str
+    items: list[TidyItem]
+    busy: list[str]
+    dry_run: bool
+    size_bytes: int
+
+
+@dataclass(frozen=True)
+class TidyOptions:
+    """Options of the command.
+
+    Attributes:
+        models: Names or patterns of models; empty for all.
+        keep: The same, for what is left alone.
+        kinds: What goes.
+        checkpoints: Which checkpoints stay, such as `last-2,best,first-lap`; empty for all.
+        older_than_s: Only what was last written longer ago than this, seconds.
+        dry_run: Whether the report is all that is wanted.
+    """
+
+    models: Sequence[str] = ()
+    keep: Sequence[str] = ()
+    kinds: Sequence[TidyKind] = USUAL
+    checkpoints: str = ""
+    older_than_s: float = 0.0
+    dry_run: bool = False
+
+
+def read_kinds(text: str | None, checkpoints: str) -> tuple[TidyKind, ...]:
+    """The kinds that an option names, separated by commas; `checkpoints` adds that kind.
+
+    Raises:
+        SettingsError: One is none.
+    """
+    found = list(USUAL) if text is None and not checkpoints else []
+    for word in filter(None, re.split(r"[,\s]+", text or "")):
+        kind = next((each for each in KINDS_OF_TIDY if each == word.casefold()), None)
+        if kind is None:
+            raise SettingsError(
+                f"--only {word} is nothing that can be left over.",
+                remedy=f"Write some of {', '.join(KINDS_OF_TIDY)}, separated by commas.",
+            )
+        found.append(kind)
+    if checkpoints:
+        found.append("checkpoints")
+    elif "checkpoints" in found:
+        raise SettingsError(
+            "--only checkpoints does not say which checkpoints stay.",
+            remedy="Say so with --checkpoints, as in --checkpoints last-2,best,milestones.",
+        )
+    return tuple(dict.fromkeys(found))
+
+
+def checked_rules(text: str) -> tuple[str, ...]:
+    """Rules for checkpoints, separated by commas.
+
+    Raises:
+        SettingsError: One is none.
+    """
+    rules = tuple(word.casefold() for word in re.split(r"[,\s]+", text) if word)
+    for rule in rules:
+        if not _RULE.fullmatch(rule):
+            raise SettingsError(
+                f"--checkpoints {rule} is not a rule for what stays.",
+                remedy="Write some of last, last-N, best, every-N, milestones, "
+                f"{', '.join(KINDS)}, separated by commas.",
+            )
+    return rules
+
+
+def find_surplus(settings: Settings, options: TidyOptions) -> TidyReport:
+    """Find what would go; nothing is deleted.
+
+    Raises:
+        SettingsError: A rule is none.
+    """
+    rules = checked_rules(options.checkpoints)
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    everything = bucket.list("")
+    known = models_in(everything)
+    orphans = {prefix for prefix in _run_prefixes(everything) if prefix not in known}
+    wanted = [
+        prefix
+        for prefix in sorted({*known, *orphans})
+        if (not options.models or any(fits(prefix, each) for each in options.models))
+        and not any(fits(prefix, each) for each in options.keep)
+    ]
+    items: list[TidyItem] = []
+    busy = []
+    for prefix in wanted:
+        if _is_busy(settings, bucket, prefix):
+            busy.append(prefix)
+            continue
+        for kind in options.kinds:
+            found = _of_kind(settings, bucket, prefix, kind, rules, whole=known.get(prefix, False))
+            kept = [info for info in found if time.time() - info[2] > options.older_than_s]
+            if kept and (kind != "remains" or len(kept) == len(found)):
+                size = sum(info[1] for info in kept)
+                items.append(TidyItem(kind, prefix, len(kept), size, [info[0] for info in kept]))
+    size = sum(item.size_bytes for item in items)
+    return TidyReport(bucket.name, items, busy, options.dry_run, size)
+
+
+def tidy(report: TidyReport, settings: Settings) -> TidyReport:
+    """Delete what was found; a model that somebody has begun to train meanwhile is left alone."""
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    done, busy = [], list(report.busy)
+    for prefix, of_model in groupby(report.items, key=lambda item: item.model):
+        if _is_busy(settings, bucket, prefix):
+            busy.append(prefix)
+            continue
+        for item in of_model:
+            if item.kind == "remains":
+                remove_traces(settings, bucket, all_traces(settings, bucket, prefix))
+            elif item.kind == "logs":
+                for name in item.names:
+                    Path(name).unlink(missing_ok=True)
+            else:
+                bucket.delete(item.names)
+            done.append(item)
+    size = sum(item.size_bytes for item in done)
+    return TidyReport(report.bucket, done, busy, report.dry_run, size)
+
+
+_Found = tuple[str, int, float]
+"""Key or path, size in bytes, when it was written in Unix seconds."""
+
+
+def _of_kind(
+    settings: Settings,
+    bucket: Bucket,
+    prefix: str,
+    kind: TidyKind,
+    rules: tuple[str, ...],
+    *,
+    whole: bool,
+) -> list[_Found]:
+    if kind == "logs":
+        return _orphaned_logs(settings, prefix) if not whole else []
+    if not whole:
+        if kind != "remains":
+            return []
+        objects = all_traces(settings, bucket, prefix).objects
+        newest = max((info.modified.timestamp() for info in objects), default=0.0)
+        recent = time.time() - newest < RECENT_S
+        return [] if recent else [_found(info) for info in objects]
+    if kind == "damaged":
+        return [_found(info) for info in bucket.list(keys.damaged_folder(prefix))]
+    if kind == "rollouts":
+        return list(_rollouts(bucket, prefix))
+    if kind == "traces":
+        start = keys.folder(prefix)
+        listed = bucket.list(start)
+        return [_found(i) for i in listed if _TRACE.fullmatch(i.key.removeprefix(start))]
+    return _checkpoints(settings, bucket, prefix, rules) if kind == "checkpoints" else []
+
+
+def _found(info: ObjectInfo) -> _Found:
+    return info.key, info.size_bytes, info.modified.timestamp()
+
+
+def _rollouts(bucket: Bucket, prefix: str) -> Iterator[_Found]:
+    """Recorded episodes of a training that does not run; SAC still needs its own to go on."""
+    try:
+        metadata = json.loads(bucket.get(keys.model_metadata(prefix)))
+    except (ObjectMissing, ValueError):
+        return
+    if not isinstance(metadata, dict) or metadata.get("training_algorithm") == "sac":
+        return
+    for info in bucket.list(keys.rollouts_folder(prefix)):
+        if keys.rollout_key(prefix, info.key) is not None:
+            yield _found(info)
+
+
+def _checkpoints(
+    settings: Settings, bucket: Bucket, prefix: str, rules: tuple[str, ...]
+) -> list[_Found]:
+    """All objects of checkpoints that no rule keeps; what the pointers name always stays."""
+    has = ModelCheckpoints.read(Model.of(settings.model, bucket, prefix))
+    if has.scores is None:
+        return []
+    names = list(has.names)
+    scored = (has.scores.best_checkpoint, has.scores.last_checkpoint)
+    stay = {CheckpointName.parse(each.name) for each in scored}
+    for rule in rules:
+        kind, _, number = rule.partition("-")
+        if kind == "last":
+            stay |= set(names[-int(number or 1) :])
+        elif kind == "every":
+            stay |= {name for name in names if name.number and name.number % int(number) == 0}
+        else:
+            reached = has.milestones.reached()
+            stay |= {each.name for word, each in reached if rule in ("milestones", word)}
+    gone = [name for name in names if name not in stay]
+    numbers = {name.number for name in gone} - {name.number for name in names if name in stay}
+    graphs = {keys.checkpoint_graph(prefix, number) for number in numbers}
+    return [
+        _found(info)
+        for info in has.listed
+        if keys.checkpoint_of(prefix, info.key) in gone or info.key in graphs
+    ]
+
+
+def _orphaned_logs(settings: Settings, prefix: str) -> list[_Found]:
+    files = [Path(name) for name in local_files(settings, settings.bucket, prefix)]
+    logs = settings.directory / "data" / "logs"
+    own = [(path, path.lstat()) for path in files if path.is_relative_to(logs)]
+    return [(str(path), stat.st_size, stat.st_mtime) for path, stat in own]
+
+
+def _run_prefixes(listed: Iterable[ObjectInfo]) -> set[str]:
+    """Prefixes of which there are records of a run, or rollouts."""
+    found = set()
+    for info in listed:
+        run = re.fullmatch(
+            r"runs/(.+)/(?:lease|outcome)\.json|runs/(.+)/(?:status|damaged|evaluations|spending)/.+",
+            info.key,
+        )
+        rollout = re.fullmatch(r"rollouts/(.+)/\d+/\d+/[^/]+", info.key)
+        if run is not None:
+            found.add(run[1] or run[2])
+        elif rollout is not None:
+            found.add(rollout[1])
+    return found
+
+
+def _is_busy(settings: Settings, bucket: Bucket, prefix: str) -> bool:
+    try:
+        refuse_busy(settings, bucket, prefix)
+    except (SettingsError, RecordError):
+        return True
+    return lease.live_holder(bucket, prefix) is not None

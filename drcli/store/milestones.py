@@ -1,0 +1,59 @@
+"""Reads and writes the milestones of a model, and works them out from its evaluations."""
+
+from collections.abc import Iterable
+
+from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.milestone_record import Milestones
+from drcli.exchange.scores import EvaluationResult
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+
+NO_MILESTONES = Milestones()
+
+
+def read_milestones(bucket: Bucket, prefix: str) -> Milestones | None:
+    """The record of the milestones, None if there is none; ObjectDamaged if it is unreadable.
+
+    Models of version 0.1.0 have no record; `with_history` works their milestones out.
+    """
+    remedy = "Continue with `dr-start-training --resume`, which reconstructs it."
+    try:
+        return read_record(bucket, keys.milestones(prefix), Milestones.decode, remedy)
+    except ObjectMissing:
+        return None
+
+
+def write_milestones(bucket: Bucket, prefix: str, milestones: Milestones) -> None:
+    """Write `milestones.json`."""
+    bucket.put(keys.milestones(prefix), milestones.encode())
+
+
+def with_history(known: Milestones, records: Iterable[IterationRecord]) -> Milestones:
+    """The milestones with all evaluations of the learning curve."""
+    for record in records:
+        known = known.with_evaluation(
+            record.checkpoint, record.evaluation_progress, record.evaluation_lap_s
+        )
+    return known
+
+
+def with_results(known: Milestones, results: Iterable[EvaluationResult]) -> Milestones:
+    """The milestones with these evaluations, of which the learning curve may not know yet."""
+    for result in results:
+        known = known.with_evaluation(result.checkpoint, result.progress, result.lap_s)
+    return known
+
+
+def readable_milestones(
+    bucket: Bucket, prefix: str, records: Iterable[IterationRecord]
+) -> tuple[Milestones, list[str]]:
+    """The milestones for a reader that writes nothing, and a sentence if they are damaged.
+
+    `records` is the learning curve, which fills in what the record lacks.
+    """
+    damaged: list[str] = []
+    try:
+        known = read_milestones(bucket, prefix)
+    except ObjectDamaged as error:
+        known, damaged = None, [str(error)]
+    return with_history(known or NO_MILESTONES, records), damaged

@@ -1,0 +1,107 @@
+"""Notes of a model in the bucket: each is an object of its own, so none can overwrite another."""
+
+import re
+import secrets
+import socket
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from drcli.exchange.note_record import NoteRecord
+from drcli.store import keys
+from drcli.store.bucket import (
+    Bucket,
+    ObjectDamaged,
+    ObjectInfo,
+    ObjectMissing,
+    ObjectNewer,
+    read_record,
+)
+
+DESCRIPTION = "000-description"
+"""Name of the description; it comes before all other notes."""
+
+
+@dataclass(frozen=True)
+class StoredNote:
+    """A note and its name in the bucket.
+
+    Attributes:
+        name: Of the object, without its folder and end.
+        record: None if the object is damaged.
+        problem: What is wrong with it; empty if it is in order.
+    """
+
+    name: str
+    record: NoteRecord | None
+    problem: str = ""
+
+
+def read_notes(bucket: Bucket, prefix: str) -> list[StoredNote]:
+    """All notes of a model, the description first, then the oldest first."""
+    found = []
+    for info in bucket.list(keys.notes_folder(prefix)):
+        name = _name_of(prefix, info.key)
+        note = None if name is None else _read(bucket, prefix, name)
+        if note is not None:
+            found.append(note)
+    return found
+
+
+def headline(bucket: Bucket, prefix: str, objects: Mapping[str, ObjectInfo]) -> str:
+    """The description of a model, else its newest note, else nothing; reads at most one object.
+
+    `objects` are those of the model, by key.
+    """
+    names = sorted(name for key in objects if (name := _name_of(prefix, key)) is not None)
+    if not names:
+        return ""
+    note = _read(bucket, prefix, DESCRIPTION if DESCRIPTION in names else names[-1])
+    return "" if note is None or note.record is None else note.record.text
+
+
+def add_note(bucket: Bucket, prefix: str, text: str, checkpoint: int | None) -> StoredNote:
+    """Write a new note."""
+    now = time.time()
+    name = f"{int(now * 1000):015d}-{secrets.token_hex(3)}"
+    return _write(bucket, prefix, name, NoteRecord(now, text, socket.gethostname(), checkpoint))
+
+
+def change_note(bucket: Bucket, prefix: str, note: StoredNote, text: str) -> StoredNote:
+    """Replace the text of a note, also of a damaged one."""
+    now = time.time()
+    record = note.record or NoteRecord(now, text, socket.gethostname())
+    return _write(bucket, prefix, note.name, replace(record, text=text, edited_at=now))
+
+
+def remove_note(bucket: Bucket, prefix: str, note: StoredNote) -> None:
+    """Delete a note."""
+    bucket.delete([keys.note(prefix, note.name)])
+
+
+def describe(bucket: Bucket, prefix: str, text: str, *, is_new: bool = True) -> None:
+    """Write the description of a model; of one that is not new, only if it has none."""
+    if not text.strip() or (not is_new and bucket.exists(keys.note(prefix, DESCRIPTION))):
+        return
+    _write(bucket, prefix, DESCRIPTION, NoteRecord(time.time(), text, socket.gethostname()))
+
+
+def _name_of(prefix: str, key: str) -> str | None:
+    found = re.fullmatch(re.escape(keys.notes_folder(prefix)) + r"([\w-]+)\.json", key)
+    return None if found is None else found[1]
+
+
+def _read(bucket: Bucket, prefix: str, name: str) -> StoredNote | None:
+    remedy = "Write it again with `dr-note edit`, or remove it with `dr-note remove`."
+    try:
+        record = read_record(bucket, keys.note(prefix, name), NoteRecord.decode, remedy)
+    except ObjectMissing:
+        return None
+    except (ObjectDamaged, ObjectNewer) as error:
+        return StoredNote(name, None, str(error))
+    return StoredNote(name, record)
+
+
+def _write(bucket: Bucket, prefix: str, name: str, record: NoteRecord) -> StoredNote:
+    bucket.put(keys.note(prefix, name), record.encode())
+    return StoredNote(name, record)

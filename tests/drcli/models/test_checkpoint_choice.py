@@ -1,0 +1,120 @@
+"""Which checkpoint a word or number chooses, and what is said without one (001-46, 003-16)."""
+
+import pytest
+
+from drcli.base.errors import SettingsError
+from drcli.config.settings import ModelConfig
+from drcli.exchange.scores import EvaluationResult
+from drcli.models.checkpoint_choice import CheckpointGone, find_choice
+from drcli.models.checkpoint_list import list_checkpoints
+from drcli.store import keys
+from drcli.store.checkpoint_retention import KeepRules
+from drcli.store.checkpoints import KEEP_ALL_MARKED, CheckpointStore
+from drcli.store.repair import Model
+from memory_bucket import MemoryBucket
+
+PREFIX = "team/model"
+CONFIG = ModelConfig(PREFIX, f"{PREFIX}/metrics", "progress", 1, "reward.py", "params.yaml")
+
+
+def trained(rules: KeepRules = KEEP_ALL_MARKED, *, laps: bool = True) -> Model:
+    """A model with checkpoints 0 to 20: 5 made a lap first, 11 the fastest, 14 is the best."""
+    bucket = MemoryBucket("bucket")
+    store = CheckpointStore(bucket, PREFIX, rules)
+    times = {5: [30.0], 11: [20.0, 21.0], 14: [25.0, 25.0, 25.0]} if laps else {}
+    for number in range(21):
+        store.save(number, number * 100, b"weights %d" % number)
+        done = times.get(number, [])
+        progress = [100.0] * len(done) + [40.0] * (3 - len(done))
+        name = f"{number}_Step-{number * 100}.ckpt"
+        store.record_evaluation(EvaluationResult(name, progress, [1.0] * 3, done), "progress")
+    return Model(bucket, PREFIX, keys.metrics_prefix(PREFIX))
+
+
+@pytest.mark.parametrize(
+    ("choice", "number"),
+    [
+        ("last", 20),
+        ("best", 14),
+        ("first-lap", 5),
+        ("three-laps", 14),
+        ("best-lap", 11),
+        (18, 18),
+        (5, 5),
+    ],
+)
+def test_each_word_and_number_finds_its_checkpoint(choice, number):
+    assert find_choice(trained(), choice).name == f"{number}_Step-{number * 100}.ckpt"
+
+
+@pytest.mark.parametrize("choice", [3, 99, "first-lap"])
+def test_the_sentence_lists_what_there_is(choice):
+    model = trained(KeepRules(milestones=False))
+
+    with pytest.raises(CheckpointGone) as caught:
+        find_choice(model, choice)
+
+    said = str(caught.value)
+    why = {
+        3: "3 was deleted",
+        99: "no checkpoint 99: the newest is 20",
+        "first-lap": "Checkpoint 5",
+    }
+    assert why[choice] in said
+    assert said.endswith("It has 14 (best, three-laps), 17, 18, 19, 20 (last).")
+    assert "three-laps" in caught.value.remedy
+
+
+def test_a_milestone_that_was_never_reached_is_said():
+    with pytest.raises(CheckpointGone, match="no evaluation during its training has completed a"):
+        find_choice(trained(laps=False), "best-lap")
+
+
+@pytest.mark.parametrize("choice", [19, "last", "first-lap"])
+def test_a_checkpoint_that_lacks_a_file_is_said_and_not_offered(choice):
+    model = trained()
+    name = find_choice(model, choice).name
+    model.bucket.delete([keys.checkpoint_tensors(PREFIX, name)])
+
+    with pytest.raises(CheckpointGone) as caught:
+        find_choice(model, choice)
+
+    assert f"{name}.safetensors is missing." in str(caught.value)
+    assert f" {name.partition('_')[0]} " not in str(caught.value).partition("It has")[2]
+
+
+def test_a_model_without_checkpoints_is_said():
+    model = Model(MemoryBucket("bucket"), PREFIX, keys.metrics_prefix(PREFIX))
+
+    for choice in ("last", "first-lap", 3):
+        with pytest.raises(SettingsError, match="checkpoint"):
+            find_choice(model, choice)
+
+
+@pytest.mark.parametrize("damage", [b"", b"{}", b'{"best_lap": [1]}'])
+def test_a_damaged_record_costs_no_milestone_of_the_evaluations_that_are_left(damage):
+    model = trained()
+    model.bucket.put(keys.milestones(PREFIX), damage)
+
+    found = list_checkpoints(CONFIG, model.bucket, PREFIX)
+
+    assert len(found.damaged) == (damage != b"{}")
+    assert [each.number for each in found.checkpoints] == [5, 11, 14, 17, 18, 19, 20]
+
+
+def test_the_list_has_the_numbers_of_the_evaluations():
+    model = trained()
+    model.bucket.put(keys.checkpoint_tensors(PREFIX, "17_Step-1700.ckpt"), b"weights ??")
+
+    found = list_checkpoints(CONFIG, model.bucket, PREFIX, check=True)
+
+    eleven = next(each for each in found.checkpoints if each.number == 11)
+    assert (eleven.laps, eleven.episodes, eleven.best_lap_s) == (2, 3, 20.0)
+    assert eleven.words == ["best-lap"]
+    assert [each.number for each in found.checkpoints if each.problem] == [17]
+    assert [(each.word, each.kept) for each in found.milestones] == [
+        ("first-lap", True),
+        ("three-laps", True),
+        ("best-lap", True),
+    ]
+    assert found.not_reached == []
