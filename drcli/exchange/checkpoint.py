@@ -10,6 +10,7 @@ from typing import Any
 from drcli.base.fingerprint import Fingerprint
 from drcli.base.json_record import JsonRecord, RecordError
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.stage import StageMark
 
 CHECKPOINT_NAME = re.compile(r"(\d+)_Step-(\d+)\.ckpt")
 
@@ -52,6 +53,7 @@ class Counters:
         inputs: The parameter files by name, to restore them if they are lost.
         critic_warmup: How many updates at most still improve the critic alone; None but for a
             policy that came without its critic.
+        stage: The stage of the training that the weights are for; None without a curriculum.
     """
 
     episodes: int = 0
@@ -61,6 +63,7 @@ class Counters:
     seed: int | None = None
     inputs: Mapping[str, str] = field(default_factory=dict)
     critic_warmup: int | None = None
+    stage: StageMark | None = None
 
 
 @dataclass(frozen=True)

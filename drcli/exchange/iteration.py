@@ -39,6 +39,10 @@ class IterationRecord(JsonRecord):
         actor_loss: Actor loss of SAC, mean of the last part of the update; None for PPO.
         critic_loss: Mean loss of the two critics of SAC, likewise.
         alpha: Temperature of SAC, likewise.
+        stage: Stage of the training in which it was driven; empty without a curriculum.
+        second_world: Track of the second evaluation, DR_TRAIN_EVAL_WORLD; empty without one.
+        second_progress: Progress of each evaluation episode there, percent.
+        second_lap_s: Lap times of the laps that were completed there, simulated seconds.
     """
 
     iteration: int
@@ -65,10 +69,17 @@ class IterationRecord(JsonRecord):
     actor_loss: float | None = None
     critic_loss: float | None = None
     alpha: float | None = None
+    stage: str = ""
+    second_world: str = ""
+    second_progress: list[float] = field(default_factory=list)
+    second_lap_s: list[float] = field(default_factory=list)
 
 
 HISTORY_HEAD, HISTORY_END = b'{"iterations": [', b"]}"
 """What is before and after the records in the file `history.json`."""
+
+LEFT_OUT_IF_EMPTY = ("stage", "second_world", "second_progress", "second_lap_s")
+"""Fields that few trainings have."""
 
 SEPARATOR = b", "
 """Between two records."""
@@ -76,7 +87,11 @@ SEPARATOR = b", "
 
 def encode_iteration(record: IterationRecord) -> bytes:
     """A record as it is in `history.json`. It may contain the word NaN, as Python's JSON does."""
-    return json.dumps(asdict(record)).encode()
+    fields = asdict(record)
+    for name in LEFT_OUT_IF_EMPTY:
+        if not fields[name]:
+            del fields[name]
+    return json.dumps(fields).encode()
 
 
 def encode_history(records: Sequence[IterationRecord]) -> bytes:

@@ -14,6 +14,7 @@ from drcli.exchange.iteration import (
     encode_history,
     encode_iteration,
 )
+from drcli.exchange.scores import SecondEvaluation
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing, read_record
 from drcli.store.complete_files import combined_history
@@ -84,13 +85,26 @@ class History:
             older = [r for r in self.records[:-REMEMBERED] if r.evaluation_progress]
             self.records = older[-REMEMBERED:] + self.records[-REMEMBERED:]
 
-    def add_evaluation(self, iteration: int, progress: list[float], lap_s: list[float]) -> None:
-        """Add the evaluation of a checkpoint, and publish."""
+    def add_evaluation(
+        self,
+        iteration: int,
+        progress: list[float],
+        lap_s: list[float],
+        second: SecondEvaluation | None = None,
+    ) -> None:
+        """Add the evaluation of a checkpoint, maybe with that on a second track, and publish."""
         for at in reversed(range(len(self.records))):
             if self.records[at].iteration == iteration:
                 changed = replace(
                     self.records[at], evaluation_progress=progress, evaluation_lap_s=lap_s
                 )
+                if second is not None:
+                    changed = replace(
+                        changed,
+                        second_world=second.world,
+                        second_progress=second.progress,
+                        second_lap_s=second.lap_s,
+                    )
                 self.records[at] = changed
                 self._file.put(iteration, encode_iteration(changed))
                 break
@@ -174,11 +188,15 @@ class Fall:
     def __init__(self, records: Iterable[IterationRecord] = ()) -> None:
         self._newest: list[float] = []
         self._highest = self._last = 0.0
+        self._stage = ""
         for record in records:
             self.add(record)
 
     def add(self, record: IterationRecord) -> None:
         """Add the next iteration."""
+        if record.stage != self._stage:  # another track: what it drove before says nothing
+            self._newest, self._highest, self._last = [], 0.0, 0.0
+            self._stage = record.stage
         self._newest = [*self._newest, record.mean_progress][-_SMOOTH:]
         if len(self._newest) == _SMOOTH:
             self._last = sum(self._newest) / _SMOOTH

@@ -86,11 +86,11 @@ def test_the_mean_score_is_that_of_the_last_hundred_episodes():
 
 
 def test_a_mean_reward_can_end_the_training(goals):
-    limited = goals("DR_TRAIN_STOP_REWARD=350")
+    limited = goals("DR_TRAIN_STOP_MEAN_SCORE=350")
     good = [record(k, mean_reward=351.0) for k in range(5)]
 
     assert limited.reached(good[:4]) is None
-    assert "DR_TRAIN_STOP_REWARD is 350" in limited.reached(good)
+    assert "DR_TRAIN_STOP_MEAN_SCORE is 350" in limited.reached(good)
 
 
 def test_laps_are_reached_when_every_evaluation_episode_of_a_checkpoint_was_one(goals):
