@@ -46,7 +46,7 @@ class StageGoal:
         return not self.evaluated and all(each is None for each in limits)
 
     def __str__(self) -> str:
-        """Everything that ends the stage, to be read after "until"."""
+        """Everything that ends the stage, to be read after "ends"."""
         targets, limits = [], []
         if self.laps is not None:
             targets.append(f"all evaluation laps are completed, at least {self.laps}")
@@ -66,8 +66,8 @@ class StageGoal:
         ):
             if value is not None:
                 limits.append(f"after {value:,g} {words if value != 1 else words[:-1]}")
-        ways = [" and ".join(targets)] if targets else []
-        return ", or ".join([*ways, *limits]) or "the training ends"
+        ways = [f"once {' and '.join(targets)}"] if targets else []
+        return " or ".join([*ways, *limits]) or "with the training"
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ class JournalEvent:
     Attributes:
         session: Unique name of the start that it belongs to.
         at: Unix seconds by the clock of its machine.
-        kind: start, notice, fault, recovery, upload, message or end.
+        kind: start, notice, fault, recovery, stage, upload, message or end.
         text: A sentence.
         facts: For programs.
     """

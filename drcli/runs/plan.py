@@ -21,6 +21,7 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.network_shape import Design
 from drcli.models.repair_model import repair_all
 from drcli.models.run_metadata import describe_start, read_start
+from drcli.runs.daily_budget import refuse_without_budget
 from drcli.runs.freeze_inputs import freeze, parameter_files
 from drcli.runs.journal_of_start import start_entries
 from drcli.runs.planned_job import begun_by, first_start, planned_job
@@ -110,6 +111,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     if settings.untrainable is not None and not settings.curriculum_file:
         raise ProblemsError([settings.untrainable])
     refuse_second_run(settings.run_id, run_folder(directory, settings.run_id))
+    refuse_without_budget(directory, settings.run.unattended)
     command_words(settings.interruption_command)
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     bucket.probe(keys.run_folder(prefix))

@@ -1,25 +1,30 @@
 """Looks up the state of a run: in its record on this machine and in the bucket."""
 
+import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from drcli.base.errors import StorageError
 from drcli.base.process_identity import exists
 from drcli.config.settings import RunConfig
+from drcli.exchange.daily_spending import DayBudget
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
 from drcli.exchange.run_state import ActivityRecord
 from drcli.exchange.spending import Spending
+from drcli.exchange.stage import StageMark
 from drcli.exchange.trace import STEP_S
 from drcli.exchange.watch_record import WatchRecord
 from drcli.models.model_list import CheckpointEntry
+from drcli.runs.daily_budget import budget_of
 from drcli.runs.run_logs import log_file
 from drcli.runs.spending_report import RequestReport, money_left, request_report, time_left_s
 from drcli.runs.worker_health import WorkerHealth
 from drcli.runs.worker_processes import TRAINER
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_running_bucket
 from drcli.store.history import HistoryReader, collapse, read_history
 from drcli.store.last_outcome import read_outcome
@@ -79,6 +84,8 @@ class RunReport:
         money_left: Until DR_MAX_COST, USD; None without that limit.
         requests: Requests to the bucket of the newest start; None before the first count.
         watches: What the watches of the training warn of, a sentence each: memory, disk, stalls.
+        stage: Stage of the newest checkpoint; None without a curriculum.
+        budget: Of today, for all trainings of the folder; None without a limit.
     """
 
     run_id: int
@@ -105,6 +112,8 @@ class RunReport:
     money_left: float | None = None
     requests: RequestReport | None = None
     watches: list[str] = field(default_factory=list)
+    stage: StageMark | None = None
+    budget: DayBudget | None = None
 
     @property
     def dead(self) -> list[str]:
@@ -178,6 +187,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             prefix=config.model.prefix,
             world=config.race().world_name,
             state="none",
+            budget=_budget(config),
         )
     # The bucket of the start: the settings may name another one now.
     bucket = open_running_bucket(record.storage_at_start(config.storage, config.directory))
@@ -185,6 +195,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     best = last = None
     damaged: list[str] = []
     activities: dict[str, str] = {}
+    stage: StageMark | None = None
     if bucket is not None:
         try:
             model = Model.of(config.model, bucket, record.prefix)
@@ -194,6 +205,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             if scores is not None:
                 best = CheckpointEntry.of(scores.best_checkpoint)
                 last = CheckpointEntry.of(scores.last_checkpoint)
+            stage = CheckpointStore(bucket, record.prefix).stage_of_newest()
             names = [worker.name for worker in record.workers]
             activities = {name: _activity(bucket, record.prefix, name) for name in names}
         except StorageError as error:
@@ -226,7 +238,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         run_id=record.run_id,
         bucket=record.bucket,
         prefix=record.prefix,
-        world=record.world,
+        world=record.world if stage is None else stage.world,
         state=record.state,
         message=record.message,
         remedy=record.remedy,
@@ -247,7 +259,14 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         money_left=money_left(spending),
         requests=request_report(folder, record.session, spending),
         watches=WatchRecord.read(folder, record.session).warnings,
+        stage=stage,
+        budget=_budget(config),
     )
+
+
+def _budget(config: RunConfig) -> DayBudget | None:
+    budget = budget_of(config.directory, config.unattended, time.time())
+    return budget if budget.limited else None
 
 
 def _record_of_elsewhere(config: RunConfig) -> RunRecord | None:

@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from typing import ParamSpec
 
@@ -20,6 +21,7 @@ from drcli.exchange.checkpoint import CheckpointName, Counters
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_state import TrainingEnd
+from drcli.exchange.stage_note import StageNote
 from drcli.formats.build_network import load_weights
 from drcli.learn.compute import choose_compute, flush_denormals
 from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
@@ -286,6 +288,9 @@ class Trainer:
         self._learner = self._build_learner(self._learner.compute.number_format)
         load_weights(self._learner.model, tensors, source)
         self._publish(record)
+        note = StageNote(self._job.session, mark.name, str(self._newest), sentence)
+        with suppress(OSError):  # a full disk: the journal does without
+            note.write(self._job.folder)
         self._scoring.begin_stage(mark.iteration)
         row = row_of(record)
         plain.info(line_of(row))

@@ -178,5 +178,5 @@ class MessageSettings(Group, title="Messages", file="system.env"):
         "DR_MESSAGE_EVENTS",
         "start,resume,interruption,end,failure,stall",
         "What to tell: start, resume, interruption, end, failure, stall, stop, fault, recovery, "
-        "best, upload; or all.",
+        "stage, best, upload; or all.",
     )
