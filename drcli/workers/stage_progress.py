@@ -120,9 +120,10 @@ class StageProgress:
             (goal.iterations, now.iteration - mark.iteration, "iterations"),
         ):
             if limit is not None and done >= limit:
-                return f"{done:,} {words if done != 1 else words[:-1]} are done"
+                return "1 " + words[:-1] + " is done" if done == 1 else f"{done:,} {words} are done"
         if goal.minutes is not None and now.elapsed_s - mark.elapsed_s >= 60.0 * goal.minutes:
-            return f"{goal.minutes:g} {'minutes' if goal.minutes != 1 else 'minute'} have passed"
+            one = goal.minutes == 1
+            return "1 minute has passed" if one else f"{goal.minutes:g} minutes have passed"
         return self._good_enough(own)
 
     def _good_enough(self, own: Sequence[IterationRecord]) -> str | None:

@@ -194,6 +194,11 @@ def start_text(plan: "RunPlan") -> str:
         f"World {config.race().world_name}, {workers}, seed {plan.job.seed}.",
         "Using configuration files:",
         *(f"   {f.origin}" for f in (inputs.reward, inputs.hyperparameters, inputs.metadata)),
+        *(["Stages:"] if plan.job.stages else []),
+        *(
+            f"   {number}. {stage.name}, on {stage.race().world_name}: ends {stage.goal}"
+            for number, stage in enumerate(plan.job.stages, start=1)
+        ),
         plan.ends,
     ]
     return "\n".join(lines)
