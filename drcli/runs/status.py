@@ -205,7 +205,8 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             if scores is not None:
                 best = CheckpointEntry.of(scores.best_checkpoint)
                 last = CheckpointEntry.of(scores.last_checkpoint)
-            stage = CheckpointStore(bucket, record.prefix).stage_of_newest()
+            if config.train.curriculum_file or any(each.stage for each in history[-1:]):
+                stage = CheckpointStore(bucket, record.prefix).stage_of_newest()
             names = [worker.name for worker in record.workers]
             activities = {name: _activity(bucket, record.prefix, name) for name in names}
         except StorageError as error:

@@ -1,7 +1,6 @@
 """A budget for all trainings of a folder together, counted by the day."""  # 000-12, 001-26
 
 import json
-import os
 import time
 from dataclasses import dataclass
 
@@ -134,7 +133,10 @@ def test_old_days_are_deleted(tmp_path):
 
     forget_old_days(tmp_path, keep=2)
 
-    assert sorted(os.listdir(tmp_path / FOLDER)) == ["2026-01-02", "2026-01-03"]
+    assert sorted(path.name for path in (tmp_path / FOLDER).iterdir()) == [
+        "2026-01-02",
+        "2026-01-03",
+    ]
 
 
 def test_nothing_starts_on_a_day_whose_budget_is_used_up(racer):

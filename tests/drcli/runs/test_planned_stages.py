@@ -148,5 +148,7 @@ def test_nothing_starts_with_a_stage_that_is_wrong(staged, before, after, said):
 def test_a_curriculum_that_does_not_exist_is_told_with_the_setting(staged):
     staged.curriculum.unlink()
 
-    with pytest.raises(SettingsError, match="run.env line 3: DR_CURRICULUM_FILE=curriculum.yaml"):
+    with pytest.raises(
+        SettingsError, match=r"run\.env line 3: DR_CURRICULUM_FILE=curriculum\.yaml"
+    ):
         staged.start()
