@@ -142,12 +142,13 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
     """A sentence with everything that ends the training."""
     settings = job.config.train
     ways = []
+    judged = " in the last stage" if len(job.stages) > 1 else ""
     if job.stages and not job.stages[-1].goal.empty:
         last = job.stages[-1]
         ways.append(f"with the last of {_stages(job)}, {last.name}: {last.goal}")
     if job.until_laps is not None:
         ways.append(
-            "once a checkpoint completes all its evaluation laps, "
+            f"once a checkpoint completes all its evaluation laps{judged}, "
             f"at least {job.until_laps} (--until-laps)"
         )
     if job.max_minutes is not None:
@@ -168,17 +169,18 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
     if settings.train_stop_lap_time > 0.0:
         ways.append(
             f"once all evaluation laps of a checkpoint take {settings.train_stop_lap_time:g} s or "
-            "less on average (DR_TRAIN_STOP_LAP_TIME)"
+            f"less on average{judged} (DR_TRAIN_STOP_LAP_TIME)"
         )
     if settings.train_stop_mean_score is not None:
         ways.append(
             f"at a mean reward of {settings.train_stop_mean_score:g} over "
-            f"{_episodes(settings.train_stop_score_episodes)} (DR_TRAIN_STOP_MEAN_SCORE)"
+            f"{_episodes(settings.train_stop_score_episodes)}{judged} (DR_TRAIN_STOP_MEAN_SCORE)"
         )
     if settings.train_stop_progress > 0:
         ways.append(
             f"at {settings.train_stop_progress:g} % of mean progress in "
-            f"{settings.train_stop_evaluations} evaluations in a row (DR_TRAIN_STOP_PROGRESS)"
+            f"{settings.train_stop_evaluations} evaluations in a row{judged} "
+            "(DR_TRAIN_STOP_PROGRESS)"
         )
     return f"Ends {', or '.join([*ways, 'with dr-stop-training'])}."
 

@@ -11,7 +11,6 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import ParamSpec
 
-import numpy as np
 import torch
 from safetensors.torch import save as save_tensors
 
@@ -305,21 +304,7 @@ class Trainer:
 
     def _record(self, collected: Collected) -> IterationRecord:
         """What is known about an iteration before anything is learned from it."""
-        iteration, steps = self._newest.number, collected.rollout.steps
-        return IterationRecord(
-            iteration=iteration,
-            checkpoint=collected.checkpoint,
-            episodes=len(collected.rewards),
-            steps=steps,
-            total_steps=self._newest.steps + steps,
-            mean_reward=float(np.mean(collected.rewards)),
-            mean_progress=float(np.mean(collected.progress)),
-            full_laps=len(collected.lap_s),
-            best_lap_s=min(collected.lap_s, default=None),
-            drive_s=collected.drive_s,
-            elapsed_s=self._elapsed_s(),
-            stage=self._stages.name,
-        )
+        return collected.record(self._newest, elapsed_s=self._elapsed_s(), stage=self._stages.name)
 
     def _learn(self, collected: Collected) -> None:
         """Update the policy, publish it and record how the update went."""
