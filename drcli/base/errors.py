@@ -72,6 +72,13 @@ class TrainedElsewhere(DrError):
     final = True
 
 
+class BudgetUsedUp(DrError):
+    """The budget of the day is used up. Source of the code: EX_TEMPFAIL of sysexits.h."""
+
+    code = 75
+    final = True
+
+
 class NotAvailable(DrError):
     """A feature is not implemented yet, or needs a program that is not installed."""
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Event
 
 from drcli.base.problems import Problem
@@ -13,7 +13,7 @@ from drcli.checks.reward_rules import Source, read_source, review_source
 from drcli.checks.settings_rules import upload_problems
 from drcli.checks.storage_rules import review_prefix, review_pretrained
 from drcli.checks.try_inputs import try_inputs
-from drcli.config.settings import Settings
+from drcli.config.settings import RaceConfig, Settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs, missing_files
 from drcli.modelfiles.network_shape import Design, weight_problems
@@ -91,9 +91,8 @@ def examine(
             train = job.config.train
             counts = train.reward_on_error == "count"
             tolerated = train.reward_max_error_share if counts else 0.0
-            trying = pool.submit(
-                try_inputs, job.config.races, job.directory, tried, given_up, tolerated
-            )
+            races = (*job.config.races, *second_races(job))
+            trying = pool.submit(try_inputs, races, job.directory, tried, given_up, tolerated)
             if source is not None:
                 found += review_source(source)
             review = review_parameters(
@@ -110,10 +109,26 @@ def examine(
             found += upload_problems(settings)
             found += review_disk(settings.storage, job.directory)
             known = {(item.rule, item.where) for item in found}  # such as undefined names
-            found += [item for item in trying.result() if (item.rule, item.where) not in known]
+            tried_out = [as_given(item, job) for item in trying.result()]
+            found += [item for item in tried_out if (item.rule, item.where) not in known]
         finally:
             given_up.set()  # otherwise Ctrl-C, or a bucket that fails, would wait for the sandbox
     return Examined(files, source, review, transfer, found)
+
+
+def second_races(job: Job) -> list[RaceConfig]:
+    """The race on DR_TRAIN_EVAL_WORLD, if there is one."""
+    race = job.config.second_race(job.config.race())
+    return [] if race is None else [race]
+
+
+def as_given(problem: Problem, job: Job) -> Problem:
+    """A problem with the second track as its author wrote it: it has a setting of its own."""
+    place, name = job.config.eval_world_place, "DR_TRAIN_EVAL_WORLD"
+    if not job.config.train.train_eval_world or (problem.file, problem.line) != tuple(place):
+        return problem
+    text = problem.message.replace("DR_WORLD_NAME", name)
+    return replace(problem, message=text, key=name)
 
 
 def _of_bucket(

@@ -17,6 +17,7 @@ from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.reward_rules import read_source, review_source
 from drcli.checks.reward_style import review_style
 from drcli.checks.settings_rules import SettingsReview, review_settings
+from drcli.checks.stage_rules import review_stages
 from drcli.checks.storage_rules import probe, review_owner
 from drcli.config.settings import Settings
 from drcli.config.track_names import track_problems
@@ -83,7 +84,13 @@ class _Validation:
         if not whole:
             self._skip(BUCKET_RULES, "The bucket is checked once the settings are correct.")
         files = self._files(settings, bucket)
+        staged = review_stages(settings, files, bucket, resumes=trains)
+        self.found += staged.problems
+        if staged.stages:
+            settings, files = staged.stages[0].settings, dict(staged.stages[0].files)
         examined = self._examined(settings, files, bucket, trains=trains)
+        for stage in staged.stages[1:]:
+            self._examined(stage.settings, stage.files, None, trains=trains)
         self.found += review_names(settings, console=self.console)
         if examined.source is not None:
             self.found += review_style(examined.source, console=self.console)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from drcli.cli import console, prompts
 
 if TYPE_CHECKING:
-    from drcli.config.settings import Settings
+    from drcli.config.settings import RaceConfig, Settings
 
 
 def bring_tracks(settings: "Settings") -> None:
@@ -20,7 +20,7 @@ def bring_tracks(settings: "Settings") -> None:
     """
     from drcli.config.track_names import to_fetch
 
-    names = to_fetch(settings.races)
+    names = to_fetch(_races(settings))
     if not names or settings.tracks_fetch == "never":
         return
     allowed = settings.tracks_fetch == "always"
@@ -34,3 +34,14 @@ def bring_tracks(settings: "Settings") -> None:
         prompts.agree(question, yes=allowed, remedy=remedy)
         facts = fetch_track(name, settings.tracks_url, settings.tracks_folder)
         console.say(f"Fetched {name}: {facts.length_m:.1f} m, {facts.waypoints} waypoints.")
+
+
+def _races(settings: "Settings") -> "list[RaceConfig]":
+    """Every race of a training: of its stages, and on its second track."""
+    from drcli.checks.stage_rules import review_stages
+
+    staged = review_stages(settings, {})
+    run = settings.run
+    races = [race for stage in staged.stages for race in stage.settings.races]
+    second = run.second_race(run.race())
+    return [*(races or settings.races), *([second] if second is not None else ())]

@@ -75,6 +75,20 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
             "known.",
             "Set DR_SPOT_PRICE in system.env: USD per hour, or auto on EC2.",
         )
+    if settings.daily_budget_money > 0.0 and not settings.spot_price:
+        yield problem(
+            ("DR_DAILY_BUDGET_MONEY",),
+            f"DR_DAILY_BUDGET_MONEY={settings.daily_budget_money:g} cannot be kept: the price of "
+            "this machine is not known.",
+            "Set DR_SPOT_PRICE in system.env: USD per hour, or auto on EC2.",
+        )
+    if settings.train_best_model_world != "training" and not settings.train_eval_world:
+        yield problem(
+            ("DR_TRAIN_BEST_MODEL_WORLD",),
+            f"DR_TRAIN_BEST_MODEL_WORLD={settings.train_best_model_world} needs a second track, "
+            "but DR_TRAIN_EVAL_WORLD is empty.",
+            "Set DR_TRAIN_EVAL_WORLD to a track, or DR_TRAIN_BEST_MODEL_WORLD to training.",
+        )
     if settings.mail_to and not settings.smtp_url:
         yield problem(
             ("DR_MAIL_TO",),

@@ -187,7 +187,7 @@ class _Loader:
             self._problems.append(setting_problem("DR_WORKERS", Place(name), what, remedy))
             return {}
         entries = self._files.read(name)
-        for key in [key for key in entries if not _is_of_worker(key)]:
+        for key in [key for key in entries if not is_of_worker(key)]:
             place = entries.pop(key).place
             what = f"{shown(key)} is the same for all workers and is ignored here."
             remedy = "Move the line to run.env, or remove it."
@@ -292,7 +292,7 @@ class _Loader:
         self._add([problem])
 
 
-def _is_of_worker(name: str) -> bool:
+def is_of_worker(name: str) -> bool:
     """Whether a setting may differ from worker to worker; old names count as the present ones."""
     present = old_names().get(name, name)
     return present in WORKER_NAMES or present.startswith(WORKER_STEMS)

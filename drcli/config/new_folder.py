@@ -5,6 +5,7 @@ import shlex
 import sys
 import sysconfig
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
@@ -20,6 +21,9 @@ from drcli.config.value_types import FOLDER_NAME
 from drcli.config.write_folder import FolderPlan, NewFile
 
 CUSTOM_FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
+
+CURRICULUM = "curriculum.yaml"
+"""The example of a training in stages."""
 
 EXAMPLES = {"OBJECT_AVOIDANCE": "rewards/object_avoidance/", "HEAD_TO_BOT": "rewards/head_to_bot/"}
 """Folders of the example files for a race; other races use those at the top."""
@@ -62,6 +66,19 @@ def plan_folder(folder: Path, values: Mapping[str, str]) -> FolderPlan:
         NewFile(".gitignore", _gitignore(folder / ".gitignore")),
     ]
     return FolderPlan(folder, tuple(files), ("tracks",), *_missing_track(settings))
+
+
+def with_curriculum(plan: FolderPlan) -> FolderPlan:
+    """The same folder or experiment, with the example of a training in stages."""
+    files = []
+    for file in plan.files:
+        data, (here, _, name) = file.data, file.name.rpartition("/")
+        if name == "run.env":
+            data = _filled(data, {"DR_CURRICULUM_FILE": CURRICULUM}, file.name)
+            beside = f"{here}/{CURRICULUM}" if here else CURRICULUM
+            files.append(NewFile(beside, model_file(CURRICULUM).read_bytes()))
+        files.append(NewFile(file.name, data))
+    return replace(plan, files=tuple(files))
 
 
 def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> FolderPlan:

@@ -237,6 +237,7 @@ class RunConfig:
         races: For the first worker, and for all others that have a race of their own.
         given: The settings that somebody has given, without secrets, as texts by DR_ name: for
             commands that the run calls while the files may be edited for another training.
+        eval_world_place: Where DR_TRAIN_EVAL_WORLD was given.
     """
 
     run_id: int
@@ -248,11 +249,16 @@ class RunConfig:
     evaluation: EvaluationConfig
     unattended: UnattendedConfig
     races: tuple[RaceConfig, ...]
+    eval_world_place: Place = field(default_factory=lambda: Place("default"))
     given: Mapping[str, str] = field(default_factory=dict)
 
     def race(self, worker: int = 0) -> RaceConfig:
         """What a simulation worker drives, counted from 0."""
         return self.races[worker if worker < len(self.races) else 0]
+
+    def second_race(self, race: RaceConfig) -> RaceConfig | None:
+        """The same race on DR_TRAIN_EVAL_WORLD; None without that second track."""
+        return on_world(race, self.train.train_eval_world, self.eval_world_place)
 
 
 @dataclass(frozen=True)
@@ -419,6 +425,7 @@ class Settings(
             evaluation=EvaluationConfig(**self._of(EvaluationConfig)),
             unattended=UnattendedConfig(**self._of(UnattendedConfig)),
             races=self.races,
+            eval_world_place=self.place("DR_TRAIN_EVAL_WORLD"),
             given=self._given(),
         )
 
@@ -434,6 +441,13 @@ class Settings(
     def _of(self, part: type[FrozenGroups]) -> dict[str, Any]:
         """The values of the groups that a narrow value has."""
         return {item.field: getattr(self, item.field) for item in part.declared.values()}
+
+
+def on_world(race: RaceConfig, world: str, place: Place) -> RaceConfig | None:
+    """A race on another track, whose name was given at that place; None without a name."""
+    if not world:
+        return None
+    return race.replaced(world_name=world, sources={**race.sources, "DR_WORLD_NAME": place})
 
 
 def catalogue() -> Mapping[str, Setting]:

@@ -21,6 +21,7 @@ MESSAGE_EVENTS = (
     "stop",
     "fault",
     "recovery",
+    "stage",
     "best",
     "upload",
 )

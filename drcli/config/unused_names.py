@@ -87,7 +87,7 @@ FORMER: Mapping[str, Former] = {
     ),
     "DR_TARGET_REWARD_SCORE": Former(
         "Reward that ends a training.",
-        "DR_TRAIN_STOP_REWARD ends a training by its reward",
+        "DR_TRAIN_STOP_MEAN_SCORE ends a training by its reward",
         harmless=("", "none"),
     ),
     "DR_EVAL_ENABLE_RESETS": Former(

@@ -198,6 +198,12 @@ ObjectKey = Annotated[
 """A key or prefix in the bucket."""
 WorldName = Annotated[str, Check(_world), Shape("the name of a track, or the path of a .npy file")]
 """May name a track; `drcli.config.track_names` knows whether that track is installed."""
+OptionalWorldName = Annotated[
+    str,
+    Check(lambda value: _world(value) if value else value),
+    Shape("the name of a track, or the path of a .npy file"),
+]
+"""The same, or an empty text for no track."""
 BucketName = Annotated[
     str,
     Check(_bucket),

@@ -10,6 +10,7 @@ from typing import Any
 from drcli.base.fingerprint import Fingerprint
 from drcli.base.json_record import JsonRecord, RecordError
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.stage import StageMark
 
 CHECKPOINT_NAME = re.compile(r"(\d+)_Step-(\d+)\.ckpt")
 
@@ -53,6 +54,7 @@ class Counters:
         critic_warmup: How many updates at most still improve the critic alone; None but for a
             policy that came without its critic.
         rollbacks: How often the training had gone back to an older checkpoint; None for never.
+        stage: The stage of the training that the weights are for; None without a curriculum.
     """
 
     episodes: int = 0
@@ -63,6 +65,7 @@ class Counters:
     inputs: Mapping[str, str] = field(default_factory=dict)
     critic_warmup: int | None = None
     rollbacks: int | None = None
+    stage: StageMark | None = None
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ class EpisodeMetrics(JsonRecord):
         trial: Number of the (last) training episode within the iteration, from 1.
         episode_status: How it ended, in the words of `STATUS_LABELS`.
         iteration: None in files of version 0.1.0.
+        stage: Stage of the training; None without a curriculum.
     """
 
     reward_score: float
@@ -41,6 +42,7 @@ class EpisodeMetrics(JsonRecord):
     completion_percentage: float
     episode_status: str
     iteration: int | None = None
+    stage: str | None = None
 
     @staticmethod
     def of(
@@ -63,10 +65,12 @@ class EpisodeMetrics(JsonRecord):
         )
 
     def to_json(self) -> dict[str, Any]:
-        """The record as a JSON object, without an unknown iteration."""
+        """The record as a JSON object, without an unknown iteration or stage."""
         fields = _whole_as_int(super().to_json())
         if self.iteration is None:
             del fields["iteration"]
+        if self.stage is None:
+            del fields["stage"]
         return fields
 
 

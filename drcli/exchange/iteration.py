@@ -43,6 +43,10 @@ class IterationRecord(JsonRecord):
         discarded: Episodes that the reward function declared broken, which are not in `episodes`.
         evaluation_steering_per_m: How often the steering changed its side in each metre of the
             evaluation episodes; None without them.
+        stage: Stage of the training in which it was driven; empty without a curriculum.
+        second_world: Track of the second evaluation, DR_TRAIN_EVAL_WORLD; empty without one.
+        second_progress: Progress of each evaluation episode there, percent.
+        second_lap_s: Lap times of the laps that were completed there, simulated seconds.
     """
 
     iteration: int
@@ -72,10 +76,17 @@ class IterationRecord(JsonRecord):
     reward_errors: int = 0
     discarded: int = 0
     evaluation_steering_per_m: float | None = None
+    stage: str = ""
+    second_world: str = ""
+    second_progress: list[float] = field(default_factory=list)
+    second_lap_s: list[float] = field(default_factory=list)
 
 
 HISTORY_HEAD, HISTORY_END = b'{"iterations": [', b"]}"
 """What is before and after the records in the file `history.json`."""
+
+LEFT_OUT_IF_EMPTY = ("stage", "second_world", "second_progress", "second_lap_s")
+"""Fields that few trainings have."""
 
 SEPARATOR = b", "
 """Between two records."""
@@ -83,7 +94,11 @@ SEPARATOR = b", "
 
 def encode_iteration(record: IterationRecord) -> bytes:
     """A record as it is in `history.json`. It may contain the word NaN, as Python's JSON does."""
-    return json.dumps(asdict(record)).encode()
+    fields = asdict(record)
+    for name in LEFT_OUT_IF_EMPTY:
+        if not fields[name]:
+            del fields[name]
+    return json.dumps(fields).encode()
 
 
 def encode_history(records: Sequence[IterationRecord]) -> bytes:

@@ -18,6 +18,7 @@ from drcli.config.settings import RunConfig
 from drcli.exchange.journal_entry import JournalEntry
 from drcli.exchange.policy_source import PolicySource
 from drcli.exchange.run_outcome import RunOutcome
+from drcli.exchange.stage import Stage
 
 VERSION = 1
 """Of the format of a job; another version of this program may use another one."""
@@ -62,6 +63,7 @@ class Job:
         begun: The record in the bucket of this start.
         end_work: If not empty, the training is complete, and only this work at its end is left.
         noted: What the start has to say in the journal.
+        stages: Of the training, in order; empty without a curriculum.
     """
 
     config: RunConfig
@@ -78,6 +80,7 @@ class Job:
     begun: RunOutcome | None = None
     end_work: tuple[str, ...] = ()
     noted: tuple[JournalEntry, ...] = ()
+    stages: tuple[Stage, ...] = ()
 
     @property
     def directory(self) -> Path:

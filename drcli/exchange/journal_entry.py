@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from drcli.base.json_record import JsonRecord
 
-Kind = Literal["start", "notice", "fault", "recovery", "upload", "message", "end"]
+Kind = Literal["start", "notice", "fault", "recovery", "stage", "upload", "message", "end"]
 """What an event is. `fault` and `recovery`: something broke, and was put right."""
 
 

@@ -2,10 +2,36 @@
 
 import json
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 from drcli.base.json_record import JsonRecord, RecordError, from_json, parse_json
 from drcli.exchange.checkpoint import checkpoint_name
+
+JudgedWorld = Literal["training", "evaluation", "both"]
+"""Whose evaluations decide which checkpoint is best: DR_TRAIN_BEST_MODEL_WORLD."""
+
+
+@dataclass(frozen=True)
+class SecondEvaluation:
+    """The evaluation episodes of a checkpoint on a second track, DR_TRAIN_EVAL_WORLD.
+
+    Attributes:
+        world: Name of the track.
+        progress: Percent of the lap, for each episode; never empty.
+        reward: Sum of rewards, for each episode.
+        lap_s: Lap times of the completed laps, simulated seconds.
+    """
+
+    world: str
+    progress: list[float]
+    reward: list[float]
+    lap_s: list[float]
+
+    def __post_init__(self) -> None:
+        if not self.progress or len(self.reward) != len(self.progress):
+            raise RecordError("'second' needs one progress and one reward for each episode")
+        if len(self.lap_s) > len(self.progress):
+            raise RecordError("'second' has more laps than episodes")
 
 
 @dataclass(frozen=True)
@@ -19,6 +45,7 @@ class EvaluationResult(JsonRecord):
         lap_s: Lap times of the completed laps, simulated seconds.
         steering_per_m: How often the steering changed its side in each metre; None if unknown.
         rollbacks: How often the training had gone back when the checkpoint was published.
+        second: Its evaluation on a second track, which comes later; None without one.
     """
 
     checkpoint: str
@@ -27,6 +54,7 @@ class EvaluationResult(JsonRecord):
     lap_s: list[float]
     steering_per_m: float | None = None
     rollbacks: int = 0
+    second: SecondEvaluation | None = None
 
     def __post_init__(self) -> None:
         if not self.progress or len(self.reward) != len(self.progress):
@@ -34,6 +62,20 @@ class EvaluationResult(JsonRecord):
         if len(self.lap_s) > len(self.progress):
             raise RecordError("it has more laps than episodes")
         checkpoint_name(self.checkpoint)
+
+    def on(self, world: JudgedWorld) -> "EvaluationResult":
+        """The result with the episodes of these tracks only, as if there were one track."""
+        second = self.second
+        if second is None or world == "training":
+            return self
+        if world == "evaluation":
+            return EvaluationResult(self.checkpoint, second.progress, second.reward, second.lap_s)
+        return EvaluationResult(
+            self.checkpoint,
+            [*self.progress, *second.progress],
+            [*self.reward, *second.reward],
+            [*self.lap_s, *second.lap_s],
+        )
 
 
 @dataclass(frozen=True)

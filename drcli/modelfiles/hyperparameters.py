@@ -212,7 +212,7 @@ def _unusual(v: Hyperparameters) -> Iterator[tuple[str, str, str]]:
         yield (
             "term_cond_avg_score",
             "has no effect, as in other trainers",
-            "Set DR_TRAIN_STOP_REWARD in run.env to end a training by its mean reward.",
+            "Set DR_TRAIN_STOP_MEAN_SCORE in run.env to end a training by its mean reward.",
         )
     if v.term_cond_max_episodes < FEW_ITERATIONS:
         yield (

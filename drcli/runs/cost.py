@@ -133,6 +133,16 @@ class Cost(Duty):
             damaged=list(self._damaged),
         )
 
+    @property
+    def own_hours(self) -> float:
+        """Machine hours of this start until now."""
+        return self._hours
+
+    @property
+    def own_usd(self) -> float:
+        """What they cost, USD, as far as the price is known."""
+        return self._usd
+
     def end_facts(self) -> Mapping[str, object]:
         """For the `end` entry of the journal, for messages and for the command at the end."""
         spending, requests = self.spending, self._requests()

@@ -3,6 +3,7 @@
 from pathlib import PurePosixPath
 
 from drcli.config.settings import Settings
+from drcli.exchange.frozen_curriculum import FrozenCurriculum
 from drcli.modelfiles.custom_files import Inputs, upload_custom_files
 from drcli.modelfiles.network_shape import Design
 from drcli.modelfiles.params_yaml import training_parameters
@@ -10,9 +11,17 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 
 
-def freeze(settings: Settings, bucket: Bucket, inputs: Inputs, design: Design) -> None:
-    """Copy the files of the training below the model prefix."""
+def freeze(
+    settings: Settings,
+    bucket: Bucket,
+    inputs: Inputs,
+    design: Design,
+    curriculum: FrozenCurriculum | None = None,
+) -> None:
+    """Copy the files of the training below the model prefix, with its curriculum if it has one."""
     prefix = settings.model_prefix
+    if curriculum is not None:
+        bucket.put(keys.curriculum(prefix), curriculum.encode())
     upload_custom_files(settings.custom_files, bucket, inputs)
     bucket.put(keys.reward_function(prefix), inputs.reward.data)
     bucket.put(keys.model_metadata(prefix), inputs.metadata.data)

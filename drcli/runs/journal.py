@@ -19,7 +19,7 @@ _logger = get_logger(__name__)
 WRITE_S = 60.0
 """How often new events are written at most, unless they are urgent."""
 
-URGENT: tuple[Kind, ...] = ("start", "notice", "end")
+URGENT: tuple[Kind, ...] = ("start", "notice", "stage", "end")
 """Events that are written at once: the machine may be gone soon, or there is one of them only."""
 
 FIRST_KEPT, MOST_KEPT = 100, 2000

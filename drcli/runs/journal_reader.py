@@ -21,7 +21,8 @@ class JournalEvent:
     Attributes:
         session: Unique name of the start that it belongs to.
         at: Unix seconds by the clock of its machine.
-        kind: start, notice, fault, recovery, upload, message or end; note for one of the racer.
+        kind: start, notice, fault, recovery, stage, upload, message or end; note for one of the
+            racer.
         text: A sentence.
         facts: For programs.
     """

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError, of_severity, refuse
-from drcli.checks.before_start import Plans, examine
+from drcli.checks.before_start import Plans
 from drcli.checks.storage_rules import review_prefix
 from drcli.config.settings import CustomFilesConfig, Settings, catalogue
 from drcli.exchange.checkpoint import Counters
@@ -21,9 +21,11 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.network_shape import Design
 from drcli.models.repair_model import repair_all
 from drcli.models.run_metadata import describe_start, read_start
+from drcli.runs.daily_budget import refuse_without_budget
 from drcli.runs.freeze_inputs import freeze, parameter_files
 from drcli.runs.journal_of_start import start_entries
 from drcli.runs.planned_job import begun_by, first_start, planned_job
+from drcli.runs.planned_stages import examine_stages, plan_stages
 from drcli.runs.run_logs import begin_logs
 from drcli.runs.take_model import refuse_second_run, taken
 from drcli.spot.notice_watch import command_words
@@ -107,9 +109,10 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             "-w deletes the model and --resume continues it; they cannot be combined.",
             remedy="Choose one of them.",
         )
-    if settings.untrainable is not None:
+    if settings.untrainable is not None and not settings.curriculum_file:
         raise ProblemsError([settings.untrainable])
     refuse_second_run(settings.run_id, run_folder(directory, settings.run_id))
+    refuse_without_budget(directory, settings.run.unattended)
     command_words(settings.interruption_command)
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     bucket.probe(keys.run_folder(prefix))
@@ -130,12 +133,15 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     continues = options.resume or options.over_aborted
     previous = read_outcome(bucket, prefix) if continues else None
     began_at = first_start(previous, before)
-    job = _job(settings, options, _seed(settings, options, before), began_at)
     custom = settings.custom_files
-    examined = examine(
-        settings,
+    files = find(resumed_files(custom, prefix) if options.resume else custom, bucket)
+    staged = plan_stages(settings, files, bucket, resumes=options.resume)
+    settings = staged.settings
+    job = _job(settings, options, _seed(settings, options, before), began_at)
+    examined = examine_stages(
+        staged,
         job,
-        find(resumed_files(custom, prefix) if options.resume else custom, bucket),
+        files,
         bucket,
         Plans(
             wiping=options.wipe or options.over_aborted,
@@ -146,7 +152,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
     found = of_severity(examined.problems, "warning")
     shown = (str(problem) for problem in found if problem.rule not in NOT_SHOWN)
-    warnings = [*damaged, *settings.warnings, *shown]
+    warnings = [*damaged, *settings.warnings, *staged.warnings, *shown]
+    job = replace(job, stages=staged.stages)
     source = transfer.source if transfer is not None else None
     ends = ending(job, design.parameters)
 
@@ -164,7 +171,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         begun = begun_by(job, began_at, ends)
         # First of all: a start that is cut off here must be known as one.
         write_outcome(bucket, prefix, begun)
-        freeze(settings, bucket, inputs, design)
+        freeze(settings, bucket, inputs, design, staged.frozen)
         warnings += _forget_other_scores(settings, bucket, before)
         start = describe_start(settings, directory, job.seed, source, before)
         bucket.put(keys.training_start(prefix), start.encode())
@@ -204,11 +211,14 @@ def goals_of(settings: Settings, options: StartOptions, outcome: RunOutcome, buc
         SettingsError: hyperparameters.json is wrong.
     """
     places = resumed_files(settings.custom_files, settings.model_prefix)
-    file = find(places, bucket).get(keys.HYPERPARAMETERS_FILE)
+    files = find(places, bucket)
+    file = files.get(keys.HYPERPARAMETERS_FILE)
     if file is None:
         return ""  # a start says which file is missing
     parameters = Hyperparameters.from_bytes(file.data, file.origin)
-    return ending(_job(settings, options, 0, outcome.began_at), parameters)
+    staged = plan_stages(settings, files, bucket, resumes=True)
+    job = _job(staged.settings, options, 0, outcome.began_at)
+    return ending(replace(job, stages=staged.stages), parameters)
 
 
 def _job(settings: Settings, options: StartOptions, seed: int, began_at: float) -> Job:
@@ -270,15 +280,19 @@ def _seed(settings: Settings, options: StartOptions, before: TrainingStart | Non
 def _forget_other_scores(
     settings: Settings, bucket: Bucket, before: TrainingStart | None
 ) -> list[str]:
-    """Forget the best score if DR_TRAIN_BEST_MODEL_METRIC has changed; returns a warning then."""
-    name = "DR_TRAIN_BEST_MODEL_METRIC"
+    """Forget the best score if what decides it has changed; returns a warning then."""
     if before is None or before.settings is None:
         return []
-    metric = before.settings.get(name, catalogue()[name].default)
-    if metric == settings.train_best_model_metric:
-        return []
-    CheckpointStore(bucket, settings.model_prefix).forget_scores()
-    return [
-        f"{settings.source(name)}: {name} was {metric} until now, so the next checkpoint that is "
-        "evaluated becomes the best."
-    ]
+    names = ["DR_TRAIN_BEST_MODEL_METRIC", "DR_TRAIN_BEST_MODEL_WORLD"]
+    if settings.train_best_model_world != "training":
+        names.append("DR_TRAIN_EVAL_WORLD")
+    for name in names:
+        setting = catalogue()[name]
+        known = before.settings.get(name, setting.default)
+        if known != getattr(settings, setting.field):
+            CheckpointStore(bucket, settings.model_prefix).forget_scores()
+            return [
+                f"{settings.source(name)}: {name} was {known or 'not set'} until now, so the next "
+                "checkpoint that is evaluated becomes the best."
+            ]
+    return []

@@ -11,6 +11,7 @@ from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_record import run_folder
+from drcli.exchange.stage import Stage
 from drcli.exchange.training_start import TrainingStart
 
 
@@ -22,6 +23,7 @@ def planned_job(
     until_laps: int | None = None,
     max_minutes: float | None = None,
     whole_run: bool = False,
+    stages: tuple[Stage, ...] = (),
 ) -> Job:
     """The job of a start.
 
@@ -32,6 +34,7 @@ def planned_job(
         until_laps: As for `Job`.
         max_minutes: Of the command; the setting counts without it.
         whole_run: As for `Job`.
+        stages: As for `Job`.
     """
     lives_s = 60.0 * settings.time_to_live_minutes
     return Job(
@@ -44,6 +47,7 @@ def planned_job(
         launcher_pid=os.getpid(),
         whole_run=whole_run,
         ends_at=began_at + lives_s if lives_s else None,
+        stages=stages,
     )
 
 

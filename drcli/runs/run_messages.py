@@ -166,7 +166,7 @@ class Messages(Duty):
             event = "fault" if named == "upload" and entry.kind == "fault" else named
         elif entry.kind == "notice":
             event = "interruption" if entry.facts.get("what") == "interruption" else "fault"
-        elif entry.kind in ("fault", "recovery", "upload"):
+        elif entry.kind in ("fault", "recovery", "stage", "upload"):
             event = entry.kind
         else:
             return  # `start` and `end` are told with more facts

@@ -1,11 +1,13 @@
 """Looks up the state of a run: in its record on this machine and in the bucket."""
 
+import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from drcli.base.errors import StorageError
 from drcli.base.process_identity import exists
 from drcli.config.settings import RunConfig
+from drcli.exchange.daily_spending import DayBudget
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.milestone_record import MilestoneKind
@@ -14,9 +16,11 @@ from drcli.exchange.rollback_record import Rollback
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
 from drcli.exchange.run_state import ActivityRecord
 from drcli.exchange.spending import Spending
+from drcli.exchange.stage import StageMark
 from drcli.exchange.trace import STEP_S
 from drcli.exchange.watch_record import WatchRecord
 from drcli.models.model_list import CheckpointEntry
+from drcli.runs.daily_budget import budget_of
 from drcli.runs.run_logs import log_file
 from drcli.runs.spending_report import RequestReport, money_left, request_report, time_left_s
 from drcli.runs.worker_health import WorkerHealth
@@ -24,6 +28,7 @@ from drcli.runs.worker_processes import TRAINER
 from drcli.store import keys
 from drcli.store.alarms import Convergence, alarms, convergence
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_running_bucket
 from drcli.store.history import HistoryReader, read_history
 from drcli.store.last_outcome import read_outcome
@@ -114,6 +119,8 @@ class RunReport:
         milestones: Checkpoints of the first lap, the first three laps, the fastest lap, as far as
             they were reached; `dr-list-checkpoints` says whether they are still there.
         notes: What the racer wrote about the model; only in `dr-status`.
+        stage: Stage of the newest checkpoint; None without a curriculum.
+        budget: Of today, for all trainings of the folder; None without a limit.
     """
 
     run_id: int
@@ -146,6 +153,8 @@ class RunReport:
     convergence: Convergence | None = None
     milestones: list[MilestoneReport] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    stage: StageMark | None = None
+    budget: DayBudget | None = None
 
     @property
     def dead(self) -> list[str]:
@@ -219,6 +228,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             prefix=config.model.prefix,
             world=config.race().world_name,
             state="none",
+            budget=_budget(config),
         )
     # The bucket of the start: the settings may name another one now.
     bucket = open_running_bucket(record.storage_at_start(config.storage, config.directory))
@@ -228,6 +238,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     activities: dict[str, str] = {}
     failed: RewardCounts | None = None
     rollbacks: list[Rollback] = []
+    stage: StageMark | None = None
     if bucket is not None:
         try:
             model = Model.of(config.model, bucket, record.prefix)
@@ -244,6 +255,8 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
                 rollbacks = read_rollbacks(bucket, record.prefix).entries
             except ObjectDamaged as error:
                 damaged.append(str(error))
+            if config.train.curriculum_file or any(each.stage for each in history[-1:]):
+                stage = CheckpointStore(bucket, record.prefix).stage_of_newest()
             names = [worker.name for worker in record.workers]
             activities = {name: _activity(bucket, record.prefix, name) for name in names}
         except StorageError as error:
@@ -277,7 +290,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         run_id=record.run_id,
         bucket=record.bucket,
         prefix=record.prefix,
-        world=record.world,
+        world=record.world if stage is None else stage.world,
         state=record.state,
         message=record.message,
         remedy=record.remedy,
@@ -306,7 +319,14 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             MilestoneReport(kind, found.checkpoint, found.laps, found.episodes, found.best_lap_s)
             for kind, found in with_history(NO_MILESTONES, history).reached()
         ],
+        stage=stage,
+        budget=_budget(config),
     )
+
+
+def _budget(config: RunConfig) -> DayBudget | None:
+    budget = budget_of(config.directory, config.unattended, time.time())
+    return budget if budget.limited else None
 
 
 def notes_of_run(config: RunConfig, report: RunReport) -> list[str]:

@@ -1,5 +1,6 @@
 """A summary of a working folder: settings, bucket, what runs there, and the machine."""
 
+import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from platform import python_version
@@ -7,9 +8,11 @@ from typing import Literal
 
 from drcli.base.errors import StorageError
 from drcli.config.settings import Settings
+from drcli.exchange.daily_spending import DayBudget
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.models.run_metadata import installed_versions, output_of
 from drcli.runs.addresses import addresses
+from drcli.runs.daily_budget import budget_of
 from drcli.runs.periodic import within
 from drcli.runs.stopping import Run, kind_of, running_trainings
 from drcli.store import keys
@@ -86,6 +89,7 @@ class Summary:
         gpus: Names of the NVIDIA GPUs.
         gpu_usable: Whether the installed torch can use them.
         warnings: Warnings about the settings.
+        budget: What all trainings of the folder have used today, and its limits.
     """
 
     folder: str
@@ -103,6 +107,7 @@ class Summary:
     gpus: list[str] = field(default_factory=list)
     gpu_usable: bool = False
     warnings: list[str] = field(default_factory=list)
+    budget: DayBudget | None = None
 
 
 def summarize(settings: Settings) -> Summary:
@@ -129,6 +134,7 @@ def summarize(settings: Settings) -> Summary:
         # Builds for the CPU alone say so in their version.
         gpu_usable=bool(gpus) and "+cpu" not in (versions["torch"] or "+cpu"),
         warnings=list(settings.warnings),
+        budget=budget_of(directory, settings.run.unattended, time.time()),
     )
 
 

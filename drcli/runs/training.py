@@ -14,6 +14,7 @@ from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, StorageRecord
 from drcli.runs.checkpoint_watch import CheckpointWatch
 from drcli.runs.cost import Cost
+from drcli.runs.daily_budget import DailyBudget
 from drcli.runs.duty import Duty
 from drcli.runs.end_command import EndCommand
 from drcli.runs.end_of_training import EndOfTraining
@@ -22,6 +23,7 @@ from drcli.runs.lease_renewal import Renewal
 from drcli.runs.plan import EndWorkPlan, RunPlan
 from drcli.runs.run_logs import log_file
 from drcli.runs.run_messages import Messages
+from drcli.runs.stage_watch import StageWatch
 from drcli.runs.supervisor import Supervisor
 from drcli.runs.take_model import refuse_second_run
 from drcli.runs.timed_uploads import TimedUploads
@@ -148,9 +150,11 @@ def _duties(job: Job) -> list[Duty]:
     return [
         InterruptionWatch(),
         *watches(job),
+        StageWatch(job),
         TimedUploads(job, watch),
         EndOfTraining(job),
         cost,
+        DailyBudget(job, cost),
         Messages(job, watch, cost.end_facts),
         EndCommand(job, watch, cost.end_facts),
     ]

@@ -21,6 +21,7 @@ from drcli.exchange.checkpoint import (
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.milestone_record import Milestones
 from drcli.exchange.scores import EvaluationResult, Score, Scores
+from drcli.exchange.stage import StageMark
 from drcli.store import best_checkpoint, keys
 from drcli.store.best_checkpoint import read_scores, write_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
@@ -174,6 +175,16 @@ class CheckpointStore:
         except (ObjectMissing, RecordError):
             return None
 
+    def stage_of_newest(self) -> StageMark | None:
+        """The stage of the checkpoint that the pointer names; None if that is not known."""
+        name = self.pointed()
+        if name is None:
+            return None
+        try:
+            return self.record(str(name)).counters.stage
+        except (ObjectMissing, ObjectDamaged):
+            return None
+
     def drivers(self, newest: CheckpointName) -> list[str]:
         """Checkpoints whose rollouts may be learned from while this is the newest one.
 
@@ -323,6 +334,29 @@ class CheckpointStore:
             best = replace(known.best_checkpoint, avg_eval_metric=None, tie_break=None)
             last = replace(known.last_checkpoint, avg_eval_metric=None)
             write_scores(self._bucket, self._prefix, Scores(best, last))
+
+    def forget_scores_before(self, number: int) -> None:
+        """If the best checkpoint is older than this one, the last becomes the best, unscored."""
+        known = read_scores(self._bucket, self._prefix)
+        if known is None or checkpoint_name(known.best_checkpoint.name).number >= number:
+            return
+        last = replace(known.last_checkpoint, avg_eval_metric=None, tie_break=None)
+        write_scores(self._bucket, self._prefix, Scores(last, last))
+
+    def best_of_stage(self, first: int) -> Checkpoint | None:
+        """The best checkpoint from this number on.
+
+        Returns:
+            None if none of them was evaluated, or if the best is missing or damaged.
+        """
+        try:
+            known = read_scores(self._bucket, self._prefix)
+            if known is None or known.best_checkpoint.avg_eval_metric is None:
+                return None
+            name = known.best_checkpoint.name
+            return None if checkpoint_name(name).number < first else self.load(name)
+        except (ObjectMissing, ObjectDamaged):
+            return None
 
     def _optimizer(self, record: CheckpointRecord) -> bytes | None:
         """The optimizer state, None if it is missing or damaged: the weights are enough."""

@@ -14,6 +14,7 @@ from drcli.exchange.iteration import (
     encode_history,
     encode_iteration,
 )
+from drcli.exchange.scores import SecondEvaluation
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing, read_record
 from drcli.store.complete_files import combined_history
@@ -90,8 +91,9 @@ class History:
         progress: list[float],
         lap_s: list[float],
         steering_per_m: float | None = None,
+        second: SecondEvaluation | None = None,
     ) -> None:
-        """Add the evaluation of a checkpoint, and publish."""
+        """Add the evaluation of a checkpoint, maybe with that on a second track, and publish."""
         for at in reversed(range(len(self.records))):
             if self.records[at].iteration == iteration:
                 changed = replace(
@@ -100,6 +102,13 @@ class History:
                     evaluation_lap_s=lap_s,
                     evaluation_steering_per_m=steering_per_m,
                 )
+                if second is not None:
+                    changed = replace(
+                        changed,
+                        second_world=second.world,
+                        second_progress=second.progress,
+                        second_lap_s=second.lap_s,
+                    )
                 self.records[at] = changed
                 self._file.put(iteration, encode_iteration(changed))
                 break
@@ -183,11 +192,15 @@ class Fall:
     def __init__(self, records: Iterable[IterationRecord] = ()) -> None:
         self._newest: list[float] = []
         self._highest = self._last = 0.0
+        self._stage = ""
         for record in records:
             self.add(record)
 
     def add(self, record: IterationRecord) -> None:
         """Add the next iteration."""
+        if record.stage != self._stage:  # another track: what it drove before says nothing
+            self._newest, self._highest, self._last = [], 0.0, 0.0
+            self._stage = record.stage
         self._newest = [*self._newest, record.mean_progress][-SMOOTH:]
         if len(self._newest) == SMOOTH:
             self._last = sum(self._newest) / SMOOTH

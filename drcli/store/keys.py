@@ -70,6 +70,9 @@ rollbacks = _in_model("metrics/rollbacks.json")
 training_start = _in_model("ip/run.json")
 """How the training was last started, such as its seed."""
 
+curriculum = _in_model("ip/curriculum.json")
+"""The stages of the training, with all files that they name."""
+
 finished = _in_model("model/.finished")
 """Written by the trainer at its end, with the start of the training that ended."""
 

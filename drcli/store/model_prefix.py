@@ -69,6 +69,7 @@ def is_aborted_start(bucket: Bucket, prefix: str, parameter_files: Collection[st
         keys.model_metadata(prefix),
         keys.hyperparameters(prefix),
         keys.training_start(prefix),
+        keys.curriculum(prefix),
         *(keys.parameter_file(prefix, name) for name in parameter_files),
     }
     folders = (

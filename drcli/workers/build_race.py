@@ -165,15 +165,17 @@ def build_simulation(
     )
 
 
-def load_reward(bucket: Bucket, prefix: str, folder: Path, cars: int) -> list[RewardFunction]:
-    """The model's copy of the racer's reward function, loaded once for each car.
+def load_reward(
+    bucket: Bucket, prefix: str, folder: Path, cars: int, source: bytes | None = None
+) -> list[RewardFunction]:
+    """The model's copy of the racer's reward function, or this source, loaded once for each car.
 
     Reward functions are written for a single car and keep values in globals from step to step, so
     each car needs its own.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / keys.REWARD_FUNCTION_FILE
-    path.write_bytes(bucket.get(keys.reward_function(prefix)))
+    path.write_bytes(bucket.get(keys.reward_function(prefix)) if source is None else source)
     try:
         with print_limit.limited_prints():
             return [load_reward_function(path) for _ in range(cars)]

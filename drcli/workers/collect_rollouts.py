@@ -8,7 +8,8 @@ from functools import partial
 import numpy as np
 
 from drcli.base.log import get_logger
-from drcli.exchange.checkpoint import checkpoint_name
+from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
+from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.rollout import Episodes
 from drcli.exchange.rollout_manifest import Manifest
 from drcli.learn.rollout_buffer import Rollout
@@ -49,6 +50,30 @@ class Collected:
     evaluates: int | None
     reward_errors: int = 0
     discarded: int = 0
+
+    def record(self, newest: CheckpointName, *, elapsed_s: float, stage: str) -> IterationRecord:
+        """What is known about the iteration before anything is learned from it.
+
+        Args:
+            newest: The newest checkpoint.
+            elapsed_s: Wall time of training so far.
+            stage: Stage of the training; empty without a curriculum.
+        """
+        steps = self.rollout.steps
+        return IterationRecord(
+            iteration=newest.number,
+            checkpoint=self.checkpoint,
+            episodes=len(self.rewards),
+            steps=steps,
+            total_steps=newest.steps + steps,
+            mean_reward=float(np.mean(self.rewards)),
+            mean_progress=float(np.mean(self.progress)),
+            full_laps=len(self.lap_s),
+            best_lap_s=min(self.lap_s, default=None),
+            drive_s=self.drive_s,
+            elapsed_s=elapsed_s,
+            stage=stage,
+        )
 
 
 class Collector:

@@ -7,11 +7,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Share:
-    """The part that one of the `workers` drives of the `episodes` of an iteration."""
+    """The part that one of the `workers` drives of the `episodes` of an iteration.
+
+    `numbered` is the largest number of episodes of any stage of the training: each iteration gets
+    as many numbers, so that no two episodes have the same one. 0 means `episodes`.
+    """
 
     worker: int
     workers: int
     episodes: int
+    numbered: int = 0
 
     @property
     def count(self) -> int:
@@ -21,15 +26,22 @@ class Share:
     @property
     def most(self) -> int:
         """Most episodes that a worker drives in an iteration; worker 0 drives that many."""
-        return -(-self.episodes // self.workers)
+        return -(-max(self.episodes, self.numbered) // self.workers)
+
+    @property
+    def _stride(self) -> int:
+        """Numbers from one iteration to the next."""
+        return self.most if self.numbered else self.count
 
     def numbers(self, iteration: int) -> range:
         """Numbers of this worker's episodes in one iteration, counted from the first iteration."""
-        return range(iteration * self.count, (iteration + 1) * self.count)
+        first = iteration * self._stride
+        return range(first, first + self.count)
 
     def position(self, number: int) -> int:
         """Place of an episode among those of all workers, which decides where it starts."""
-        return number * self.workers + self.worker
+        iteration, place = divmod(number, self._stride)
+        return (iteration * self.count + place) * self.workers + self.worker
 
 
 class EvaluationBudget:

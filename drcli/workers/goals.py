@@ -9,7 +9,7 @@ from drcli.exchange.job import Job
 from drcli.modelfiles.hyperparameters import Hyperparameters
 
 SCORED_EPISODES = 100
-"""Episodes over which the mean reward is taken, as in the lists of the Gym."""
+"""Episodes over which the mean reward of a stage is taken, as in the lists of the Gym."""
 
 
 class Goals:
@@ -39,17 +39,31 @@ class Goals:
         # On the monotonic clock, so that nobody ends the training by setting the machine's clock.
         self._ends_s = None if job.ends_at is None else clock() + job.ends_at - now()
 
-    def reached(self, records: Sequence[IterationRecord], count: int | None = None) -> str | None:
+    def reached(
+        self,
+        records: Sequence[IterationRecord],
+        count: int | None = None,
+        *,
+        episodes: int | None = None,
+        judged: Sequence[IterationRecord] | None = None,
+    ) -> str | None:
         """Why the training is complete, as one sentence; None if it is not.
 
         Args:
             records: The iterations so far, oldest first; older ones may be missing.
             count: How many iterations there are with the missing ones.
+            episodes: How many training episodes there were with the missing ones.
+            judged: The iterations that show how well the car drives, if not all: in a training
+                with stages, those of the last stage.
         """
+        episodes = sum(r.episodes for r in records) if episodes is None else episodes
+        return self._limit(len(records) if count is None else count, episodes) or self._target(
+            records if judged is None else judged
+        )
+
+    def _limit(self, count: int, episodes: int) -> str | None:
+        """Why the training is complete, however well the car drives."""
         job, settings = self._job, self._job.config.train
-        evaluated = [record for record in records if record.evaluation_progress]
-        if job.until_laps is not None and evaluated and _all_laps(evaluated[-1], job.until_laps):
-            return "Training is complete: all evaluation laps of a checkpoint were completed."
         minutes = job.max_minutes
         if minutes is not None and self._clock() - self._began_s > 60.0 * minutes:
             return f"Training is complete: the time limit ({_minutes(minutes)}) was reached."
@@ -57,15 +71,35 @@ class Goals:
             lived = _minutes(job.config.unattended.time_to_live_minutes)
             return f"Training is complete: {lived} have passed since its first start."
         most, name = _iteration_limit(job, self._parameters)
-        count = len(records) if count is None else count
         if most <= count:
             done = "1 iteration is" if count == 1 else f"{count} iterations are"
             return f"Training is complete: {done} done, {name} is {most}."
-        score, good_enough = mean_score(records), settings.train_stop_reward
+        if 0 < settings.train_max_episodes <= episodes:
+            done = "1 training episode is" if episodes == 1 else f"{episodes} training episodes are"
+            return (
+                f"Training is complete: {done} done, DR_TRAIN_MAX_EPISODES is "
+                f"{settings.train_max_episodes}."
+            )
+        return None
+
+    def _target(self, records: Sequence[IterationRecord]) -> str | None:
+        """Why the training is complete because the car drives well enough."""
+        job, settings = self._job, self._job.config.train
+        evaluated = [record for record in records if record.evaluation_progress]
+        if job.until_laps is not None and evaluated and all_laps(evaluated[-1], job.until_laps):
+            return "Training is complete: all evaluation laps of a checkpoint were completed."
+        slowest_s, lap_s = settings.train_stop_lap_time, mean_lap_s(evaluated[-1:])
+        if lap_s is not None and lap_s <= slowest_s:
+            return (
+                "Training is complete: all evaluation laps of a checkpoint were completed, in "
+                f"{lap_s:.2f} s on average; DR_TRAIN_STOP_LAP_TIME is {slowest_s:g}."
+            )
+        scored, good_enough = settings.train_stop_score_episodes, settings.train_stop_mean_score
+        score = mean_score(records, scored)
         if score is not None and good_enough is not None and score >= good_enough:
             return (
-                f"Training is complete: the mean reward of the last {SCORED_EPISODES} episodes "
-                f"is {score:.1f}, DR_TRAIN_STOP_REWARD is {good_enough:g}."
+                f"Training is complete: the mean reward of the last {_episodes(scored)} "
+                f"is {score:.1f}, DR_TRAIN_STOP_MEAN_SCORE is {good_enough:g}."
             )
         wanted, last = settings.train_stop_progress, settings.train_stop_evaluations
         progress = [record.evaluation_progress for record in evaluated[-last:]]
@@ -78,25 +112,43 @@ class Goals:
         return None
 
 
-def mean_score(records: Sequence[IterationRecord]) -> float | None:
-    """Mean reward of the last 100 training episodes; None if there are fewer."""
+def mean_score(records: Sequence[IterationRecord], scored: int = SCORED_EPISODES) -> float | None:
+    """Mean reward of the last training episodes; None if there are fewer than `scored`."""
     episodes, total = 0, 0.0
     for record in reversed(records):
-        counted = min(record.episodes, SCORED_EPISODES - episodes)
+        counted = min(record.episodes, scored - episodes)
         episodes += counted
         total += counted * record.mean_reward
-        if episodes == SCORED_EPISODES:
+        if episodes == scored:
             return total / episodes
     return None
+
+
+def mean_lap_s(evaluated: Sequence[IterationRecord]) -> float | None:
+    """Mean lap time of these evaluations, simulated seconds; None unless each lap was completed."""
+    laps = [lap_s for record in evaluated for lap_s in record.evaluation_lap_s]
+    if not laps or len(laps) != sum(len(record.evaluation_progress) for record in evaluated):
+        return None
+    return sum(laps) / len(laps)
+
+
+def all_laps(record: IterationRecord, wanted: int) -> bool:
+    """Whether all laps of an evaluation were completed, and at least so many."""
+    done = len(record.evaluation_lap_s)
+    return done >= wanted and done == len(record.evaluation_progress)
 
 
 def ending(job: Job, parameters: Hyperparameters) -> str:
     """A sentence with everything that ends the training."""
     settings = job.config.train
     ways = []
+    judged = " in the last stage" if len(job.stages) > 1 else ""
+    if job.stages and not job.stages[-1].goal.empty:
+        last = job.stages[-1]
+        ways.append(f"with the last of {_stages(job)}, {last.name}: {last.goal}")
     if job.until_laps is not None:
         ways.append(
-            "once a checkpoint completes all its evaluation laps, "
+            f"once a checkpoint completes all its evaluation laps{judged}, "
             f"at least {job.until_laps} (--until-laps)"
         )
     if job.max_minutes is not None:
@@ -110,22 +162,35 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
         ways.append(f"at {at:%Y-%m-%d %H:%M} UTC (DR_TIME_TO_LIVE_MINUTES)")
     most, name = _iteration_limit(job, parameters)
     ways.append(f"after {'1 iteration' if most == 1 else f'{most:,} iterations'} ({name})")
-    if settings.train_stop_reward is not None:
+    if settings.train_max_episodes > 0:
         ways.append(
-            f"at a mean reward of {settings.train_stop_reward:g} over 100 episodes "
-            "(DR_TRAIN_STOP_REWARD)"
+            f"after {_episodes(settings.train_max_episodes, 'training ')} (DR_TRAIN_MAX_EPISODES)"
+        )
+    if settings.train_stop_lap_time > 0.0:
+        ways.append(
+            f"once all evaluation laps of a checkpoint take {settings.train_stop_lap_time:g} s or "
+            f"less on average{judged} (DR_TRAIN_STOP_LAP_TIME)"
+        )
+    if settings.train_stop_mean_score is not None:
+        ways.append(
+            f"at a mean reward of {settings.train_stop_mean_score:g} over "
+            f"{_episodes(settings.train_stop_score_episodes)}{judged} (DR_TRAIN_STOP_MEAN_SCORE)"
         )
     if settings.train_stop_progress > 0:
         ways.append(
             f"at {settings.train_stop_progress:g} % of mean progress in "
-            f"{settings.train_stop_evaluations} evaluations in a row (DR_TRAIN_STOP_PROGRESS)"
+            f"{settings.train_stop_evaluations} evaluations in a row{judged} "
+            "(DR_TRAIN_STOP_PROGRESS)"
         )
     return f"Ends {', or '.join([*ways, 'with dr-stop-training'])}."
 
 
-def _all_laps(record: IterationRecord, wanted: int) -> bool:
-    done = len(record.evaluation_lap_s)
-    return done >= wanted and done == len(record.evaluation_progress)
+def _stages(job: Job) -> str:
+    return "1 stage" if len(job.stages) == 1 else f"{len(job.stages)} stages"
+
+
+def _episodes(count: int, kind: str = "") -> str:
+    return f"1 {kind}episode" if count == 1 else f"{count:,} {kind}episodes"
 
 
 def _iteration_limit(job: Job, parameters: Hyperparameters) -> tuple[int, str]:

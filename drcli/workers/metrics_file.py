@@ -35,15 +35,23 @@ class TrainingMetrics:
     while another drives 7 leaves out one number of each iteration. Each record also has its
     iteration in a key that those tools ignore, so a resume with more episodes can renumber all.
 
-    The file also names the metric of the best model, DR_TRAIN_BEST_MODEL_METRIC.
+    The file also names the metric of the best model, DR_TRAIN_BEST_MODEL_METRIC. In a training with
+    stages, each record names the `stage`, in another key that those tools ignore.
 
     Raises:
         ObjectDamaged: The file in the bucket is damaged.
     """
 
     def __init__(
-        self, bucket: Bucket, metrics_prefix: str, best_model_metric: str, share: Share
+        self,
+        bucket: Bucket,
+        metrics_prefix: str,
+        best_model_metric: str,
+        share: Share,
+        *,
+        stage: str = "",
     ) -> None:
+        self._stage = stage
         key = keys.training_metrics(metrics_prefix, share.worker)
         layout = Layout(METRICS_HEAD, SEPARATOR, metrics_end(best_model_metric))
         self._file = GrowingFile(bucket, key, layout, iterations_per_part=ITERATIONS_PER_PART)
@@ -122,7 +130,8 @@ class TrainingMetrics:
 
     def _record(self, episode: Episode, iteration: int, trial: int) -> EpisodeMetrics:
         number = self._number(iteration, trial)
-        return EpisodeMetrics.of(episode, iteration=iteration, episode=number, trial=trial)
+        record = EpisodeMetrics.of(episode, iteration=iteration, episode=number, trial=trial)
+        return replace(record, stage=self._stage) if self._stage else record
 
     def _number(self, iteration: int, trial: int) -> int:
         return iteration * self._per_iteration + trial

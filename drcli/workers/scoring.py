@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable
 
 from drcli.base.backoff import wait_until
 from drcli.base.log import get_logger, plain
-from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.rollback_record import NO_ROLLBACKS, Rollbacks
-from drcli.exchange.scores import EvaluationResult
+from drcli.exchange.scores import EvaluationResult, JudgedWorld
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_evaluation
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
@@ -30,8 +30,10 @@ LAST_EVALUATION_S = 10.0
 class Scoring:
     """The evaluations of a model that are still expected.
 
-    Scores go to `checkpoints`, compared by `metric` (DR_TRAIN_BEST_MODEL_METRIC), and to `history`.
-    Those of checkpoints that were given up in one of the `rollbacks` do not count.
+    Scores go to `checkpoints`, compared by `metric` (DR_TRAIN_BEST_MODEL_METRIC) on the track that
+    `world` means (DR_TRAIN_BEST_MODEL_WORLD), and to `history`. With `second`, checkpoints are
+    evaluated on DR_TRAIN_EVAL_WORLD too. Those of checkpoints that were given up in one of the
+    `rollbacks` do not count.
     """
 
     def __init__(
@@ -42,6 +44,9 @@ class Scoring:
         history: History,
         metric: str,
         rollbacks: Rollbacks = NO_ROLLBACKS,
+        world: JudgedWorld = "training",
+        *,
+        second: bool = False,
     ) -> None:
         self._rollbacks = rollbacks
         self._bucket = bucket
@@ -49,8 +54,19 @@ class Scoring:
         self._checkpoints = checkpoints
         self._history = history
         self._metric = metric
+        self._world = world
+        self._second = second
+        self._since = 0
         self._expected: set[int] = set()
         self._ahead: int | None = None
+
+    def begin_stage(self, first: int) -> None:
+        """From now on, only checkpoints from this number on can be the best.
+
+        Those before drove another track, or for another reward.
+        """
+        self._since = first
+        self._checkpoints.forget_scores_before(first)
 
     def restore(self, records: Iterable[IterationRecord]) -> None:
         """Expect the evaluations of the newest iterations that have none yet."""
@@ -70,14 +86,21 @@ class Scoring:
             self._expected.add(iteration)  # the history has a record for its evaluation now
         self._expected = {n for n in self._expected if n > iteration - REMEMBERED_SCORES}
 
-    def score(self, newest: CheckpointName) -> None:
-        """Score the checkpoints whose evaluations have arrived; the log also names the newest."""
+    def score(self, newest: CheckpointName, *, last: bool = False) -> None:
+        """Score the checkpoints whose evaluations have arrived; the log also names the newest.
+
+        At the `last` time, an evaluation counts even if that on the second track is missing.
+        """
         for iteration in sorted(self._expected):
             result = self._result(iteration)
-            if result is not None:
+            if result is not None and (last or self._is_complete(result)):
                 self._expected.discard(iteration)
                 self._history.add_evaluation(
-                    iteration, result.progress, result.lap_s, result.steering_per_m
+                    iteration,
+                    result.progress,
+                    result.lap_s,
+                    result.steering_per_m,
+                    result.second,
                 )
                 self._compare(result, newest)
 
@@ -86,7 +109,7 @@ class Scoring:
 
         A trainer does this when it starts and when it ends, so that no evaluation is lost.
         """
-        self.score(newest)
+        self.score(newest, last=True)
         result = self._result(newest.number)
         if result is not None and result.checkpoint == str(newest):
             self._ahead = newest.number
@@ -100,11 +123,21 @@ class Scoring:
         """
         self._expected.add(evaluates)
         key = keys.evaluation_result(self._prefix, evaluates)
+
+        def arrived() -> bool:
+            if not self._bucket.exists(key):
+                return False
+            result = self._result(evaluates) if self._second else None
+            return result is None or self._is_complete(result)
+
         wait_until(
-            lambda: should_stop() or self._bucket.exists(key),
-            patience_s=max(LAST_EVALUATION_S, patience_s),
+            lambda: should_stop() or arrived(),
+            patience_s=max(LAST_EVALUATION_S, patience_s) * (2.0 if self._second else 1.0),
             first_s=0.1,
         )
+
+    def _is_complete(self, result: EvaluationResult) -> bool:
+        return result.second is not None or not self._second
 
     def _result(self, iteration: int) -> EvaluationResult | None:
         """The evaluation of a checkpoint; None if it has not arrived or is damaged.
@@ -125,7 +158,9 @@ class Scoring:
 
     def _compare(self, result: EvaluationResult, newest: CheckpointName) -> None:
         """Record how good a checkpoint is, and log which one is the best now."""
-        self._checkpoints.record_evaluation(result, self._metric)
+        if checkpoint_name(result.checkpoint).number < self._since:
+            return
+        self._checkpoints.record_evaluation(result.on(self._world), self._metric)
         best = CheckpointName.parse(self._checkpoints.best_name() or "")
         if best is not None:
             plain.info(

@@ -8,6 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import torch
 
@@ -17,6 +18,7 @@ from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
 from drcli.exchange.job import Job
 from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
 from drcli.exchange.scores import EvaluationResult
+from drcli.exchange.stage import StageMark
 from drcli.exchange.trace import csv_text, schedule, steering_changes
 from drcli.formats.build_network import build_policy, load_weights
 from drcli.learn.compute import flush_denormals
@@ -43,9 +45,12 @@ from drcli.workers.driving import Driven, Driver, Plan, Racer, episodes_of
 from drcli.workers.episode_share import EvaluationBudget, Share
 from drcli.workers.metrics_file import TrainingMetrics
 from drcli.workers.reward_failures import AllEpisodesDiscarded, RewardErrorsExceeded, RewardFailures
+from drcli.workers.second_track import SecondTrack, sentence_of
+from drcli.workers.stage_progress import parameters_of, stage_index
 from drcli.workers.wait_for_trainer import CheckpointWaiter
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 from drsim.episode.episode_rules import EpisodeRules
+from drsim.episode.simulation import Simulation
 from drsim.errors import RewardError
 from drsim.track.worlds import directed
 
@@ -67,12 +72,14 @@ SEED_STRIDE = 7_919
 class SimWorker:
     """One simulation worker, from its first checkpoint to the end of the training."""
 
+    _metrics: TrainingMetrics
+    _simulation: Simulation
+
     def __init__(self, job: Job, lifeline: Lifeline, worker: int, divisor: int = 1) -> None:
         """Prepare; where memory is short, a `divisor` makes it drive fewer cars at a time."""
         train, model = job.config.train, job.config.model
-        race = job.config.race(worker)
         self._job = job
-        self._race = race
+        self._worker, self._divisor = worker, divisor
         self._lifeline = lifeline
         self._prefix = model.prefix
         self._bucket = worker_process.open_own_bucket(job, lifeline)
@@ -80,45 +87,22 @@ class SimWorker:
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
         design = Design.of_model(self._bucket, self._prefix)
-        metadata, self._parameters = design.metadata, design.parameters
-        share = Share(worker, train.workers, self._parameters.num_episodes_between_training)
-        plain.info(
-            reference_log.start_lines(self._prefix, race, metadata, self._parameters, "TRAINING")
-        )
-        threads = driving_threads(train)
+        self._design = design
+        self._threads = driving_threads(train)
         torch.set_num_threads(1)
-        _logger.info("Using %d of %d cores for motion, cameras and policy.", threads, cores())
-        self._model = build_policy(metadata, self._parameters)
-        # Every checkpoint is evaluated at least once, or there would be no best checkpoint.
-        trials = max(1, train.train_min_eval_trials, job.until_laps or 0)
-        self._trials = trials if worker == 0 else 0
-        num_cars = -(-(race.train_lanes or share.count + self._trials) // divisor)
-        reward = load_reward(self._bucket, self._prefix, job.folder / f"sim-{worker}", num_cars)
-        self._track = directed(load_world(race), reverse=race.train_reverse_direction)
+        _logger.info("Using %d of %d cores for motion, cameras and policy.", self._threads, cores())
+        self._model = build_policy(design.metadata, design.parameters)
         self._failures = RewardFailures(train, worker)
         self._failures.restore(self._bucket, self._prefix)
-        actions = actions_of(metadata)
-        seed = job.seed + SEED_STRIDE * worker
-        simulation = build_simulation(
-            race,
-            "training",
-            metadata,
-            self._track,
-            num_cars=num_cars,
-            reward=reward,
-            rules=EpisodeRules(max_steps=longest_episode(self._track, actions)),
-            num_threads=threads,
-            seed=seed,
-            on_reward_error=self._failures.handle,
-        )
-        self._simulation = simulation
-        racer = Racer(DataParallelPolicy(self._model, threads), actions)
-        self._driver = Driver(simulation, [racer], seed)
         own = Model(self._bucket, self._prefix, model.metrics_prefix, model.metric, (worker,))
         for sentence in repair_metrics(own):
             _logger.warning(sentence)
-        self._share = share
-        self._metrics = TrainingMetrics(self._bucket, model.metrics_prefix, model.metric, share)
+        self._entered = False
+        self._result: EvaluationResult | None = None
+        self._second: SecondTrack | None = None
+        self._stage = self._stage_of(self._checkpoints.stage_of_newest())
+        self._first_step = 0
+        self._enter()
         self._budget = EvaluationBudget(train.train_eval_share)
         self._lag = int(overlaps(train))
         self._evaluated = -1
@@ -141,6 +125,84 @@ class SimWorker:
             should_stop=lifeline.should_stop,
             say=self._activity.wait,
         )
+
+    def _stage_of(self, mark: StageMark | None) -> int | None:
+        """The place of the marked stage, from 0; None without a curriculum."""
+        return stage_index(self._job.stages, mark) if self._job.stages else None
+
+    def _enter(self) -> None:
+        """Build the simulation of the training, or of its present stage."""
+        job, worker, metadata = self._job, self._worker, self._design.metadata
+        train, model = job.config.train, job.config.model
+        stage = None if self._stage is None else job.stages[self._stage]
+        race = job.config.race(worker) if stage is None else stage.race(worker)
+        self._race = race
+        self._parameters = parameters_of(stage, self._design.parameters)
+        numbered = max(
+            (parameters_of(each, self._design.parameters).num_episodes_between_training)
+            for each in (job.stages or (None,))
+        )
+        share = Share(
+            worker,
+            train.workers,
+            self._parameters.num_episodes_between_training,
+            numbered if job.stages else 0,
+        )
+        plain.info(
+            reference_log.start_lines(self._prefix, race, metadata, self._parameters, "TRAINING")
+        )
+        # Every checkpoint is evaluated at least once, or there would be no best checkpoint.
+        wanted = job.until_laps or 0, (stage.goal.laps or 0) if stage is not None else 0
+        trials = max(1, train.train_min_eval_trials, *wanted)
+        self._trials = trials if worker == 0 else 0
+        num_cars = -(-(race.train_lanes or share.count + self._trials) // self._divisor)
+        source = None if stage is None else stage.reward.encode()
+        folder = job.folder / f"sim-{worker}"
+        reward = load_reward(self._bucket, self._prefix, folder, num_cars, source)
+        self._track = directed(load_world(race), reverse=race.train_reverse_direction)
+        actions = actions_of(metadata)
+        seed = job.seed + SEED_STRIDE * worker
+        if self._entered:
+            self._failures.count_calls(self._simulation.reward_calls)
+            self._simulation.close()
+        self._simulation = build_simulation(
+            race,
+            "training",
+            metadata,
+            self._track,
+            num_cars=num_cars,
+            reward=reward,
+            rules=EpisodeRules(max_steps=longest_episode(self._track, actions)),
+            num_threads=self._threads,
+            seed=seed,
+            on_reward_error=self._failures.handle,
+        )
+        racer = Racer(DataParallelPolicy(self._model, self._threads), actions)
+        self._driver = Driver(self._simulation, [racer], seed)
+        self._share = share
+        if self._entered:
+            self._metrics.finish()
+        self._entered = True
+        self._metrics = TrainingMetrics(
+            self._bucket,
+            model.metrics_prefix,
+            model.metric,
+            share,
+            stage="" if stage is None else stage.name,
+        )
+        second = job.config.second_race(race) if worker == 0 else None
+        if self._second is not None:
+            self._second.close()
+        self._second = None
+        if second is not None:
+            self._second = SecondTrack(
+                second,
+                metadata,
+                racer,
+                load_reward(self._bucket, self._prefix, folder, trials, source),
+                num_threads=self._threads,
+                seed=seed,
+            )
 
     def run(self) -> None:
         """Drive until the training ends or somebody wants this worker to stop."""
@@ -172,6 +234,15 @@ class SimWorker:
             newest = name.number
             iteration = max(iteration, newest)
             checkpoint = self._checkpoints.load(str(name))
+            mark = checkpoint.record.counters.stage
+            stage = self._stage_of(mark)
+            self._first_step = 0 if mark is None else mark.steps
+            if stage is not None and stage != self._stage:
+                self._stage = stage
+                self._activity.say(f"enters stage {self._job.stages[stage].name}")
+                _logger.info("Stage %d, %s, begins.", stage + 1, self._job.stages[stage].name)
+                self._enter()
+                iteration = newest  # what was driven ahead belongs to the stage before
             self._waiter.learn_from(checkpoint.record)
             load_weights(self._model, checkpoint.tensors, checkpoint.record.name)
             self._rollbacks = checkpoint.record.counters.rollbacks or 0
@@ -263,11 +334,20 @@ class SimWorker:
         if evaluation:
             steps = sum(len(e.rows) for e in evaluation)
             share = steps / (steps + sum(len(e.rows) for e in training))
-            if self._drives > 1:  # the first drive may include compilation
-                self._budget.spend(share * driven_s())
+            took_s, alone_s = driven_s(), 0.0
             self._add_evaluation(iteration, name, evaluation, numbers.stop)
             self._failures.count_calls(self._simulation.reward_calls)
             self._failures.save()  # with the failures of evaluation episodes that ended later
+            if self._second is not None and self._result is not None:
+                self._activity.say(f"evaluates checkpoint {name.number} on {self._second.world}")
+                second = self._second.evaluate(trials, self._lifeline.step_done)
+                alone_s = driven_s() - took_s
+                write_evaluation(
+                    self._bucket, self._prefix, name.number, replace(self._result, second=second)
+                )
+                _logger.info("Checkpoint %d %s", name.number, sentence_of(second))
+            if self._drives > 1:  # the first drive may include compilation
+                self._budget.spend(share * took_s + alone_s)
 
     def _give_up_or_repeat(self, iteration: int, training: list[Driven], attempt: int) -> None:
         """Prepare another attempt when all episodes of this worker were declared broken.
@@ -295,7 +375,10 @@ class SimWorker:
         """Whether to evaluate the checkpoint during this drive, which takes time."""
         if not self._trials or name.number == self._evaluated:
             return False
-        evaluates = self._job.until_laps is not None or self._budget.allows_another()
+        by_laps = self._job.until_laps is not None
+        if self._stage is not None:
+            by_laps = by_laps or self._job.stages[self._stage].goal.evaluated
+        evaluates = by_laps or self._budget.allows_another()
         if evaluates:
             self._evaluated = name.number
         return evaluates
@@ -305,10 +388,10 @@ class SimWorker:
         p = self._parameters
         if p.exploration_type != "e-greedy":
             return None
-        workers = self._share.workers
+        workers, before = self._share.workers, self._first_step
 
         def share(driven: int) -> float:
-            done = min(1.0, (name.steps + driven * workers) / p.epsilon_steps)
+            done = min(1.0, (name.steps - before + driven * workers) / p.epsilon_steps)
             return 1.0 + (p.e_greedy_value - 1.0) * done
 
         return share
@@ -371,9 +454,10 @@ class SimWorker:
                 "evaluation broken.",
                 name.number,
             )
+            self._result = None
             return
         changes, metres = steering_changes(sound)
-        result = EvaluationResult(
+        self._result = EvaluationResult(
             checkpoint=str(name),
             progress=[float(e.progress) for e in sound],
             reward=[float(e.reward) for e in sound],
@@ -381,7 +465,7 @@ class SimWorker:
             steering_per_m=changes / metres if metres > 1.0 else None,
             rollbacks=self._rollbacks,
         )
-        write_evaluation(self._bucket, self._prefix, name.number, result)
+        write_evaluation(self._bucket, self._prefix, name.number, self._result)
 
     def _add_evaluation(
         self, iteration: int, name: CheckpointName, episodes: list[Driven], last_episode: int

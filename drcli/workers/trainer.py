@@ -7,9 +7,10 @@ import math
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
 from typing import ParamSpec
 
-import numpy as np
 import torch
 from safetensors.torch import save as save_tensors
 
@@ -20,6 +21,7 @@ from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.rollback_record import Reason
 from drcli.exchange.run_state import TrainingEnd
+from drcli.exchange.stage_note import StageNote
 from drcli.formats.build_network import load_weights
 from drcli.learn.compute import choose_compute, flush_denormals
 from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
@@ -33,7 +35,7 @@ from drcli.store.repair import Model, repair
 from drcli.store.rollout_reader import RolloutReader
 from drcli.store.trace_retention import TraceRetention
 from drcli.workers import reference_log, worker_process
-from drcli.workers.build_learner import build_learner
+from drcli.workers.build_learner import Learner, build_learner
 from drcli.workers.collect_rollouts import Collected, Collector
 from drcli.workers.cores import learning_threads, overlaps
 from drcli.workers.goals import Goals
@@ -41,6 +43,7 @@ from drcli.workers.learner_metrics import LearnerMetrics, line_of, row_of
 from drcli.workers.restore_learner import forget_evaluations, restore_optimizer
 from drcli.workers.roll_back import RollbackControl, RolledBack
 from drcli.workers.scoring import Scoring
+from drcli.workers.stage_progress import Counted, StageProgress
 from drcli.workers.wait_for_trainer import RECHECK_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 from drcli.workers.write_graph import GraphWriter
@@ -78,25 +81,19 @@ class Trainer:
         metadata, parameters = design.metadata, design.parameters
         # Each checkpoint carries these files: without them, the model could not be continued.
         self._inputs = {name: data.decode("utf-8-sig") for name, data in design.files.items()}
-        plain.info("Using the following hyper-parameters")
-        plain.info(parameters.canonical_json(metadata.training_algorithm))
+        self._design = design
         self._rollbacks = RollbackControl(self._bucket, job, self._checkpoints)
         self._found = self._rollbacks.load_latest()
         counters = Counters() if self._found is None else self._found.record.counters
-        compute = choose_compute(
-            train.torch_precision,
-            parameters.batch_size,
-            learning_threads(train),
-            before=counters.number_format,
-        )
-        _logger.info("Learning in %s", compute.reason)
+        self._newest = CheckpointName(0, 0)
+        if self._found is not None:
+            self._newest = CheckpointName(self._found.record.number, self._found.record.steps)
+        self._episodes = counters.episodes
+        self._elapsed_before_s = max(counters.elapsed_s, self._rollbacks.known.elapsed_s)
+        self._started = self._cycle_began = self._rechecked = time.monotonic()
+        self._stages = StageProgress(job.stages, counters.stage, self._counted())
         torch.manual_seed(job.seed)
-        self._learner = build_learner(metadata, parameters, compute)
-        self._learner.lr_factor = self._rollbacks.known.factor(self._learner.config.lr)
-        if self._learner.lr_factor != 1.0:
-            rate = self._learner.lr_factor * self._learner.config.lr
-            times = "1 rollback" if self._rollbacks.known.count == 1 else "the rollbacks"
-            _logger.info("The learning rate is %.3g since %s.", rate, times)
+        self._learner = self._build_learner(counters.number_format)
         self._scoring = Scoring(
             self._bucket,
             self._prefix,
@@ -104,6 +101,8 @@ class Trainer:
             self._history,
             model.metric,
             self._rollbacks.known,
+            train.train_best_model_world if train.train_eval_world else "training",
+            second=bool(train.train_eval_world),
         )
         self._graphs = GraphWriter(
             self._checkpoints,
@@ -111,8 +110,7 @@ class Trainer:
             metadata,
             enabled=train.train_frozen_graph,
         )
-        elapsed_s = max(counters.elapsed_s, self._rollbacks.known.elapsed_s)
-        self.goals = goals or Goals(job, parameters, before_s=elapsed_s)
+        self.goals = goals or Goals(job, parameters, before_s=self._elapsed_before_s)
         frugal = job.config.storage.cloud != "local"
         self._reader = RolloutReader(
             self._bucket,
@@ -127,15 +125,33 @@ class Trainer:
         self._traces = TraceRetention(
             self._bucket, self._prefix, train.workers, train.train_traces_max_mb << 20
         )
-        self._newest = CheckpointName(0, 0)
-        self._episodes = counters.episodes
-        self._elapsed_before_s = elapsed_s
-        self._started = self._cycle_began = self._rechecked = time.monotonic()
         self._collapsed = False
         self._alarmed: set[str] = set()
         self._is_short_of_gpu_memory = False
         self._uploader = ThreadPoolExecutor(1, thread_name_prefix="upload")
         self._uploads: list[Future[object]] = []
+
+    def _build_learner(self, number_format: str | None) -> Learner:
+        """The learner of the present stage, with fresh weights; it keeps the number format."""
+        metadata, algorithm = self._design.metadata, self._design.metadata.training_algorithm
+        parameters = self._stages.parameters(self._design.parameters)
+        plain.info("Using the following hyper-parameters")
+        plain.info(parameters.canonical_json(algorithm))
+        train = self._job.config.train
+        compute = choose_compute(
+            train.torch_precision,
+            parameters.batch_size,
+            learning_threads(train),
+            before=number_format,
+        )
+        _logger.info("Learning in %s", compute.reason)
+        learner = build_learner(metadata, parameters, compute)
+        learner.lr_factor = self._rollbacks.known.factor(learner.config.lr)
+        if learner.lr_factor != 1.0:
+            rate = learner.lr_factor * learner.config.lr
+            times = "1 rollback" if self._rollbacks.known.count == 1 else "the rollbacks"
+            _logger.info("The learning rate is %.3g since %s.", rate, times)
+        return learner
 
     def run(self) -> None:
         """Learn until there is a reason to end, and score the evaluations that have arrived."""
@@ -158,11 +174,17 @@ class Trainer:
         while (reason := self._reached()) is None:
             self._rechecked = time.monotonic()
             drivers = self._checkpoints.drivers(self._newest)
+            if self._stages.first_iteration == self._newest.number:
+                drivers = [str(self._newest)]  # the one before belongs to another stage
             collected = self._collector.collect(self._newest.number, drivers, self._is_wait_over)
             if self._lifeline.should_stop():
                 raise StopRequested
             if collected is not None:
-                self._learn(collected)
+                over = self._stage_over(collected)
+                if over is None:
+                    self._learn(collected)
+                else:
+                    self._begin_next_stage(collected, over)
                 collected = None  # frees the memory of its frames
                 self._forget_rollouts(before=self._newest.number - 1)
         self._finish(reason)
@@ -183,7 +205,7 @@ class Trainer:
         else:
             restore_optimizer(self._learner, found.optimizer)
         self._learner.critic_warmup = record.counters.critic_warmup or 0
-        self._newest = CheckpointName(record.number, record.steps)
+        self._scoring.begin_stage(self._stages.first_iteration)
         self._history.restore(record.number, record.counters.learned)
         self._scoring.restore(self._history.records)
         self._checkpoints.restore_milestones(self._newest, self._history.records)
@@ -209,7 +231,7 @@ class Trainer:
         if self._learner.memory_steps == 0:
             return
         for iteration in self._reader.iterations():
-            older = iteration < self._newest.number
+            older = self._stages.first_iteration <= iteration < self._newest.number
             rollout = self._collector.recall(iteration) if older else None
             if rollout is not None:
                 self._learner.remember(rollout)
@@ -240,8 +262,82 @@ class Trainer:
 
     def _reached(self, *newest: IterationRecord) -> str | None:
         """Why the training is complete, with iterations that the history does not have yet."""
-        history = self._history
-        return self.goals.reached([*history.records, *newest], history.count + len(newest))
+        history, records = self._history, [*self._history.records, *newest]
+        reached = self.goals.reached(
+            records,
+            history.count + len(newest),
+            episodes=self._episodes,
+            judged=self._stages.judged(records),
+        )
+        if reached is None and self._stages.is_last:
+            over = self._stages.over(records, self._counted())
+            if over is not None:
+                return (
+                    f"Training is complete: its last stage, {self._stages.name}, is over: {over}."
+                )
+        return reached
+
+    def _stage_over(self, collected: Collected) -> str | None:
+        """Why the next stage begins now, instead of an update; None if it does not."""
+        if self._stages.is_last or self._reached() is not None:
+            return None
+        record = self._record(collected)
+        return self._stages.over(
+            [*self._history.records, record],
+            Counted(
+                record.iteration + 1,
+                record.total_steps,
+                self._episodes + record.episodes,
+                record.elapsed_s,
+            ),
+        )
+
+    def _begin_next_stage(self, collected: Collected, why: str) -> None:
+        """Publish the best weights of the stage as the first checkpoint of the next one.
+
+        The pointer to this checkpoint is what ends the stage: before it is written, a trainer that
+        starts again is in the old stage, afterwards in the new one.
+        """
+        over, record = self._stages.mark, self._record(collected)
+        self._scoring.expect(record.iteration, collected.evaluates)
+        self._history.add(record)  # a start that finds no checkpoint made with it drops it again
+        self._await_evaluation(collected)
+        self._scoring.score(self._newest)
+        self._join_uploads()
+        best = self._checkpoints.best_of_stage(self._stages.first_iteration)
+        if best is None:
+            weights = {n: t.contiguous() for n, t in self._learner.model.state_dict().items()}
+            tensors, source = save_tensors(weights), str(self._newest)
+        else:
+            tensors, source = best.tensors, best.record.name
+        self._newest = CheckpointName(self._newest.number + 1, record.total_steps)
+        self._episodes += record.episodes
+        mark = self._stages.begin_next(self._counted())
+        sentence = f"{_sentence(str(over))} is over: {why}. {_sentence(str(mark))} begins with "
+        sentence += f"the weights of checkpoint {source} on {mark.world}."
+        _logger.info("%s", sentence)
+        self._activity.say(f"begins {mark}")
+        self._learner = self._build_learner(self._learner.compute.number_format)
+        load_weights(self._learner.model, tensors, source)
+        self._publish(record)
+        note = StageNote(self._job.session, mark.name, str(self._newest), sentence)
+        with suppress(OSError):  # a full disk: the journal does without
+            note.write(self._job.folder)
+        self._scoring.begin_stage(mark.iteration)
+        row = row_of(record)
+        plain.info(line_of(row))
+        self._submit(self._metrics.add, row)
+        self._collapsed = False
+        self._cycle_began = time.monotonic()
+
+    def _counted(self) -> Counted:
+        """What was done until now."""
+        newest = self._newest
+        return Counted(newest.number, newest.steps, self._episodes, self._elapsed_s())
+
+    def _record(self, collected: Collected) -> IterationRecord:
+        """What is known about an iteration before anything is learned from it."""
+        return collected.record(self._newest, elapsed_s=self._elapsed_s(), stage=self._stages.name)
 
     def _learn(self, collected: Collected) -> None:
         """Update the policy, publish it and record how the update went."""
@@ -255,7 +351,7 @@ class Trainer:
                 seed=self._job.seed + SEED_STRIDE * self._newest.number,
                 on_epoch=lambda stats: plain.info(reference_log.epoch_line(stats)),
                 should_stop=self._lifeline.step_done,
-                steps_before=self._newest.steps,
+                steps_before=self._newest.steps - self._stages.first_step,
             )
         except UpdateInterruptedError:
             # Nothing is lost: a resumed training drives this iteration again.
@@ -277,23 +373,16 @@ class Trainer:
         ended = time.monotonic()
         cycle_s = ended - self._cycle_began
         self._cycle_began = ended
-        iteration, steps = self._newest.number, collected.rollout.steps
-        self._newest = CheckpointName(iteration + 1, self._newest.steps + steps)
-        self._episodes += len(collected.rewards)
+        driven = self._record(collected)
+        iteration, steps = driven.iteration, driven.steps
+        self._newest = CheckpointName(iteration + 1, driven.total_steps)
+        self._episodes += driven.episodes
 
         last = stats[-1] if stats else None
         numbers = {} if last is None else last.metrics()
         self._scoring.expect(iteration, collected.evaluates)
-        record = IterationRecord(
-            iteration=iteration,
-            checkpoint=collected.checkpoint,
-            episodes=len(collected.rewards),
-            steps=steps,
-            total_steps=self._newest.steps,
-            mean_reward=float(np.mean(collected.rewards)),
-            mean_progress=float(np.mean(collected.progress)),
-            full_laps=len(collected.lap_s),
-            best_lap_s=min(collected.lap_s, default=None),
+        record = replace(
+            driven,
             entropy=numbers.get("losses/entropy", math.nan),
             surrogate_loss=numbers.get("losses/policy_loss", math.nan),
             value_loss=numbers.get("losses/value_loss", math.nan),
@@ -305,10 +394,8 @@ class Trainer:
             discarded=collected.discarded,
             steps_per_s=steps / cycle_s,
             real_time_factor=collected.simulated_s / cycle_s,
-            drive_s=collected.drive_s,
             learn_s=ended - began,
             exchange_s=max(0.0, cycle_s - collected.drive_s - (ended - began)),
-            elapsed_s=self._elapsed_s(),
         )
         reason = self._reached(record)
         if reason is not None:
@@ -399,6 +486,7 @@ class Trainer:
                 inputs=self._inputs,
                 critic_warmup=self._learner.critic_warmup or None,
                 rollbacks=self._rollbacks.known.count or None,
+                stage=self._stages.mark,
             ),
         )
         plain.info("Checkpoint> Saving in path=['%s']", record.name)
@@ -455,6 +543,10 @@ class Trainer:
         self._activity.say("finished")
         WorkerExit(reason, "", 0).write(self._job.folder, "trainer")
         _logger.info(reason)
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def learn(job: Job, lifeline: Lifeline) -> None:

@@ -85,6 +85,13 @@ def init(
             autocompletion=candidates.experiments,
         ),
     ] = None,
+    curriculum: Annotated[
+        bool,
+        typer.Option(
+            "--curriculum",
+            help="Also write curriculum.yaml, an example of a training in stages, and use it.",
+        ),
+    ] = False,
     force: Annotated[
         bool,
         typer.Option("-f", "--force", "--yes", help="Do not ask; replaced files are kept as .bak."),
@@ -101,7 +108,12 @@ def init(
 
     Example: dr-init my-racer --world reinvent_base --prefix first-model
     """
-    from drcli.config.new_folder import has_activate_script, plan_experiment, plan_folder
+    from drcli.config.new_folder import (
+        has_activate_script,
+        plan_experiment,
+        plan_folder,
+        with_curriculum,
+    )
     from drcli.config.write_folder import write
 
     if folder == "":
@@ -120,6 +132,8 @@ def init(
             if prompts.may_ask() and not force:
                 values = with_answers(values, prompts.ask, console.warn)
             plan = plan_folder(Path(folder or current_folder()), values)
+        if curriculum:
+            plan = with_curriculum(plan)
     except ProblemsError as error:
         raise in_options(error, OPTIONS, {*values, "DR_EXPERIMENT_NAME"}) from None
     if plan.clashes and not force:

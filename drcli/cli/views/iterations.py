@@ -24,13 +24,21 @@ LEAST_COLUMNS = {
     "progress": 8,
     "laps": 6,
     "eval": 9,
+    "eval 2": 9,
+    "stage": 5,
     "entropy": 7,
     "losses": 12,
 }
 """Least widths, so that columns stay in place while numbers grow."""
 
+LONGEST_STAGE = 12
+"""Letters of a stage's name in the table."""
+
 GAP = 2
 """Space between the columns of a table."""
+
+RARE = ("eval 2", "stage")
+"""Columns that are there only if they have something to show."""
 
 OPTIONAL = ("losses", "entropy", "steps", "laps")
 """Columns that a narrow terminal leaves out, in this order; `dr-status --json` has all numbers."""
@@ -43,6 +51,10 @@ def line(record: "IterationRecord", *, verbose: bool = False) -> str:
         f"reward {record.mean_reward:6.1f}  progress {record.mean_progress:5.1f} %  "
         f"eval {_evaluated(record)}"
     )
+    if record.second_progress:
+        short += f"  on {record.second_world} {second_evaluation(record)}"
+    if record.stage:
+        short += f"  stage {record.stage}"
     if not verbose:
         return short
     return (
@@ -58,8 +70,9 @@ def table(records: "list[IterationRecord]", rows: int, columns: int) -> Table:
     widths = {
         name: max(least, *(len(cells[name]) for cells in lines), 0)
         for name, least in LEAST_COLUMNS.items()
+        if name not in RARE or any(cells[name] for cells in lines)
     }
-    for name in OPTIONAL:
+    for name in (name for name in OPTIONAL if name in widths):
         if sum(widths.values()) + GAP * (len(widths) - 1) > columns:
             del widths[name]
     shown = Table(box=None, pad_edge=False, header_style="dim")
@@ -127,6 +140,8 @@ def _cells(record: "IterationRecord") -> dict[str, str]:
         "progress": f"{record.mean_progress:.1f} %",
         "laps": f"{record.full_laps}/{record.episodes}",
         "eval": _evaluated(record),
+        "eval 2": second_evaluation(record) if record.second_progress else "",
+        "stage": record.stage[:LONGEST_STAGE],
         "entropy": _known(record.entropy, 2),
         "losses": _losses(record),
     }
@@ -161,7 +176,15 @@ def _completed(record: "IterationRecord") -> float | None:
 
 
 def _evaluated(record: "IterationRecord") -> str:
-    progress = record.evaluation_progress
-    if not progress:
+    if not record.evaluation_progress:
         return "..."
-    return f"{sum(progress) / len(progress):.0f} % {len(record.evaluation_lap_s)}/{len(progress)}"
+    return _laps(record.evaluation_progress, record.evaluation_lap_s)
+
+
+def second_evaluation(record: "IterationRecord") -> str:
+    """Mean progress and completed laps on the second track."""
+    return _laps(record.second_progress, record.second_lap_s)
+
+
+def _laps(progress: list[float], lap_s: list[float]) -> str:
+    return f"{sum(progress) / len(progress):.0f} % {len(lap_s)}/{len(progress)}"

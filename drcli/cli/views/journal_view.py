@@ -21,6 +21,7 @@ KIND_STYLES = {
     "notice": "bold yellow",
     "fault": "red",
     "recovery": "green",
+    "stage": "cyan",
     "end": "bold",
 }
 

@@ -11,6 +11,7 @@ from drcli.cli.console import BOUNDLESS
 from drcli.cli.views.layout import counted, fitted
 
 if TYPE_CHECKING:
+    from drcli.exchange.daily_spending import DayBudget
     from drcli.runs.addresses import Addresses
     from drcli.runs.status import SpeedReport
     from drcli.runs.stopping import StopReport
@@ -35,6 +36,8 @@ def summary(columns: int, report: "Summary") -> RenderableType:
     origin += [f"git branch {report.branch}"] if report.branch else []
     if origin:
         head.append(Text(", ".join(origin), style="dim"))
+    if report.budget is not None and (report.budget.limited or report.budget.starts):
+        right.insert(1, ("Today", _budget_rows(report.budget)))
     warnings = [Text(f"Warning: {text}", style="yellow") for text in report.warnings]
     if not WIDE <= columns < BOUNDLESS:
         return Group(*head, _column([*left, *right]), *warnings)
@@ -136,6 +139,17 @@ def _running_rows(running: "list[Running]") -> Rows:
         since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(run.since))
         where = f"run {run.run_id}, {run.model} on {run.world}"
         rows.append((run.kind, Text(f"{where}, since {since}, process {run.pid}")))
+    return rows
+
+
+def _budget_rows(budget: "DayBudget") -> Rows:
+    """What all trainings of the folder have used today."""
+    hours = f"{budget.hours:.2f}"
+    hours += f" of {budget.max_hours:g} hours" if budget.max_hours else " machine hours"
+    rows: Rows = [("trained", Text(hours, style="yellow" if budget.used_up else ""))]
+    if budget.usd or budget.max_usd:
+        money = f"{budget.usd:.2f}" + (f" of {budget.max_usd:g}" if budget.max_usd else "")
+        rows.append(("cost", Text(f"{money} USD")))
     return rows
 
 

@@ -80,6 +80,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     if report.state in ("starting", "running"):
         parts += [indented(_worker(worker)) for worker in report.workers]
     parts += [Text(f"Warning: {text}", style="bold yellow") for text in report.watches]
+    parts += [Text(line) for line in (_stage(report), _second(report)) if line]
     if report.history:
         last = report.history[-1]
         laps = sum(record.full_laps for record in report.history)
@@ -98,7 +99,8 @@ def run(columns: int, report: "RunReport") -> RenderableType:
         if report.warning:
             parts += [_warning(report), *(indented(f"Try: {each}") for each in report.advice)]
     parts += [Text(line) for line in _failures(report)]
-    parts += [Text(line) for line in (_spent(report), _left(report), _requests(report)) if line]
+    lines = (_spent(report), _left(report), _requests(report), _budget(report))
+    parts += [Text(line) for line in lines if line]
     parts += [Text(f"Note: {notes_view.short(text)}") for text in report.notes[-NOTES:]]
     return Group(*parts)
 
@@ -114,6 +116,35 @@ def _milestones(report: "RunReport") -> list[str]:
         f"{found.episodes} laps, {found.best_lap_s:.2f} s)"
         for name, found in numbers.items()
     ]
+
+
+def _stage(report: "RunReport") -> str:
+    """The present stage of a training with stages, and what ends it."""
+    stage = report.stage
+    if stage is None:
+        return ""
+    number = 0
+    if report.history:
+        number = max(0, report.history[-1].iteration + 1 - stage.iteration)
+    text = f"Stage {stage.number} of {stage.count}: {stage.name}, on {stage.world}, "
+    return f"{text}{counted(number, 'iteration')} so far; it ends {stage.goal}."
+
+
+def _second(report: "RunReport") -> str:
+    """The newest evaluation on a second track."""
+    evaluated = [record for record in report.history if record.second_progress]
+    if not evaluated:
+        return ""
+    last = evaluated[-1]
+    return (
+        f"On {last.second_world}, checkpoint {last.iteration} drove "
+        f"{iterations.second_evaluation(last)} laps."
+    )
+
+
+def _budget(report: "RunReport") -> str:
+    text = "" if report.budget is None else str(report.budget)
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
 def _spent(report: "RunReport") -> str:
@@ -184,6 +215,11 @@ def start_text(plan: "RunPlan") -> str:
         f"World {config.race().world_name}, {workers}, seed {plan.job.seed}.",
         "Using configuration files:",
         *(f"   {f.origin}" for f in (inputs.reward, inputs.hyperparameters, inputs.metadata)),
+        *(["Stages:"] if plan.job.stages else []),
+        *(
+            f"   {number}. {stage.name}, on {stage.race().world_name}: ends {stage.goal}"
+            for number, stage in enumerate(plan.job.stages, start=1)
+        ),
         plan.ends,
     ]
     return "\n".join(lines)
@@ -268,6 +304,7 @@ def _head(report: "RunReport") -> Text:
     return Text.assemble(
         (report.state, STATE_STYLES.get(report.state, "")),
         f"  s3://{report.bucket}/{report.prefix}  on {report.world}",
+        f"  {report.stage}" if report.stage is not None else "",
     )
 
 

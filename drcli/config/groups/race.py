@@ -5,7 +5,7 @@ from typing import Literal
 
 from drcli.config.checkpoint_words import CheckpointText
 from drcli.config.fields import Group, setting
-from drcli.config.value_types import Colour, Gpus, WorldName
+from drcli.config.value_types import Colour, Gpus, OptionalWorldName, WorldName
 
 _VIDEO = "only visible in videos, which drcli does not record"
 _FULL_SPEED = "the simulation always runs as fast as the processor allows"
@@ -148,10 +148,31 @@ class TrainSettings(Group, title="Training"):
         "Finish after this many updates of the policy; 0 for no limit.",
         low=0,
     )
-    train_stop_reward: float | None = setting(
-        "DR_TRAIN_STOP_REWARD",
+    train_max_episodes: int = setting(
+        "DR_TRAIN_MAX_EPISODES",
+        0,
+        "Finish after this many training episodes; 0 for no limit.",
+        low=0,
+    )
+    train_stop_mean_score: float | None = setting(
+        "DR_TRAIN_STOP_MEAN_SCORE",
         None,
-        "Finish when the mean reward of the last 100 episodes reaches this; empty for no limit.",
+        "Finish when the mean reward of the last DR_TRAIN_STOP_SCORE_EPISODES training episodes "
+        "reaches this; empty for no limit.",
+        old_names=("DR_TRAIN_STOP_REWARD",),
+    )
+    train_stop_score_episodes: int = setting(
+        "DR_TRAIN_STOP_SCORE_EPISODES",
+        100,
+        "Number of training episodes over which DR_TRAIN_STOP_MEAN_SCORE takes the mean.",
+        between=(1, 10_000),
+    )
+    train_stop_lap_time: float = setting(
+        "DR_TRAIN_STOP_LAP_TIME",
+        0.0,
+        "Finish when all evaluation laps of a checkpoint are completed, in this many seconds or "
+        "less on average; 0 for no limit.",
+        low=0,
     )
     train_stop_progress: float = setting(
         "DR_TRAIN_STOP_PROGRESS",
@@ -164,6 +185,23 @@ class TrainSettings(Group, title="Training"):
         3,
         "How many evaluations in a row must reach DR_TRAIN_STOP_PROGRESS.",
         low=1,
+    )
+    train_eval_world: OptionalWorldName = setting(
+        "DR_TRAIN_EVAL_WORLD",
+        "",
+        "Second track on which checkpoints are evaluated during training; empty for none.",
+    )
+    train_best_model_world: Literal["training", "evaluation", "both"] = setting(
+        "DR_TRAIN_BEST_MODEL_WORLD",
+        "training",
+        "Which evaluations decide which checkpoint is best: those on the training track, on "
+        "DR_TRAIN_EVAL_WORLD, or on both together.",
+    )
+    curriculum_file: str = setting(
+        "DR_CURRICULUM_FILE",
+        "",
+        "File with the stages of the training, such as curriculum.yaml; empty for a training "
+        "without stages.",
     )
     train_best_model_metric: Literal["progress", "reward", "laptime"] = setting(
         "DR_TRAIN_BEST_MODEL_METRIC",

@@ -119,6 +119,22 @@ class CostSettings(Group, title="Money"):
         "End the training when all its machines together have cost so many USD; 0 for no limit.",
         low=0,
     )
+    daily_budget_hours: float = setting(
+        "DR_DAILY_BUDGET_HOURS",
+        0.0,
+        "Machine hours that all trainings of this folder together may take on one day; 0 for no "
+        "limit.",
+        between=(0.0, 1_000_000.0),
+        file="system.env",
+    )
+    daily_budget_money: float = setting(
+        "DR_DAILY_BUDGET_MONEY",
+        0.0,
+        "USD that all trainings of this folder together may cost on one day, at DR_SPOT_PRICE; 0 "
+        "for no limit.",
+        between=(0.0, 1_000_000.0),
+        file="system.env",
+    )
 
 
 class WatchSettings(Group, title="Watches", file="system.env"):
@@ -162,5 +178,5 @@ class MessageSettings(Group, title="Messages", file="system.env"):
         "DR_MESSAGE_EVENTS",
         "start,resume,interruption,end,failure,stall",
         "What to tell: start, resume, interruption, end, failure, stall, stop, fault, recovery, "
-        "best, upload; or all.",
+        "stage, best, upload; or all.",
     )

@@ -496,7 +496,7 @@ CASES = (
         lambda f: f.hyperparameters(term_cond_avg_score=350.0, term_cond_max_episodes=1000),
         lambda f: f.hyperparameters(term_cond_avg_score=500.0),
         "warning",
-        ("term_cond_avg_score=500", "DR_TRAIN_STOP_REWARD"),
+        ("term_cond_avg_score=500", "DR_TRAIN_STOP_MEAN_SCORE"),
     ),
     Case(
         "V-45",

@@ -8,6 +8,8 @@ import pytest
 from rich.console import Console
 
 from drcli.cli.views import evaluation_view, iterations, training_view
+from drcli.exchange.daily_spending import DayBudget
+from drcli.exchange.stage import StageMark
 
 NOW_S = 1_000_000.0 + 75.0
 
@@ -24,6 +26,24 @@ def test_the_live_display_of_a_training_under_way(make_report):
     shown = screen(training_view.live(make_report("running", 9), NOW_S))
 
     assert shown == UNDER_WAY
+
+
+def test_a_training_with_stages_and_a_second_track_shows_both(make_report, make_record):
+    marked = {"stage": "base", "second_world": "willow", "second_progress": [50.0, 100.0]}
+    history = [make_record(0), make_record(1, **marked, second_lap_s=[14.0])]
+    stage = StageMark("base", 2, 3, "willow", "after 9 iterations", iteration=1)
+    budget = DayBudget("2026-05-01", 3.2, 0.0, 8.0)
+    report = make_report("running", history=history, stage=stage, budget=budget)
+
+    shown = screen(training_view.run(report))
+
+    assert "on reinvent_base  stage 2 of 3 (base)" in shown
+    assert "Stage 2 of 3: base, on willow, 1 iteration so far; it ends after 9" in shown
+    assert "On willow, checkpoint 1 drove 75 % 1/2 laps." in shown
+    assert "Budget of 2026-05-01: 3.20 of 8 hours." in shown
+    line = iterations.line(history[1])
+    assert line.endswith("on willow 75 % 1/2  stage base")
+    assert "stage" not in screen(iterations.table(history[:1], 1, 200))
 
 
 def test_the_live_display_before_the_first_iteration(make_report):

@@ -107,7 +107,7 @@ def test_a_former_name_is_no_setting_and_no_misspelling(folder, name):
 @pytest.mark.parametrize(
     ("line", "part"),
     [
-        ("DR_TARGET_REWARD_SCORE=500", "DR_TRAIN_STOP_REWARD ends a training by its reward"),
+        ("DR_TARGET_REWARD_SCORE=500", "DR_TRAIN_STOP_MEAN_SCORE ends a training by its reward"),
         ("DR_NUMBER_OF_EPISODES=100", "DR_TRAIN_MAX_ITERATIONS"),
         ("DR_OA_PSEUDO_RANDOMIZE_OBSTACLE_LOCATIONS=True", "DR_OA_OBJECT_POSITIONS fixes them"),
         ("DR_TRAIN_ALTERNATE_DRIVI=True", "write DR_TRAIN_ALTERNATE_DRIVING_DIRECTION"),

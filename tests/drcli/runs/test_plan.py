@@ -11,7 +11,7 @@ import pytest
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.runs import plan, training
+from drcli.runs import plan, planned_stages, training
 from drcli.runs.run_logs import log_file
 from drcli.store import keys, lease
 
@@ -24,14 +24,14 @@ def during_examination(monkeypatch):
     """Lets something happen while the inputs are examined."""
 
     def happen(what):
-        examine = plan.examine
+        examine = planned_stages.examine
 
         def slow(*args):
             examined = examine(*args)
             what()
             return examined
 
-        monkeypatch.setattr(plan, "examine", slow)
+        monkeypatch.setattr(planned_stages, "examine", slow)
 
     return happen
 

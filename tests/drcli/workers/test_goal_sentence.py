@@ -32,7 +32,7 @@ def test_everything_that_ends_a_training_is_in_the_line(told):
     text = told(
         "DR_TRAIN_MAX_ITERATIONS=50",
         "DR_TRAIN_MAX_MINUTES=30",
-        "DR_TRAIN_STOP_REWARD=400",
+        "DR_TRAIN_STOP_MEAN_SCORE=400",
         "DR_TRAIN_STOP_PROGRESS=99",
         until_laps=3,
         max_minutes=30.0,
@@ -42,7 +42,7 @@ def test_everything_that_ends_a_training_is_in_the_line(told):
         "Ends once a checkpoint completes all its evaluation laps, at least 3 (--until-laps), or "
         "after 30 minutes (DR_TRAIN_MAX_MINUTES), or after 50 iterations "
         "(DR_TRAIN_MAX_ITERATIONS), or at a mean reward of 400 over 100 episodes "
-        "(DR_TRAIN_STOP_REWARD), or at 99 % of mean progress in 3 evaluations in a row "
+        "(DR_TRAIN_STOP_MEAN_SCORE), or at 99 % of mean progress in 3 evaluations in a row "
         "(DR_TRAIN_STOP_PROGRESS), or with dr-stop-training."
     )
 

@@ -86,11 +86,11 @@ def test_the_mean_score_is_that_of_the_last_hundred_episodes():
 
 
 def test_a_mean_reward_can_end_the_training(goals):
-    limited = goals("DR_TRAIN_STOP_REWARD=350")
+    limited = goals("DR_TRAIN_STOP_MEAN_SCORE=350")
     good = [record(k, mean_reward=351.0) for k in range(5)]
 
     assert limited.reached(good[:4]) is None
-    assert "DR_TRAIN_STOP_REWARD is 350" in limited.reached(good)
+    assert "DR_TRAIN_STOP_MEAN_SCORE is 350" in limited.reached(good)
 
 
 def test_laps_are_reached_when_every_evaluation_episode_of_a_checkpoint_was_one(goals):
@@ -175,3 +175,51 @@ def test_a_training_lives_for_so_long_after_its_first_start(goals):
     assert limited.reached([]) == (
         "Training is complete: 30 minutes have passed since its first start."
     )
+
+
+def test_episodes_can_be_limited(goals):  # 000-13
+    limited = goals("DR_TRAIN_MAX_EPISODES=50")
+    records = [record(k, episodes=20) for k in range(3)]
+
+    assert limited.reached(records[:2]) is None
+    assert limited.reached(records) == (
+        "Training is complete: 60 training episodes are done, DR_TRAIN_MAX_EPISODES is 50."
+    )
+    assert limited.reached(records[:1], episodes=50) is not None
+
+
+def test_the_mean_score_is_taken_over_so_many_episodes_as_are_wanted(goals):  # 000-12
+    limited = goals("DR_TRAIN_STOP_MEAN_SCORE=300", "DR_TRAIN_STOP_SCORE_EPISODES=40")
+    records = [record(0, mean_reward=0.0), *(record(k, mean_reward=300.0) for k in (1, 2))]
+
+    assert limited.reached(records[:2]) is None
+    assert "of the last 40 episodes is 300.0" in limited.reached(records)
+
+
+def test_a_lap_time_ends_the_training_once_every_lap_is_complete(goals):
+    limited = goals("DR_TRAIN_STOP_LAP_TIME=12")
+
+    def after(progress, laps):
+        return limited.reached([record(0, evaluation_progress=progress, evaluation_lap_s=laps)])
+
+    assert after([100.0, 90.0], [9.0]) is None
+    assert after([100.0, 100.0], [11.0, 14.0]) is None
+    assert "in 11.50 s on average; DR_TRAIN_STOP_LAP_TIME is 12" in after(
+        [100.0, 100.0], [11.0, 12.0]
+    )
+
+
+def test_how_well_the_car_drives_is_judged_by_the_last_stage_only(goals):
+    limited = goals("DR_TRAIN_STOP_PROGRESS=50", "DR_TRAIN_STOP_EVALUATIONS=1", until_laps=1)
+    good = record(0, evaluation_progress=[100.0], evaluation_lap_s=[9.0])
+
+    assert limited.reached([good], judged=()) is None
+    assert limited.reached([good], judged=[good]) is not None
+
+
+def test_a_new_stage_is_no_collapse():
+    wide = [record(k, mean_progress=98.0, stage="wide") for k in range(4)]
+    hard = [record(k, mean_progress=10.0, stage="hard") for k in range(4, 8)]
+
+    assert collapse([*wide, *hard], None) is None
+    assert collapse([*wide, *(record(k, mean_progress=9.0, stage="wide") for k in (4, 5, 6))], None)

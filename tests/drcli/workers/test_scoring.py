@@ -3,7 +3,7 @@
 import pytest
 
 from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.scores import EvaluationResult
+from drcli.exchange.scores import EvaluationResult, SecondEvaluation
 from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History
@@ -29,15 +29,20 @@ class Model:
         self.newest = CheckpointName(checkpoints - 1, 100 * (checkpoints - 1))
         self.scoring = self.new_scoring()
 
-    def new_scoring(self) -> Scoring:
-        return Scoring(self.bucket, PREFIX, self.store, self.history, "progress")
+    def new_scoring(self, *args, **options) -> Scoring:
+        return Scoring(self.bucket, PREFIX, self.store, self.history, "progress", *args, **options)
 
-    def evaluate(self, number: int, progress: float, name: str = "") -> None:
+    def evaluate(
+        self, number: int, progress: float, name: str = "", second: float | None = None
+    ) -> None:
         result = EvaluationResult(
             checkpoint=name or f"{number}_Step-{100 * number}.ckpt",
             progress=[progress] * 5,
             reward=[1.0] * 5,
             lap_s=[10.0] * 5 if progress == 100.0 else [],
+            second=None
+            if second is None
+            else SecondEvaluation("oval", [second] * 5, [1.0] * 5, []),
         )
         write_evaluation(self.bucket, PREFIX, number, result)
 
@@ -132,3 +137,49 @@ def test_a_request_to_leave_ends_that_wait(model):
     model.scoring.score(model.newest)
 
     assert model.progress_of(2) == []
+
+
+@pytest.mark.parametrize(
+    ("world", "best"),
+    [("training", "2_Step-200.ckpt"), ("evaluation", "0_Step-0.ckpt"), ("both", "1_Step-100.ckpt")],
+)
+def test_a_second_track_is_recorded_and_may_choose_the_best(model, world, best):  # 001-47
+    model.scoring = model.new_scoring(world, second=True)
+    for number, progress, second in ((0, 10.0, 60.0), (1, 50.0, 50.0), (2, 70.0, 5.0)):
+        model.scoring.expect(number, number)
+        model.evaluate(number, progress, second=second)
+        model.scoring.score(model.newest)
+
+    assert model.best == best
+    record = model.history.records[1]
+    assert (record.second_world, record.second_progress) == ("oval", [50.0] * 5)
+    assert model.progress_of(1) == [50.0] * 5
+
+
+def test_the_evaluation_on_the_second_track_is_waited_for_but_not_at_the_end(model):
+    model.scoring = model.new_scoring("evaluation", second=True)
+    model.scoring.expect(2, 2)
+    model.evaluate(2, 50.0)
+
+    model.scoring.score(model.newest)
+    assert model.progress_of(2) == []
+    model.scoring.score_all(model.newest)
+
+    assert model.progress_of(2) == [50.0] * 5
+    assert model.best == "2_Step-200.ckpt"
+
+
+def test_a_stage_begins_without_a_best_and_late_evaluations_of_the_last_do_not_count(model):
+    model.scoring.expect(1, 1)
+    model.evaluate(1, 90.0)
+    model.scoring.score(model.newest)
+    assert model.store.best_of_stage(0).record.name == "1_Step-100.ckpt"
+
+    model.scoring.begin_stage(3)
+    model.scoring.expect(2, 2)
+    model.evaluate(2, 100.0)
+    model.scoring.score(model.newest)
+
+    assert model.best == "3_Step-300.ckpt"
+    assert model.store.best_of_stage(3) is None
+    assert model.progress_of(2) == [100.0] * 5

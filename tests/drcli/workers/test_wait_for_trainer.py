@@ -1,13 +1,13 @@
 import pytest
 
 from drcli.exchange.checkpoint import Counters
-from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.rollout_manifest import Manifest
 from drcli.exchange.run_state import TrainingEnd
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from drcli.workers.wait_for_trainer import QUIET_SHARE, RECHECK_S, CheckpointWaiter
 from drcli.workers.worker_process import StopRequested
+from iterations import iteration_record
 from memory_bucket import MemoryBucket
 
 PREFIX, SESSION = "model", "this start"
@@ -77,10 +77,7 @@ def test_the_checkpoint_that_is_there_is_taken_at_once(world):
 
 def learned(seconds: float, steps: int) -> Counters:
     """What a checkpoint says of the iteration that made it."""
-    numbers = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
-    lists = {"evaluation_progress": [], "evaluation_lap_s": []}
-    fields = {**numbers, "checkpoint": "", **lists, "learn_s": seconds, "steps": steps}
-    return Counters(learned=IterationRecord(**fields))
+    return Counters(learned=iteration_record(learn_s=seconds, steps=steps))
 
 
 def learn_from(world, *learn_s: float, steps: int = 500) -> None:

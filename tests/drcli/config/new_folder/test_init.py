@@ -11,6 +11,7 @@ import pytest
 
 from drcli.base import atomic_file
 from drcli.base.errors import SettingsError
+from drcli.checks.stage_rules import review_stages
 from drcli.config import write_folder
 from drcli.config.example_files import model_file
 from drcli.config.loading import load_settings
@@ -334,3 +335,20 @@ def test_a_track_that_has_no_file_of_its_own_is_no_surprise(dr, empty, capsys):
     dr("init", "--world", "reinvent_carpet")
 
     assert "Warning" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("experiment", [None, "fast"])
+def test_a_folder_can_come_with_a_training_in_stages(empty, dr, experiment):
+    more = ["--experiment", experiment] if experiment else []
+    if experiment:
+        assert dr("init", ".", "--force") == 0
+    assert dr("init", ".", *more, "--curriculum", "--force") == 0
+
+    folder = empty / "experiments" / experiment if experiment else empty
+    example = model_file("curriculum.yaml").read_bytes()
+    assert (folder / "curriculum.yaml").read_bytes() == example
+    flags = {"DR_EXPERIMENT_NAME": experiment or ""}
+    settings = load_settings(empty, environ={}, flags=flags)
+    staged = review_stages(settings, {})
+    assert staged.problems == ()
+    assert [stage.name for stage in staged.stages] == ["wide", "base", "hard", "bots"]

@@ -1,0 +1,357 @@
+"""Finds the stages of a training, and checks that each can begin where the last one ends."""
+
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from shlex import quote
+from typing import Any
+
+from drcli.base.errors import StorageError
+from drcli.base.json_record import RecordError
+from drcli.base.problems import BadValue, Place, Problem, ProblemsError, closest, few, shown
+from drcli.config.loading import WORKER_NAMES, WORKER_STEMS, is_of_worker
+from drcli.config.setting_problems import setting_problem
+from drcli.config.settings import Override, Settings, catalogue
+from drcli.exchange.frozen_curriculum import FrozenCurriculum
+from drcli.exchange.stage import Stage, StageGoal
+from drcli.modelfiles.curriculum_file import (
+    RULE,
+    CurriculumFile,
+    StageEntry,
+    merged_hyperparameters,
+)
+from drcli.modelfiles.custom_files import InputFile
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.json_file import as_written
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing
+
+SETTING = "DR_CURRICULUM_FILE"
+
+OF_THE_NETWORK = ("stack_size", "critic")
+"""Hyperparameters that decide the shape of the network, so they stay the same in all stages."""
+
+LARGEST_FILE = 1024 * 1024
+"""A larger file was named by mistake."""
+
+
+@dataclass(frozen=True)
+class PlannedStage:
+    """One stage, with everything that it drives and learns.
+
+    Attributes:
+        settings: Of the folder, with what the stage changes.
+        files: The racer's three files, by name.
+    """
+
+    name: str
+    settings: Settings
+    files: Mapping[str, InputFile]
+    goal: StageGoal
+
+    @property
+    def stage(self) -> Stage:
+        """For the processes of the run; only where nothing is wrong."""
+        reward = self.files[keys.REWARD_FUNCTION_FILE]
+        parameters = self.files[keys.HYPERPARAMETERS_FILE]
+        read = Hyperparameters.from_bytes(parameters.data, parameters.origin)
+        return Stage(
+            self.name,
+            self.settings.races,
+            reward.data.decode("utf-8-sig"),
+            reward.origin,
+            json.dumps(read.model_dump(exclude_none=True)),
+            self.goal,
+        )
+
+
+@dataclass(frozen=True)
+class StagesReview:
+    """The stages of a training.
+
+    Attributes:
+        stages: In order; those with an error in the file are left out.
+        frozen: For the copy below the model prefix; None without a curriculum.
+        problems: Everything that is wrong or odd.
+    """
+
+    stages: tuple[PlannedStage, ...] = ()
+    frozen: FrozenCurriculum | None = None
+    problems: tuple[Problem, ...] = ()
+
+    def index(self, name: str) -> int | None:
+        """The place of a stage, from 0; None if there is none of this name."""
+        names = [stage.name for stage in self.stages]
+        return names.index(name) if name in names else None
+
+
+def review_stages(
+    settings: Settings,
+    files: Mapping[str, InputFile],
+    bucket: Bucket | None = None,
+    *,
+    resumes: bool = False,
+) -> StagesReview:
+    """Read the curriculum that the settings name, and everything that it names.
+
+    Args:
+        settings: Of the folder.
+        files: The racer's three files by name, for what a stage leaves out.
+        bucket: With the model; None if it cannot be used.
+        resumes: Whether the training continues: what this machine does not have is taken from the
+            model then.
+    """
+    if not settings.curriculum_file:
+        return StagesReview()
+    found: list[Problem] = []
+    frozen = _frozen(settings, bucket, found) if resumes and bucket is not None else None
+    try:
+        reader = _Files(settings, frozen)
+        return _Reviewer(settings, files, reader, found).review()
+    except ProblemsError as error:
+        return StagesReview(problems=(*found, *error.problems))
+
+
+def curriculum_path(settings: Settings) -> Path:
+    """The file that DR_CURRICULUM_FILE names, beside run.env or in the experiment's folder."""
+    return settings.custom_files_dir.parent / Path(settings.curriculum_file).expanduser()
+
+
+def _frozen(settings: Settings, bucket: Bucket, found: list[Problem]) -> FrozenCurriculum | None:
+    """The model's copy of the curriculum; None if there is none that can be read."""
+    key = keys.curriculum(settings.model_prefix)
+    with suppress(ObjectMissing, StorageError):
+        try:
+            return FrozenCurriculum.decode(bucket.get(key))
+        except RecordError as error:
+            what = f"{bucket.name}/{key} is damaged: {error}. The files of this machine count."
+            remedy = "Nothing is to be done: the start writes it again."
+            found.append(Problem(RULE, "warning", f"{bucket.name}/{key}", None, what, remedy))
+    return None
+
+
+@dataclass
+class _Files:
+    """The curriculum and the files that it names: of this machine, else of the model."""
+
+    settings: Settings
+    frozen: FrozenCurriculum | None
+    read: dict[str, str] = field(default_factory=dict)
+
+    def curriculum(self) -> tuple[str, bytes]:
+        """Name and content; raises ProblemsError."""
+        settings, name = self.settings, self.settings.curriculum_file
+        path = curriculum_path(settings)
+        data = _content(path, settings.place(SETTING))
+        if data is not None:
+            return str(path), data
+        if self.frozen is not None:
+            return self.frozen.name, self.frozen.text.encode()
+        what = f"{SETTING}={shown(name)}: there is no such file in {path.parent}."
+        remedy = "`dr-init --curriculum` writes an example, or leave the setting empty."
+        raise ProblemsError([setting_problem(SETTING, settings.place(SETTING), what, remedy)])
+
+    def named(self, name: str, place: Place) -> InputFile | None:
+        """A file that a stage names; None if it does not exist. Raises ProblemsError."""
+        path = curriculum_path(self.settings).parent / Path(name).expanduser()
+        for each in (path, self.settings.custom_files_dir / name):
+            data = _content(each, place)
+            if data is not None:
+                self.read[name] = data.decode(errors="replace")
+                return InputFile(each.name, data, str(each))
+        if self.frozen is not None and name in self.frozen.files:
+            self.read[name] = self.frozen.files[name]
+            return InputFile(Path(name).name, self.read[name].encode(), name)
+        return None
+
+
+def _content(path: Path, place: Place) -> bytes | None:
+    """The content of a file; None if it does not exist. Raises ProblemsError."""
+    try:
+        if not path.is_file():
+            return None
+        with path.open("rb") as file:
+            return file.read(LARGEST_FILE + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        what = f"{path} cannot be read ({reason})."
+        remedy = f"Make it readable for yourself, as with `chmod u+r {quote(str(path))}`."
+        raise ProblemsError([Problem(RULE, "error", *place, what, remedy)]) from error
+
+
+@dataclass
+class _Reviewer:
+    """Makes settings and files of each stage, and collects what is wrong."""
+
+    settings: Settings
+    files: Mapping[str, InputFile]
+    reader: _Files
+    found: list[Problem]
+
+    def review(self) -> StagesReview:
+        """Do all of it; raises ProblemsError if the file itself is wrong."""
+        name, data = self.reader.curriculum()
+        read = CurriculumFile.from_bytes(data, name)
+        planned = []
+        for index, entry in enumerate(read.stages):
+            wrong = len(self.found)
+            settings = self._settings(read, index, entry)
+            files = self._files(read, index, entry)
+            if not any(problem.severity == "error" for problem in self.found[wrong:]):
+                planned.append(PlannedStage(entry.name, settings, files, entry.stage_goal))
+        self._compare(read, planned)
+        text = data.decode("utf-8-sig")
+        frozen = FrozenCurriculum(name, text, dict(self.reader.read))
+        return StagesReview(tuple(planned), frozen, tuple(self.found))
+
+    def _settings(self, read: CurriculumFile, index: int, entry: StageEntry) -> Settings:
+        """The settings of the folder with what the stage changes, for every worker."""
+        given = {f"settings.{name}": (name, text) for name, text in entry.settings.items()}
+        for key, name, text in (
+            ("world", "DR_WORLD_NAME", entry.world),
+            ("race_type", "DR_RACE_TYPE", entry.race_type),
+        ):
+            if text is None:
+                continue
+            if name in entry.settings:
+                what = f"{name} is given twice, as {key} and in settings."
+                self.found.append(read.problem(index, f"settings.{name}", what, "Remove one."))
+            given[key] = name, text
+        values: dict[str, Any] = {}
+        sources: dict[str, Place] = {}
+        for key, (name, text) in given.items():
+            problem = read.problem(index, key, "", "")
+            if name not in catalogue() or not is_of_worker(name):
+                self.found.append(_not_of_a_stage(read, index, key, name))
+                continue
+            setting = catalogue()[name]
+            try:
+                values[setting.field] = setting.read(text.strip())
+            except BadValue as error:
+                what = f"{name}={shown(text)} {error.reason}."
+                self.found.append(setting_problem(name, _place(problem), what, error.remedy))
+                continue
+            sources[name] = _place(problem)
+        changed = self.settings.replaced(
+            **values,
+            sources={**self.settings.sources, **sources},
+            overrides=tuple(
+                Override({**each.values, **values}, {**each.sources, **sources})
+                for each in self.settings.overrides
+            ),
+        )
+        if changed.untrainable is not None:
+            self.found.append(changed.untrainable)
+        if changed.h2b_lower_lane_change_time > changed.h2b_upper_lane_change_time:
+            what = (
+                f"DR_H2B_LOWER_LANE_CHANGE_TIME={changed.h2b_lower_lane_change_time} is more than "
+                f"DR_H2B_UPPER_LANE_CHANGE_TIME={changed.h2b_upper_lane_change_time} in stage "
+                f"{index + 1} ({entry.name})."
+            )
+            remedy = "Swap the two, or set both to the same time."
+            self.found.append(read.problem(index, "settings", what, remedy))
+        return changed
+
+    def _files(self, read: CurriculumFile, index: int, entry: StageEntry) -> dict[str, InputFile]:
+        """The three files of the stage."""
+        files = dict(self.files)
+        if entry.reward_function is not None:
+            file = self._file(read, index, "reward_function", entry.reward_function)
+            if file is not None:
+                files[keys.REWARD_FUNCTION_FILE] = InputFile(
+                    keys.REWARD_FUNCTION_FILE, file.data, file.origin
+                )
+        if isinstance(entry.hyperparameters, str):
+            file = self._file(read, index, "hyperparameters", entry.hyperparameters)
+            if file is not None:
+                files[keys.HYPERPARAMETERS_FILE] = InputFile(
+                    keys.HYPERPARAMETERS_FILE, file.data, file.origin
+                )
+        elif entry.hyperparameters:
+            self._merge(read, index, entry.hyperparameters, files)
+        return files
+
+    def _file(self, read: CurriculumFile, index: int, key: str, name: str) -> InputFile | None:
+        problem = read.problem(index, key, "", "")
+        try:
+            file = self.reader.named(name, _place(problem))
+        except ProblemsError as error:
+            self.found += error.problems
+            return None
+        if file is None:
+            folder = curriculum_path(self.settings).parent
+            what = f"stages[{index}].{key}={as_written(name)}: there is no such file in {folder}."
+            remedy = "Write its name as seen from the folder of the curriculum, or add the file."
+            self.found.append(read.problem(index, key, what, remedy))
+        return file
+
+    def _merge(
+        self,
+        read: CurriculumFile,
+        index: int,
+        changes: Mapping[str, Any],
+        files: dict[str, InputFile],
+    ) -> None:
+        """Put the hyperparameters that a stage changes into those of the folder."""
+        if "term_cond_max_episodes" in changes:
+            what = "term_cond_max_episodes counts the iterations of the whole training."
+            remedy = "Write goal: {iterations: ...} to end the stage."
+            key = "hyperparameters.term_cond_max_episodes"
+            self.found.append(read.problem(index, key, what, remedy))
+        try:
+            alone = Hyperparameters.from_bytes(json.dumps(changes).encode())
+            problems: tuple[Problem, ...] = alone.problems
+        except ProblemsError as error:
+            problems = error.problems
+        for each in problems:
+            at = read.problem(index, f"hyperparameters.{each.key}", "", "")
+            self.found.append(
+                Problem(each.rule, each.severity, *_place(at), each.message, each.remedy, each.key)
+            )
+        whole = files.get(keys.HYPERPARAMETERS_FILE)
+        if whole is None:
+            return
+        with suppress(ValueError):  # another rule tells what is wrong with it
+            merged = merged_hyperparameters(whole.data, changes)
+            files[keys.HYPERPARAMETERS_FILE] = InputFile(whole.name, merged, whole.origin)
+
+    def _compare(self, read: CurriculumFile, planned: list[PlannedStage]) -> None:
+        """Check that the weights of each stage fit the next one."""
+        designs = {}
+        for stage in planned:
+            file = stage.files.get(keys.HYPERPARAMETERS_FILE)
+            if file is not None:
+                with suppress(ProblemsError):
+                    designs[stage.name] = Hyperparameters.from_bytes(file.data, file.origin)
+        first = next(iter(designs.values()), None)
+        for index, entry in enumerate(read.stages):
+            if first is None or entry.name not in designs:
+                continue
+            for key in OF_THE_NETWORK:
+                value, before = getattr(designs[entry.name], key), getattr(first, key)
+                if value != before:
+                    what = (
+                        f"{key}={value} in stage {index + 1} ({entry.name}), but the first stage "
+                        f"has {key}={before}, and its weights only fit that."
+                    )
+                    remedy = f"Write {key}: {json.dumps(before)} there, or remove it."
+                    self.found.append(read.problem(index, f"hyperparameters.{key}", what, remedy))
+
+
+def _not_of_a_stage(read: CurriculumFile, index: int, key: str, name: str) -> Problem:
+    """The problem with a setting that no stage may change."""
+    if name in catalogue():
+        what = f"{name} holds for the whole training and cannot change from stage to stage."
+        return read.problem(index, key, what, "Move it to run.env.")
+    known = [each for each in catalogue() if is_of_worker(each)]
+    meant = closest(name, known)
+    hint = f"Did you mean {meant}? " if meant is not None else ""
+    what = f"{shown(name)} is not a setting."
+    names = ", ".join(few([*WORKER_NAMES, *(f"{stem}..." for stem in WORKER_STEMS)]))
+    return read.problem(index, key, what, f"{hint}A stage may change {names}.")
+
+
+def _place(problem: Problem) -> Place:
+    return Place(problem.file, problem.line)

@@ -1,0 +1,330 @@
+"""curriculum.yaml: the stages of a training, read and checked as far as the file alone tells."""
+
+import json
+import re
+from collections.abc import Hashable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from drcli.base.problems import BadValue, Problem, ProblemsError, closest, refuse, shown
+from drcli.base.text_file import decode
+from drcli.exchange.stage import StageGoal
+from drcli.modelfiles.json_file import (
+    JsonFile,
+    KeyPath,
+    Number,
+    Whole,
+    as_written,
+    dotted,
+    problems_of,
+)
+
+RULE = "V-60"
+"""Every problem of the file breaks this rule, except wrong hyperparameters in it."""
+
+MOST_STAGES = 100
+LARGEST_BYTES = 256 * 1024
+MOST_NODES = 20_000
+"""Values in the file, those of repeated anchors counted each time."""
+
+_REMEDY = "Compare it with the one that `dr-init --curriculum` writes."
+
+_NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9 ._-]{0,38}[A-Za-z0-9._-])?")
+
+OF_THE_MODEL = (
+    "model_metadata",
+    "action_space",
+    "action_space_type",
+    "neural_network",
+    "sensor",
+    "training_algorithm",
+)
+"""What people may want to change from stage to stage, but the weights fit only one of each."""
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def _text(written: Any) -> str:
+    if isinstance(written, bool) or not isinstance(written, str | int | float):
+        raise BadValue("is not a text", "Write a text.")
+    text = str(written).strip()
+    if not text or not text.isprintable():
+        raise BadValue("is empty", "Write a text, or leave the key out.")
+    return text
+
+
+def _name(written: Any) -> str:
+    text = _text(written)
+    if not _NAME.fullmatch(text):
+        remedy = "Write up to 40 letters, digits, spaces and . _ -, such as wide-oval."
+        raise BadValue("cannot be the name of a stage", remedy)
+    return text
+
+
+def _positive(written: Any) -> Any:
+    if isinstance(written, bool) or not isinstance(written, int | float):
+        raise BadValue("is not a number", "Write a number above 0, such as 20.")
+    if not 0 < written <= 10_000_000:
+        raise BadValue("is not above 0, or far too large", "Write a number above 0, such as 20.")
+    return written
+
+
+def _hyperparameters(written: Any) -> dict[str, Any] | str:
+    if isinstance(written, str) and written.strip():
+        return written.strip()
+    if isinstance(written, dict) and all(isinstance(key, str) for key in written):
+        return written
+    remedy = "Write keys as in {lr: 0.0001}, or the name of a file such as stage-2.json."
+    raise BadValue("is neither hyperparameters nor the name of a file", remedy)
+
+
+def _settings(written: Any) -> dict[str, str]:
+    remedy = "Write settings by name, as in {DR_TRAIN_REVERSE_DIRECTION: True}."
+    if not isinstance(written, dict):
+        raise BadValue("has no settings by name", remedy)
+    for key, value in written.items():
+        if not isinstance(key, str) or not isinstance(value, str | int | float | bool):
+            raise BadValue("has a setting that is not a text, a number, True or False", remedy)
+    return {key: str(value) for key, value in written.items()}
+
+
+_Text = Annotated[str, BeforeValidator(_text)]
+_Positive = Annotated[float, BeforeValidator(_positive)]
+_Count = Annotated[Whole, Field(ge=1)]
+
+
+class _Goal(BaseModel):
+    model_config = ConfigDict(frozen=True)
+
+    laps: Annotated[Whole, Field(ge=1, le=1000)] | None = None
+    lap_time: _Positive | None = None
+    progress: Annotated[Number, Field(ge=1, le=100)] | None = None
+    evaluations: Annotated[Whole, Field(ge=1, le=100)] = 1
+    mean_reward: Number | None = None
+    steps: _Count | None = None
+    episodes: _Count | None = None
+    iterations: _Count | None = None
+    minutes: _Positive | None = None
+
+
+class StageEntry(BaseModel):
+    """One stage as the file has it; whatever is left out is as in run.env and custom_files/."""
+
+    model_config = ConfigDict(frozen=True)
+
+    name: Annotated[str, BeforeValidator(_name)]
+    world: _Text | None = None
+    race_type: _Text | None = None
+    reward_function: _Text | None = None
+    hyperparameters: Annotated[dict[str, Any] | str, BeforeValidator(_hyperparameters)] = {}
+    settings: Annotated[dict[str, str], BeforeValidator(_settings)] = {}
+    goal: _Goal = _Goal()
+
+    @property
+    def stage_goal(self) -> StageGoal:
+        """When the stage ends."""
+        return StageGoal(**self.goal.model_dump())
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(frozen=True)
+
+    stages: Annotated[list[StageEntry], Field(min_length=1)]
+
+
+EXAMPLES = {
+    "stages": [{"name": "wide", "world": "oval"}],
+    "name": "wide",
+    "laps": 5,
+    "lap_time": 12.5,
+    "progress": 95,
+    "evaluations": 3,
+    "mean_reward": 300,
+    "steps": 100_000,
+    "episodes": 500,
+    "iterations": 30,
+    "minutes": 20,
+}
+"""Values for remedies."""
+
+
+@dataclass(frozen=True)
+class CurriculumFile:
+    """The content of the file.
+
+    Attributes:
+        file: Its name and lines, for problems that only other files show.
+        stages: In order.
+    """
+
+    file: JsonFile
+    stages: tuple[StageEntry, ...]
+
+    @staticmethod
+    def from_bytes(data: bytes, name: str = "curriculum.yaml") -> "CurriculumFile":
+        """Read the content of a file that messages call by a name.
+
+        Raises:
+            ProblemsError: It is not YAML, a key is unknown, or a value is wrong or not allowed.
+        """
+        file = _read_yaml(data, name)
+        problems = list(_unknown_keys(file))
+        try:
+            read = _File.model_validate(file.values)
+        except ValidationError as error:
+            known = [*problems, *problems_of(error, file, lambda _: RULE, EXAMPLES)]
+            refuse(known)
+            raise
+        refuse([*problems, *_contradictions(file, read.stages)])
+        return CurriculumFile(file, tuple(read.stages))
+
+    def problem(self, index: int, key: str, message: str, remedy: str) -> Problem:
+        """A problem with a key of a stage, counted from 0; parts of the key follow dots."""
+        return self.file.problem(RULE, ("stages", index, *key.split(".")), message, remedy)
+
+
+def _contradictions(file: JsonFile, stages: list[StageEntry]) -> Iterator[Problem]:
+    """Stages that fit on their own but not together."""
+    if len(stages) > MOST_STAGES:
+        what = f"stages has {len(stages)} entries; at most {MOST_STAGES} are allowed."
+        yield file.problem(RULE, ("stages",), what, "Put some of them together.")
+    first: dict[str, int] = {}
+    for index, stage in enumerate(stages):
+        path = ("stages", index, "name")
+        if stage.name in first:
+            what = (
+                f"{dotted(path)}={as_written(stage.name)} is also the name of stage "
+                f"{first[stage.name] + 1}."
+            )
+            remedy = "Give each stage a name of its own: a resumed training finds its stage by it."
+            yield file.problem(RULE, path, what, remedy)
+        first.setdefault(stage.name, index)
+        if stage.stage_goal.empty and index < len(stages) - 1:
+            what = f"Stage {index + 1} ({stage.name}) has no goal, so the next one never begins."
+            remedy = "Add one, as in goal: {laps: 5, minutes: 20}."
+            yield file.problem(RULE, ("stages", index, "goal"), what, remedy)
+
+
+_KEYS: Mapping[str, tuple[str, ...]] = {
+    "": tuple(_File.model_fields),
+    "stage": tuple(StageEntry.model_fields),
+    "goal": tuple(_Goal.model_fields),
+}
+
+
+def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
+    """A problem for each key that has no meaning, or a meaning elsewhere."""
+    places: list[tuple[KeyPath, str, Any]] = [((), "", file.values)]
+    stages = file.values.get("stages")
+    for index, stage in enumerate(stages if isinstance(stages, list) else ()):
+        places.append((("stages", index), "stage", stage))
+        if isinstance(stage, dict):
+            places.append((("stages", index, "goal"), "goal", stage.get("goal")))
+    for path, kind, values in places:
+        for key in values if isinstance(values, dict) else ():
+            if key in _KEYS[kind]:
+                continue
+            written = shown(str(key))
+            at = (*path, key) if isinstance(key, str | int) else path
+            if key in OF_THE_MODEL:
+                what = f"{dotted(at)} cannot change from stage to stage: the weights only fit one."
+                remedy = "Remove it; model_metadata.json holds for all stages."
+            else:
+                meant = closest(written, _KEYS[kind])
+                hint = f"Did you mean {meant}? " if meant is not None else ""
+                what = f"{dotted(at) or written} is not a key of curriculum.yaml."
+                remedy = f"{hint}The keys here are {', '.join(_KEYS[kind])}."
+            yield file.problem(RULE, at, what, remedy)
+
+
+class _Loader(yaml.SafeLoader):
+    """Reads what JSON knows: a date stays a text."""
+
+    yaml_implicit_resolvers = {  # noqa: RUF012
+        first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(":timestamp")]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+
+
+_KINDS = ("str", "int", "float", "bool", "null", "seq", "map", "merge")
+
+
+def _read_yaml(data: bytes, name: str) -> JsonFile:
+    """The values of a YAML file with the line of each.
+
+    Raises:
+        ProblemsError: It is too large, not text, not YAML, not an object, or holds a key twice.
+    """
+
+    def problem(line: int | None, message: str, remedy: str = _REMEDY) -> ProblemsError:
+        return ProblemsError([Problem(RULE, "error", name, line, message, remedy)])
+
+    text = decode(data, name, RULE, largest_bytes=LARGEST_BYTES, remedy=_REMEDY)
+    if not text.strip():
+        raise problem(None, "The file is empty.")
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        lines: dict[KeyPath, int] = {}
+        faults: list[tuple[int, str]] = []
+        if node is not None:
+            _walk(node, (), lines, faults)
+        values = None if node is None else loader.construct_document(node)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        what = f"The file is not valid YAML: {error.problem or error.context}."
+        raise problem(None if mark is None else mark.line + 1, what) from error
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
+        what = f"The file is not valid YAML: {shown(str(error).splitlines()[0])}."
+        raise problem(None, what) from error
+    except RecursionError as error:
+        raise problem(None, "The file is nested too deeply, or refers to itself.") from error
+    finally:
+        loader.dispose()
+    if faults:
+        line, fault = faults[0]
+        raise problem(line, fault)
+    if not isinstance(values, dict):
+        what = f"The file contains {shown(text.strip())} instead of the key stages."
+        raise problem(1, what)
+    return JsonFile(name, values, lines)
+
+
+def _walk(
+    node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], faults: list[tuple[int, str]]
+) -> None:
+    """Note the line of each value by its path, and the faults that YAML's reader accepts."""
+    if len(lines) > MOST_NODES:
+        raise RecursionError
+    lines[path] = node.start_mark.line + 1
+    kind = node.tag.removeprefix("tag:yaml.org,2002:")
+    if kind not in _KINDS:
+        faults.append(
+            (lines[path], f"A value has the type {shown(node.tag)}; write a plain value.")
+        )
+    elif kind == "float" and node.value.lstrip("+-").casefold() in (".inf", ".nan"):
+        faults.append((lines[path], f"{shown(node.value)} is not a number."))
+    if isinstance(node, yaml.SequenceNode):
+        for index, child in enumerate(node.value):
+            _walk(child, (*path, index), lines, faults)
+    elif isinstance(node, yaml.MappingNode):
+        seen: set[Hashable] = set()
+        for key, child in node.value:
+            line = key.start_mark.line + 1
+            if not isinstance(key, yaml.ScalarNode):
+                faults.append((line, "A key is a list or an object; write a word."))
+                continue
+            if key.value in seen and key.value != "<<":
+                faults.append((line, f"The key {shown(key.value)} occurs twice."))
+            seen.add(key.value)
+            _walk(child, (*path, key.value), lines, faults)
+            lines[(*path, key.value)] = line
+
+
+def merged_hyperparameters(whole: bytes, changes: Mapping[str, Any]) -> bytes:
+    """A hyperparameters.json with other values for some keys; that file must be readable."""
+    values = json.loads(whole.decode("utf-8-sig"))
+    return json.dumps({**values, **changes}, indent=2).encode()

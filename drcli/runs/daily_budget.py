@@ -1,0 +1,157 @@
+"""Counts what all trainings of a working folder use on a day, and ends them when that is too much.
+
+Each start writes a file of its own for each day, every ten seconds. So nobody waits for a lock, and
+a start that vanishes loses no more than that.
+"""
+
+import shutil
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol
+
+from drcli.base.errors import BudgetUsedUp
+from drcli.base.log import get_logger
+from drcli.config.settings import UnattendedConfig
+from drcli.exchange.daily_spending import (
+    FOLDER,
+    DayBudget,
+    DaySpending,
+    day_of,
+    read_day,
+    write_day,
+)
+from drcli.exchange.job import Job
+from drcli.runs.duty import Duty, RunningTraining
+from drcli.runs.outcome import INTERRUPTED, Ending, Outcome
+from drcli.runs.periodic import Periodic
+
+_logger = get_logger(__name__)
+
+COUNT_S = 10.0
+"""How often the file of a start is written, and those of all others are read."""
+
+KEPT_DAYS = 62
+"""How many days stay in the folder of the budget."""
+
+
+class Meter(Protocol):
+    """Counts hours and money of the present start."""
+
+    @property
+    def own_hours(self) -> float:
+        """Machine hours until now."""
+
+    @property
+    def own_usd(self) -> float:
+        """What they cost, as far as the price is known."""
+
+
+class DailyBudget(Duty):
+    """Counts for all trainings of a folder, and ends this one when the budget of the day is used.
+
+    Args:
+        job: The training.
+        meter: Counts its hours and money.
+        now: Unix seconds, for tests.
+    """
+
+    name = "daily budget"
+
+    def __init__(self, job: Job, meter: Meter, *, now: Callable[[], float] = time.time) -> None:
+        self._job = job
+        self._meter = meter
+        self._now = now
+        self._day = day_of(now())
+        self._hours_before = self._usd_before = 0.0
+        self._budget: DayBudget | None = None
+        self._failed = False
+        self._thread = Periodic("daily budget", self.step, COUNT_S)
+
+    def start(self, run: RunningTraining) -> None:
+        """Begin to count."""
+        forget_old_days(self._job.directory)
+        self._thread.start()
+
+    def check(self) -> Outcome | None:
+        """End the training when the budget of the day is used up."""
+        budget = self._budget
+        if budget is None or budget.used_up is None:
+            return None
+        return Outcome(INTERRUPTED, budget.used_up, how_to_go_on(budget))
+
+    def finish(self, ending: Ending) -> None:
+        """Write the last count."""
+        self._thread.stop()
+        self.step()
+
+    def leave(self, ending: Ending) -> None:
+        """Stop counting."""
+        self._thread.stop()
+
+    def step(self) -> None:
+        """Write what this start has used today, and read what all have used."""
+        self._write()
+        today = day_of(self._now())
+        if today != self._day:
+            self._day = today
+            self._hours_before, self._usd_before = self._meter.own_hours, self._meter.own_usd
+        self._budget = budget_of(self._job.directory, self._job.config.unattended, self._now())
+
+    def _write(self) -> None:
+        spent = DaySpending(
+            max(0.0, self._meter.own_hours - self._hours_before),
+            max(0.0, self._meter.own_usd - self._usd_before),
+        )
+        try:
+            write_day(self._job.directory, self._day, self._job.session, spent)
+        except OSError as error:
+            if not self._failed:
+                _logger.warning(
+                    "%s cannot be written, so the budget does not count on: %s",
+                    self._job.directory / FOLDER,
+                    error,
+                )
+            self._failed = True
+        else:
+            self._failed = False
+
+
+def budget_of(directory: Path, settings: UnattendedConfig, now_s: float) -> DayBudget:
+    """The budget of the day of a time, in Unix seconds."""
+    return read_day(
+        directory,
+        day_of(now_s),
+        max_hours=settings.daily_budget_hours,
+        max_usd=settings.daily_budget_money,
+    )
+
+
+def refuse_without_budget(directory: Path, settings: UnattendedConfig) -> None:
+    """Refuse to start when the budget of today is used up.
+
+    Raises:
+        BudgetUsedUp: It is.
+    """
+    budget = budget_of(directory, settings, time.time())
+    if budget.used_up is not None:
+        raise BudgetUsedUp(budget.used_up, remedy=how_to_go_on(budget))
+
+
+def how_to_go_on(budget: DayBudget) -> str:
+    """The remedy once a budget is used up."""
+    hours = 0.0 < budget.max_hours <= budget.hours
+    name = "DR_DAILY_BUDGET_HOURS" if hours else "DR_DAILY_BUDGET_MONEY"
+    return (
+        "The next day begins at midnight by this machine's clock; continue then with "
+        f"`dr-start-training --resume-or-start`, or raise {name} in system.env."
+    )
+
+
+def forget_old_days(directory: Path, keep: int = KEPT_DAYS) -> None:
+    """Delete all days but the newest."""
+    with suppress(OSError):
+        days = sorted(path for path in (directory / FOLDER).iterdir() if path.is_dir())
+        for path in days[:-keep]:
+            shutil.rmtree(path, ignore_errors=True)

@@ -1,0 +1,155 @@
+"""Plans the stages of a training: checks each, and finds the one to begin or to go on with."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from drcli.base.json_record import RecordError
+from drcli.base.problems import Problem, refuse, shown
+from drcli.checks.before_start import Examined, Plans, examine
+from drcli.checks.parameter_rules import review_parameters
+from drcli.checks.stage_rules import SETTING, StagesReview, review_stages
+from drcli.config.setting_problems import setting_problem
+from drcli.config.settings import Settings
+from drcli.exchange.frozen_curriculum import FrozenCurriculum
+from drcli.exchange.job import Job
+from drcli.exchange.stage import Stage, StageMark
+from drcli.modelfiles.custom_files import InputFile
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.checkpoints import CheckpointStore
+
+
+@dataclass(frozen=True)
+class StagesPlan:
+    """The stages of a start.
+
+    Attributes:
+        settings: Of the stage that trains first; those of the folder without a curriculum.
+        review: Everything that the curriculum says.
+        first: Place of that stage, from 0.
+        warnings: Sentences about what may surprise.
+    """
+
+    settings: Settings
+    review: StagesReview
+    first: int = 0
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """For the processes of the run; only where nothing is wrong."""
+        return tuple(planned.stage for planned in self.review.stages)
+
+    @property
+    def frozen(self) -> FrozenCurriculum | None:
+        """For the copy below the model prefix; None without a curriculum."""
+        return self.review.frozen
+
+
+def plan_stages(
+    settings: Settings, files: Mapping[str, InputFile], bucket: Bucket, *, resumes: bool
+) -> StagesPlan:
+    """Read the curriculum, and find the stage of the newest checkpoint.
+
+    Raises:
+        ProblemsError: The curriculum is wrong, or has no longer the stage that the model is in.
+    """
+    review = review_stages(settings, files, bucket, resumes=resumes)
+    refuse(review.problems)
+    mark = None
+    if resumes:
+        mark = CheckpointStore(bucket, settings.model_prefix).stage_of_newest()
+    if review.frozen is None:
+        return StagesPlan(settings, review, warnings=_without_curriculum(mark))
+    first = 0 if mark is None else review.index(mark.name)
+    if first is None or mark is None:
+        refuse(_lost_stage(settings, mark, review) if first is None else ())
+        first = 0
+    return StagesPlan(
+        review.stages[first].settings,
+        review,
+        first,
+        (
+            *(str(each) for each in review.problems),
+            *(_changed(settings, bucket, review.frozen, mark) if resumes else ()),
+        ),
+    )
+
+
+def examine_stages(
+    plan: StagesPlan,
+    job: Job,
+    files: Mapping[str, InputFile],
+    bucket: Bucket,
+    plans: Plans,
+) -> Examined:
+    """Check every rule for each stage that is still to come; without stages, for the training.
+
+    The result has the files and the design of the whole training.
+    """
+    if plan.frozen is None:
+        return examine(plan.settings, job, files, bucket, plans)
+    coming = plan.review.stages[plan.first :]
+    examined = [
+        examine(
+            stage.settings,
+            replace(job, config=stage.settings.run),
+            stage.files,
+            bucket if number == 0 else None,
+            plans,
+        )
+        for number, stage in enumerate(coming)
+    ]
+    whole = {**coming[0].files, **files}
+    review = review_parameters(
+        whole.get(keys.HYPERPARAMETERS_FILE), whole.get(keys.MODEL_METADATA_FILE), None
+    )
+    found = [*review.problems, *(problem for each in examined for problem in each.problems)]
+    return replace(examined[0], files=whole, review=review, problems=list(dict.fromkeys(found)))
+
+
+def _without_curriculum(mark: StageMark | None) -> tuple[str, ...]:
+    if mark is None:
+        return ()
+    return (
+        f"The model is in {mark}, but {SETTING} is empty: the training goes on without stages, "
+        "with the track of run.env.",
+    )
+
+
+def _lost_stage(
+    settings: Settings, mark: StageMark | None, review: StagesReview
+) -> tuple[Problem, ...]:
+    """The problem with a curriculum that has no longer the stage that the model is in."""
+    name = "" if mark is None else mark.name
+    names = ", ".join(stage.name for stage in review.stages)
+    what = (
+        f"{SETTING}={shown(settings.curriculum_file)} has no stage {name}, in which the training "
+        f"of {settings.model_prefix} is; its stages are {names}."
+    )
+    remedy = f"Give one of the stages the name {name} again; the training goes on with that one."
+    return (setting_problem(SETTING, settings.place(SETTING), what, remedy),)
+
+
+def _changed(
+    settings: Settings, bucket: Bucket, now: FrozenCurriculum, mark: StageMark | None
+) -> tuple[str, ...]:
+    """A sentence if the curriculum or one of its files is not that of the start before."""
+    place = settings.place(SETTING)
+    try:
+        before = FrozenCurriculum.decode(bucket.get(keys.curriculum(settings.model_prefix)))
+    except ObjectMissing:
+        return (
+            f"{place}: The model was trained without stages until now; the first one begins with "
+            "its newest checkpoint.",
+        )
+    except RecordError:
+        return ()
+    names = sorted({*before.files, *now.files})
+    changed = [name for name in names if before.files.get(name) != now.files.get(name)]
+    if before.text != now.text:
+        changed.insert(0, settings.curriculum_file)
+    if not changed:
+        return ()
+    what = f"{', '.join(changed)} changed since the last start; the new version counts"
+    return (f"{what}." if mark is None else f"{what}, from {mark} on.",)

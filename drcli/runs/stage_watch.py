@@ -1,0 +1,44 @@
+"""Notes in the journal that a training has gone on to its next stage."""
+
+from drcli.exchange.job import Job
+from drcli.exchange.stage_note import StageNote
+from drcli.runs.duty import Duty, RunningTraining
+from drcli.runs.journal import Journal
+from drcli.runs.outcome import Ending, Outcome
+
+
+class StageWatch(Duty):
+    """Reads what the trainer leaves in the folder of the run when a stage begins.
+
+    Args:
+        job: The training.
+    """
+
+    name = "stages"
+
+    def __init__(self, job: Job) -> None:
+        self._job = job
+        self._journal: Journal | None = None
+        self._seen = ""
+
+    def start(self, run: RunningTraining) -> None:
+        """Begin to look; what an earlier process of this start left was noted then."""
+        self._journal = run.journal
+
+    def check(self) -> Outcome | None:
+        """Note a stage that has begun."""
+        self._look()
+        return None
+
+    def finish(self, ending: Ending) -> None:
+        """Note a stage that began in the last moment."""
+        self._look()
+
+    def _look(self) -> None:
+        if not self._job.stages or self._journal is None:
+            return
+        note = StageNote.read(self._job.folder, self._job.session)
+        if note is None or note.stage == self._seen:
+            return
+        self._seen = note.stage
+        self._journal.note("stage", note.text, stage=note.stage, checkpoint=note.checkpoint)

@@ -1,0 +1,85 @@
+"""Evaluates checkpoints on a second track while a model trains: DR_TRAIN_EVAL_WORLD."""
+
+from collections.abc import Callable
+
+from drcli.config.settings import RaceConfig
+from drcli.exchange.scores import SecondEvaluation
+from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.workers.build_race import build_simulation, load_world, longest_episode
+from drcli.workers.driving import Driven, Driver, Plan, Racer
+from drsim.episode.episode_rules import EpisodeRules
+from drsim.episode.reward import RewardFunction
+from drsim.track.worlds import directed
+
+
+class SecondTrack:
+    """A simulation of the same race on another track.
+
+    Args:
+        race: With that track.
+        metadata: Of the model.
+        racer: The policy, whose weights the worker loads.
+        reward: The racer's reward function for each car.
+        num_threads: For motion and cameras.
+        seed: Of the worker.
+
+    Raises:
+        ProblemsError: The track is not installed, or there is no room for obstacles or bots.
+    """
+
+    def __init__(
+        self,
+        race: RaceConfig,
+        metadata: ModelMetadata,
+        racer: Racer,
+        reward: list[RewardFunction],
+        *,
+        num_threads: int,
+        seed: int,
+    ) -> None:
+        self.world = race.world_name
+        self._offset = race.train_start_position_offset
+        track = directed(load_world(race), reverse=race.train_reverse_direction)
+        self._simulation = build_simulation(
+            race,
+            "training",
+            metadata,
+            track,
+            num_cars=len(reward),
+            reward=reward,
+            rules=EpisodeRules(max_steps=longest_episode(track, racer.actions)),
+            num_threads=num_threads,
+            seed=seed,
+        )
+        self._driver = Driver(self._simulation, [racer], seed)
+
+    def evaluate(self, trials: int, should_stop: Callable[[], bool]) -> SecondEvaluation:
+        """Drive so many episodes with the present weights, from starts spread over the lap.
+
+        Raises:
+            StopRequested: `should_stop` returned True.
+        """
+        episodes: list[Driven] = []
+        plans = [
+            Plan(trial, "evaluation", (self._offset + trial / trials) % 1.0)
+            for trial in range(trials)
+        ]
+        self._driver.drive(plans, episodes.append, should_stop)
+        episodes.sort(key=lambda episode: episode.number)
+        return SecondEvaluation(
+            self.world,
+            [float(e.progress) for e in episodes],
+            [float(e.reward) for e in episodes],
+            [float(e.duration_s) for e in episodes if e.completed],
+        )
+
+    def close(self) -> None:
+        """Stop the threads that render."""
+        self._simulation.close()
+
+
+def sentence_of(result: SecondEvaluation) -> str:
+    """The result after the name of a checkpoint, for the log."""
+    mean = sum(result.progress) / len(result.progress)
+    laps = f"{len(result.lap_s)} of {len(result.progress)} laps"
+    return f"drives {mean:.1f} % of the lap on {result.world} ({laps})."
