@@ -502,7 +502,7 @@ def test_sensors_can_be_given_as_an_object(oval):
     env.close()
 
 
-@pytest.mark.parametrize("part", ["battery", "steering_trim_deg", "steering_lock", "glare"])
+@pytest.mark.parametrize("part", ["battery", "steering_trim_deg", "steering_lock", "reflections"])
 def test_each_disturbance_works_in_the_environments(oval, part):
     """004-09, 003-19."""
     realism = drsim.Realism(**{part: 0.9})
