@@ -162,7 +162,8 @@ def _lap(file: DrivenFile, part: list[DrivenStep]) -> DrivenLap | None:
     """The lap that the steps make, if it is complete."""
     if len(part) < 10 or part[0].progress > 5.0:
         return None
-    if part[-1].status != "lap_complete" and part[-1].progress < 99.9:
+    end = part[-1]
+    if end.status != "lap_complete" and (end.status != "in_progress" or end.progress < 99.9):
         return None
     gaps = [after.time_s - before.time_s for before, after in itertools.pairwise(part)]
     told = all(0.0 < gap < _LONGEST_STEP_S for gap in gaps)  # False for NaN, too

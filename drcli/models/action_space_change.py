@@ -97,7 +97,7 @@ def plan_change(file: Path, actions: list[dict[str, float]] | dict[str, Any]) ->
 def trained_with(settings: Settings, bucket: Bucket) -> tuple[int, ActionSpace | None]:
     """How many checkpoints the configured model has, and with which actions it was trained."""
     prefix = settings.model_prefix
-    count = len(checkpoint_objects(bucket, prefix))
+    count = len(set(checkpoint_objects(bucket, prefix).values()))
     if not count:
         return 0, None
     try:
@@ -119,10 +119,10 @@ def sentence_about(
         return f"{has}, and its own actions cannot be read. {another}"
     if (trained.continuous, trained.num_actions) != (new.continuous, new.num_actions):
         return (
-            f"{has} that choose among {_called(trained)}; with {_called(new)} they cannot be "
-            f"trained on. {another}"
+            f"{has}, trained with {_called(trained)}; with {_called(new)} it cannot be trained "
+            f"on. {another}"
         )
-    return f"{has} that learned {_called(trained)} with other values. {another}"
+    return f"{has}, trained with {_called(trained)} of other values. {another}"
 
 
 def write_change(change: ActionSpaceChange) -> bool:
