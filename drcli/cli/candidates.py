@@ -50,6 +50,13 @@ def checkpoints() -> list[str]:
     return [*(str(number) for number in sorted(numbers, reverse=True)), *WORDS]
 
 
+def presets() -> list[str]:
+    """The shipped presets."""
+    from drcli.config.presets import preset_names
+
+    return preset_names()
+
+
 def experiments() -> list[str]:
     """Folders in experiments/ with a run.env."""
     return sorted(path.parent.name for path in working_folder().glob("experiments/*/run.env"))

@@ -142,6 +142,7 @@ COMMANDS: tuple[Command, ...] = (
     ),
     *_section(
         "Tracks and rewards",
+        Command("action-space", "Draw, generate and write a model's actions.", function="app"),
         Command("tracks", "List, show, add and fetch tracks.", function="app"),
         Command("reward", "Check, plot and compare reward functions.", function="app"),
     ),

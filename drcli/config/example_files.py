@@ -14,6 +14,11 @@ def model_file(name: str) -> Path:
     return _found(name, "defaults")
 
 
+def presets_folder() -> Path:
+    """The folder with a folder for each preset."""
+    return _found("presets", "defaults")
+
+
 def activate_script() -> Path:
     """The script that every bin/activate.sh sources."""
     return _found("activate.sh", "scripts")
@@ -22,4 +27,4 @@ def activate_script() -> Path:
 def _found(name: str, folder_in_checkout: str) -> Path:
     package = Path(str(resources.files("drcli")))
     installed = package / "_defaults" / name
-    return installed if installed.is_file() else package.parent / folder_in_checkout / name
+    return installed if installed.exists() else package.parent / folder_in_checkout / name

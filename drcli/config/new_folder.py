@@ -13,6 +13,7 @@ from drcli.base.problems import Place, ProblemsError, shown
 from drcli.config.editing import with_any_value
 from drcli.config.example_files import activate_script, model_file, settings_file
 from drcli.config.loading import load_settings
+from drcli.config.presets import Preset
 from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Settings
 from drcli.config.settings_files import EXPERIMENT, content_of, parse_env
@@ -41,12 +42,15 @@ _DR_PROGRAMS=%s && . %s "$@"
 """
 
 
-def plan_folder(folder: Path, values: Mapping[str, str]) -> FolderPlan:
+def plan_folder(
+    folder: Path, values: Mapping[str, str], preset: Preset | None = None
+) -> FolderPlan:
     """Work out a working folder; nothing is written yet.
 
     Args:
         folder: The folder; it need not exist.
         values: Texts of settings by DR_ name that replace those of the example files.
+        preset: Settings and files that replace them too, unless `values` say otherwise.
 
     Raises:
         ProblemsError: A value is wrong.
@@ -56,12 +60,13 @@ def plan_folder(folder: Path, values: Mapping[str, str]) -> FolderPlan:
     run = settings_file("run.env").read_bytes()
     shared = _shared(values)
     system = _filled(system, {name: values[name] for name in shared}, "system.env")
+    run = _with_preset(run, preset, values)
     run = _filled(run, {k: v for k, v in values.items() if k not in shared}, "run.env")
     settings = load_settings(folder, environ={}, contents={"system.env": system, "run.env": run})
     files = [
         NewFile("run.env", run),
         NewFile("system.env", system),
-        *_custom_files("custom_files", values.get("DR_RACE_TYPE", "")),
+        *_custom_files("custom_files", values.get("DR_RACE_TYPE", ""), preset),
         NewFile("bin/activate.sh", _activate().encode()),
         NewFile(".gitignore", _gitignore(folder / ".gitignore")),
     ]
@@ -81,7 +86,9 @@ def with_curriculum(plan: FolderPlan) -> FolderPlan:
     return replace(plan, files=tuple(files))
 
 
-def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> FolderPlan:
+def plan_experiment(
+    folder: Path, name: str, values: Mapping[str, str], preset: Preset | None = None
+) -> FolderPlan:
     """Work out experiments/<name>/, as a copy of what the working folder has now.
 
     The experiment gets another model and a free DR_RUN_ID, so that it can run at the same time as
@@ -91,6 +98,7 @@ def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> Folde
         folder: A working folder.
         name: Name of the experiment.
         values: Texts of settings by DR_ name that differ from those of the working folder.
+        preset: Settings and files that replace its, unless `values` say otherwise.
 
     Raises:
         ProblemsError: A value is wrong, or belongs in system.env, which experiments share.
@@ -120,7 +128,8 @@ def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> Folde
         "DR_LOCAL_S3_CUSTOM_FILES_PREFIX": f"custom_files/{name}",
         **values,
     }
-    run = _filled(content_of(folder / "run.env", "run.env"), wanted, "run.env")
+    before = content_of(folder / "run.env", "run.env")
+    run = _filled(_with_preset(before, preset, wanted), wanted, "run.env")
     # system.env may choose another experiment.
     settings = load_settings(folder, environ={}, flags={EXPERIMENT: ""}, contents={"run.env": run})
     mine = [
@@ -128,7 +137,12 @@ def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> Folde
         for file in CUSTOM_FILES
         if (folder / "custom_files" / file).is_file() and "DR_RACE_TYPE" not in values
     ]
-    custom = mine or _custom_files(f"{here}/custom_files", values.get("DR_RACE_TYPE", ""))
+    others = _custom_files(f"{here}/custom_files", values.get("DR_RACE_TYPE", ""), preset)
+    if mine and preset is not None:  # what the preset does not have stays the racer's own
+        own = {f"{here}/custom_files/{file}" for file in preset.files}
+        kept = [file for file in mine if file.name not in own]
+        mine = [*kept, *(file for file in others if file.name in own)]
+    custom = mine or others
     workers = [
         NewFile(f"{here}/{path.name}", content_of(path, path.name))
         for path in sorted(folder.glob("worker-*.env"))
@@ -187,11 +201,27 @@ def _refuse_name(experiment: str) -> None:
         raise ProblemsError([setting_problem(EXPERIMENT, place, what, remedy)])
 
 
-def _custom_files(folder: str, race_type: str) -> list[NewFile]:
-    """The example files for a race."""
+def _with_preset(data: bytes, preset: Preset | None, values: Mapping[str, str]) -> bytes:
+    """A run.env with the settings of a preset, except those that get another of the `values`."""
+    if preset is None:
+        return data
+    there = set(parse_env(_uncommented(data), "run.env").last)
+    wanted = {name: value for name, value in preset.settings.items() if name not in values}
+    filled = _filled(data, {name: wanted[name] for name in wanted if name in there}, "run.env")
+    return filled + preset.section(there | set(values))
+
+
+def _custom_files(folder: str, race_type: str, preset: Preset | None = None) -> list[NewFile]:
+    """The example files for a race, or those of a preset.
+
+    The reward function of a preset is for a car alone, so that of a race with others wins.
+    """
     examples = EXAMPLES.get(race_type.upper(), "")
+    mine = {} if preset is None else dict(preset.files)
+    if examples:
+        mine.pop("reward_function.py", None)
     return [
-        NewFile(f"{folder}/{name}", model_file(f"{examples}{name}").read_bytes())
+        NewFile(f"{folder}/{name}", mine.get(name) or model_file(f"{examples}{name}").read_bytes())
         for name in CUSTOM_FILES
     ]
 

@@ -40,7 +40,7 @@ _STYLE: dict[Any, Any] = {
     "axes.formatter.useoffset": False,
     "text.parse_math": False,  # a file may have dollar signs in its name
 }
-_INK, _UNKNOWN = "#262a30", "#cdcfd1"
+INK, _UNKNOWN = "#262a30", "#cdcfd1"
 _LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d00", "#000000", "#56b4e9")
 """Colour-blind people can distinguish them. Source: Okabe and Ito, 2008, the yellow darkened."""
 
@@ -90,7 +90,7 @@ def draw_reward(tried: TriedReward) -> bytes:
         lower.set_title(f"Reward of each driver along the lap, and its sum{cut}")
         lower.set_ylabel("reward per step")
 
-    return _png(draw, (_WIDTH_IN, map_in + 4.9))
+    return png(draw, (_WIDTH_IN, map_in + 4.9))
 
 
 def draw_comparison(first: TriedReward, second: TriedReward) -> bytes:
@@ -117,7 +117,7 @@ def draw_comparison(first: TriedReward, second: TriedReward) -> bytes:
         lower.set_title("Reward along the lap, and its sum before scaling")
         lower.set_ylabel("reward, scaled to 0..1")
 
-    return _png(draw, (_WIDTH_IN, 2 * map_in + 3.4))
+    return png(draw, (_WIDTH_IN, 2 * map_in + 3.4))
 
 
 def curve_range(curves: Sequence[Curve]) -> tuple[float, float, str]:
@@ -170,7 +170,7 @@ def number(value: float) -> str:
     return f"{value:.2g}"
 
 
-def _png(draw: Callable[["Figure"], None], size_in: tuple[float, float]) -> bytes:
+def png(draw: Callable[["Figure"], None], size_in: tuple[float, float]) -> bytes:
     """A drawing of that size, as a PNG file."""
     import matplotlib  # here: it takes half a second to load, and most commands draw nothing
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -227,9 +227,9 @@ def _draw_map(
     for border in (track.inner, track.outer):
         line = np.concatenate([border, border[:1]]) if track.closed else border
         axes.plot(*line.T, color="white", linewidth=2.6)
-        axes.plot(*line.T, color=_INK, linewidth=1.1)
+        axes.plot(*line.T, color=INK, linewidth=1.1)
     for outline in grid.objects:
-        axes.add_patch(Polygon(outline, facecolor="white", edgecolor=_INK, linewidth=1.6, zorder=3))
+        axes.add_patch(Polygon(outline, facecolor="white", edgecolor=INK, linewidth=1.6, zorder=3))
     _draw_marks(axes, track, drive.start_fraction)
     low_x, low_y, high_x, high_y = track.bounds
     margin_m = _margin_m(track)
@@ -259,7 +259,7 @@ def _draw_marks(axes: "Axes", track: Track, start_fraction: float) -> None:
         across = here + width_m * np.array([[-0.5], [0.5]]) * left
         start = fraction == 0.0
         axes.plot(*across.T, color="white", linewidth=4.5 if start else 2.0)
-        axes.plot(*across.T, color=_INK, linewidth=2.2 if start else 1.0)
+        axes.plot(*across.T, color=INK, linewidth=2.2 if start else 1.0)
         if start:
             axes.annotate(
                 "",
@@ -267,7 +267,7 @@ def _draw_marks(axes: "Axes", track: Track, start_fraction: float) -> None:
                 xytext=tuple(here + 0.1 * ahead),
                 arrowprops={
                     "arrowstyle": "-|>,head_width=0.35,head_length=0.7",
-                    "color": _INK,
+                    "color": INK,
                     "linewidth": 2.2,
                     "path_effects": halo,
                 },
@@ -280,7 +280,7 @@ def _draw_marks(axes: "Axes", track: Track, start_fraction: float) -> None:
             textcoords="offset points",
             ha="center",
             va="center",
-            color=_INK,
+            color=INK,
             path_effects=halo,
         )
 

@@ -9,6 +9,13 @@ from typing import Any, get_args, get_type_hints
 from drcli.base.problems import Problem
 
 REPORTS: Mapping[str, tuple[str, ...]] = {
+    "cli.commands.action_space:ActionSpaceReport": (
+        "action-space show",
+        "action-space generate",
+        "action-space from-lap",
+        "action-space from-histogram",
+    ),
+    "config.presets:PresetReports": ("config preset",),
     "runs.status:RunReport": ("start-training", "status"),
     "runs.stopping:StopReport": (
         "stop-training",

@@ -111,6 +111,31 @@ def change(
     console.say(f"Written in {edit.directory}.")
 
 
+@app.command()
+def preset(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="NAME", help="Only these presets.", autocompletion=candidates.presets
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Explain the presets of `dr init --preset`: their settings, what for, and yours beside them.
+
+    Example: dr-config preset physical
+    """
+    from drcli.config.presets import explain
+
+    try:
+        present = settings()
+    except SettingsError:  # presets can be read before there is a working folder
+        present = None
+    report = explain(names or [], present)
+    rendered = settings_view.presets(report, in_full=bool(names))
+    console.emit(report, rendered, as_json=as_json)
+
+
 def _wanted(values: list[str]) -> dict[str, str]:
     wanted = {}
     for pair in values:

@@ -92,6 +92,15 @@ def init(
             help="Also write curriculum.yaml, an example of a training in stages, and use it.",
         ),
     ] = False,
+    preset: Annotated[
+        str | None,
+        typer.Option(
+            "--preset",
+            metavar="NAME",
+            help="Settings and files for a purpose: virtual, physical and others.",
+            autocompletion=candidates.presets,
+        ),
+    ] = None,
     force: Annotated[
         bool,
         typer.Option("-f", "--force", "--yes", help="Do not ask; replaced files are kept as .bak."),
@@ -104,7 +113,7 @@ def init(
     """Create a working folder: settings, the three files of a model, and bin/activate.sh.
 
     On a terminal it asks for every value that is not given as an option; otherwise it uses the
-    shipped values. No file is replaced unless you agree.
+    shipped values. No file is replaced unless you agree. `dr config preset` explains the presets.
 
     Example: dr-init my-racer --world reinvent_base --prefix first-model
     """
@@ -114,6 +123,7 @@ def init(
         plan_folder,
         with_curriculum,
     )
+    from drcli.config.presets import preset_of
     from drcli.config.write_folder import write
 
     if folder == "":
@@ -125,13 +135,14 @@ def init(
     given = (world, race_type, prefix, workers, cloud, bucket, endpoint, profile)
     pairs = zip(OPTIONS, given, strict=False)  # all but the experiment
     values = {name: str(value) for name, value in pairs if value is not None}
+    chosen = None if preset is None else preset_of(preset)
     try:
         if experiment is not None:
-            plan = plan_experiment(Path(folder or working_folder()), experiment, values)
+            plan = plan_experiment(Path(folder or working_folder()), experiment, values, chosen)
         else:
             if prompts.may_ask() and not force:
                 values = with_answers(values, prompts.ask, console.warn)
-            plan = plan_folder(Path(folder or current_folder()), values)
+            plan = plan_folder(Path(folder or current_folder()), values, chosen)
         if curriculum:
             plan = with_curriculum(plan)
     except ProblemsError as error:

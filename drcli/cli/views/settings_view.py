@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from drcli.checks.check_report import Report
     from drcli.checks.config_check import FullCheck
     from drcli.config.editing import Edit
+    from drcli.config.presets import PresetReports, PresetValue
     from drcli.config.settings_report import Value, Values
 
 BELOW_RULE = 8
@@ -89,6 +90,32 @@ def explained(columns: int, report: "Values") -> RenderableType:
     for worker in report.workers:
         lines += _lines(worker.settings, columns)
     return Group(*lines)
+
+
+def presets(report: "PresetReports", *, in_full: bool) -> RenderableType:
+    """What presets are for and, in full, why they have which settings."""
+    lines: list[RenderableType] = []
+    for preset in report.presets:
+        lines += [Text(preset.name, style="bold"), indented(preset.summary)]
+        lines.append(indented(Text(f"Files: {', '.join(preset.files) or 'none'}.", style="dim")))
+        for reason, group in groupby(preset.settings, lambda value: value.reason):
+            if not in_full:
+                break
+            lines += [Text(""), *([indented(Text(f"# {reason}", style="dim"))] if reason else [])]
+            lines += [part for value in group for part in _of_preset(value)]
+        lines.append(Text(""))
+    if not in_full:
+        lines.append(Text("`dr config preset NAME` shows the settings of one.", style="dim"))
+        return Group(*lines)
+    return Group(*lines[:-1])
+
+
+def _of_preset(value: "PresetValue") -> list[RenderableType]:
+    yours = ""
+    if value.present is not None and value.present != value.value:
+        yours = f"  # here {shown(value.present) or 'empty'}, {value.source}"
+    line = Text.assemble(f"{value.name}={value.value}", (yours, "yellow"))
+    return [indented(line), indented(Text(value.meaning, style="dim"), 2 * INDENT)]
 
 
 def problems(found: "Report") -> RenderableType:

@@ -1,0 +1,189 @@
+"""Presets: files and settings for a purpose, which `dr init --preset` writes into a new folder."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from drcli.base.errors import SettingsError
+from drcli.base.problems import closest, shown
+from drcli.config.example_files import presets_folder
+from drcli.config.fields import Setting
+from drcli.config.settings import Settings, catalogue
+from drcli.config.settings_files import parse_env
+
+PRESET_SETTINGS = "preset.env"
+MODEL_FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A folder of the shipped presets.
+
+    Attributes:
+        summary: What it is for, one sentence.
+        settings: Texts by DR_ name.
+        reasons: Why it has these settings, by DR_ name.
+        env: Its settings file, with comments; empty without one.
+        files: Its files of a model, by name; a preset need not have all three.
+    """
+
+    name: str
+    summary: str
+    settings: dict[str, str]
+    reasons: dict[str, str]
+    env: bytes
+    files: dict[str, bytes]
+
+    def section(self, without: set[str]) -> bytes:
+        """Its settings as a part of run.env, but without those that stand there already."""
+        lines: list[str] = []
+        for block in _blocks(self.env.decode()):
+            kept = [line for line in block if _name(line) not in without]
+            if any(_name(line) for line in kept):
+                lines += [*kept, ""]
+        if not lines:
+            return b""
+        heading = f"# --- Preset {self.name} ".ljust(97, "-")
+        return "\n".join(["", heading, "", *lines]).encode()
+
+
+@dataclass(frozen=True)
+class PresetValue:
+    """A setting of a preset, beside that of the working folder.
+
+    Attributes:
+        name: Name of the setting.
+        value: Its value in the preset.
+        present: Its value in this working folder; None without one.
+        source: Where the present value comes from; None without a working folder.
+        default: Its default.
+        meaning: What it does.
+        reason: Why the preset has it.
+    """
+
+    name: str
+    value: str
+    present: str | None
+    source: str | None
+    default: str
+    meaning: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class PresetReport:
+    """What `dr config preset` shows of a preset.
+
+    Attributes:
+        name: Its name.
+        summary: What it is for.
+        files: Its files of a model.
+        settings: Its settings.
+    """
+
+    name: str
+    summary: str
+    files: tuple[str, ...]
+    settings: tuple[PresetValue, ...]
+
+
+@dataclass(frozen=True)
+class PresetReports:
+    """What `dr config preset` shows.
+
+    Attributes:
+        presets: The presets, by name.
+    """
+
+    presets: tuple[PresetReport, ...]
+
+
+def preset_names() -> list[str]:
+    """Names of the shipped presets."""
+    folder = presets_folder()
+    return sorted(path.name for path in folder.iterdir() if path.is_dir() and _files(path))
+
+
+def preset_of(name: str) -> Preset:
+    """A shipped preset by its name, in any letter case.
+
+    Raises:
+        SettingsError: There is none of this name.
+    """
+    names = preset_names()
+    if name.casefold() not in names:
+        near = closest(name.casefold(), names)
+        hint = f"Did you mean {near}? " if near else ""
+        what = f"There is no preset called {shown(name)}."
+        remedy = f"{hint}Choose one of {', '.join(names)}."
+        raise SettingsError(what, remedy=remedy)
+    folder = presets_folder() / name.casefold()
+    files = {file: (folder / file).read_bytes() for file in _files(folder) if file in MODEL_FILES}
+    env = folder / PRESET_SETTINGS
+    data = env.read_bytes() if env.is_file() else b""
+    entries = parse_env(data, PRESET_SETTINGS).last
+    return Preset(
+        folder.name,
+        _summary(data.decode(), list(files)),
+        {key: entry.value for key, entry in entries.items()},
+        _reasons(data.decode()),
+        data,
+        files,
+    )
+
+
+def explain(names: list[str], settings: Settings | None) -> PresetReports:
+    """Presets, or all of them without names, beside the settings of a working folder, if any.
+
+    Raises:
+        SettingsError: There is no preset of a name.
+    """
+    return PresetReports(
+        tuple(_report(preset_of(name), settings) for name in names or preset_names())
+    )
+
+
+def _report(preset: Preset, settings: Settings | None) -> PresetReport:
+    values = tuple(
+        _value(catalogue()[name], value, preset.reasons.get(name, ""), settings)
+        for name, value in preset.settings.items()
+    )
+    return PresetReport(preset.name, preset.summary, tuple(preset.files), values)
+
+
+def _value(setting: Setting, value: str, reason: str, settings: Settings | None) -> PresetValue:
+    present = source = None
+    if settings is not None:
+        present, source = str(getattr(settings, setting.field)), settings.source(setting.name)
+    read = str(setting.read(value))
+    return PresetValue(
+        setting.name, read, present, source, setting.default_text, setting.meaning, reason
+    )
+
+
+def _files(folder: Path) -> list[str]:
+    return [name for name in (PRESET_SETTINGS, *MODEL_FILES) if (folder / name).is_file()]
+
+
+def _summary(text: str, files: list[str]) -> str:
+    """The first comment; without one, what the preset consists of."""
+    first = text.partition("\n")[0]
+    return first.removeprefix("#").strip() or f"Its own {' and '.join(files)}."
+
+
+def _blocks(text: str) -> list[list[str]]:
+    """Lines between empty lines: comments, and the settings that they explain."""
+    return [block.splitlines() for block in text.split("\n\n") if block.strip()]
+
+
+def _name(line: str) -> str:
+    """The setting that a line gives; empty for a comment."""
+    return "" if line.startswith("#") else line.partition("=")[0].strip()
+
+
+def _reasons(text: str) -> dict[str, str]:
+    """The comment above each setting."""
+    reasons = {}
+    for block in _blocks(text):
+        comment = " ".join(line.lstrip("# ") for line in block if line.startswith("#"))
+        reasons |= {name: comment for line in block if (name := _name(line))}
+    return reasons

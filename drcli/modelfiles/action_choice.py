@@ -1,0 +1,198 @@
+"""Chooses discrete actions: an even grid, the few that a lap needs, or those that were used."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drcli.base.errors import SettingsError
+from drcli.modelfiles.action_space import MANY_ACTIONS, USUAL, Pair
+
+STEERING_UNIT_DEG = 5.0
+SPEED_UNIT_MPS = 0.25
+"""Differences that count alike, and what "close" means: an action that is off by no more than this
+hardly changes the lap."""
+
+CLOSE_SHARE = 0.95
+"""Share of the steps that must have a close action, where the number of actions is not given."""
+
+_MOST_ROUNDS = 100
+_ROUND_DEG, _ROUND_MPS = 0.5, 0.05
+
+
+@dataclass(frozen=True)
+class ChosenAction:
+    """An action of a list.
+
+    Attributes:
+        steering_angle: Degrees, left positive.
+        speed: m/s.
+        share: Share of the driven steps that it stands for, 0 .. 1; None without a drive.
+    """
+
+    steering_angle: float
+    speed: float
+    share: float | None = None
+
+
+def grid(angles: int, speeds: int, *, max_angle: float, max_speed: float) -> list[ChosenAction]:
+    """Every angle with every speed, as the generator of the DeepRacer console makes them.
+
+    Angles lie evenly from the greatest to the right to the greatest to the left, one angle is
+    straight ahead; speeds are equal parts of the greatest. For each angle, all speeds, rising.
+
+    Args:
+        angles: How many angles, at least 1.
+        speeds: How many speeds, at least 1.
+        max_angle: Degrees, more than 0.
+        max_speed: m/s, more than 0.
+    """
+    if angles == 1:
+        degrees = [0.0]
+    else:
+        degrees = [max_angle * (2 * k / (angles - 1) - 1) for k in range(angles)]
+    rising = [max_speed * (k + 1) / speeds for k in range(speeds)]
+    return [ChosenAction(_short(angle), _short(speed)) for angle in degrees for speed in rising]
+
+
+def smoothed(pairs: Sequence[Pair], steps: int) -> list[Pair]:
+    """Each request as the mean of those around it, `steps` in all: what the wheels make of them."""
+    half = (steps - 1) // 2
+    means = []
+    for k in range(len(pairs)):
+        near = pairs[max(k - half, 0) : k + half + 1]
+        means.append(
+            (math.fsum(p[0] for p in near) / len(near), math.fsum(p[1] for p in near) / len(near))
+        )
+    return means
+
+
+def needed(pairs: Sequence[Pair], count: int | None) -> list[ChosenAction]:
+    """The few actions that stand for the requests of a lap with the smallest squared error.
+
+    k-means: each request counts for its nearest action, and each action moves to the mean of its
+    requests until nothing changes. It begins with the mean of all and then, again and again, with
+    the request that is furthest from all actions, so the result is always the same. Differences
+    are measured in `STEERING_UNIT_DEG` and `SPEED_UNIT_MPS`.
+
+    Args:
+        pairs: Requests, at least one.
+        count: How many actions; None for the least number with which `CLOSE_SHARE` of the requests
+            have an action within one unit of steering and of speed.
+    """
+    points = [(angle / STEERING_UNIT_DEG, speed / SPEED_UNIT_MPS) for angle, speed in pairs]
+    if count is not None:
+        return _actions(points, _centers(points, min(count, len(set(points)))))
+    for several in range(1, MANY_ACTIONS + 1):
+        actions = _actions(points, _centers(points, min(several, len(set(points)))))
+        if close_share(pairs, actions) >= CLOSE_SHARE:
+            break
+    return actions
+
+
+def used(pairs: Sequence[Pair], *, angles: int, speeds: int, least: float) -> list[ChosenAction]:
+    """The actions that were used: cells of a histogram of the requests.
+
+    Requests of at most `angles * speeds` different values are counted as they are. Others are
+    counted in even cells from the least to the greatest request; an action is the mean of its
+    cell. Cells with less than the share `least` of the requests are left out.
+
+    Raises:
+        SettingsError: No cell has that share.
+    """
+    counts = Counter(pairs)
+    if len(counts) > angles * speeds:
+        cells: dict[tuple[int, int], list[Pair]] = {}
+        limits = [(min(values), max(values)) for values in zip(*counts, strict=True)]
+        for pair in pairs:
+            cell = _cell(pair[0], limits[0], angles), _cell(pair[1], limits[1], speeds)
+            cells.setdefault(cell, []).append(pair)
+        counts = Counter()
+        for inside in cells.values():
+            counts[_rounded(*_mean(inside))] += len(inside)
+    kept = {pair: number for pair, number in counts.items() if number >= least * len(pairs)}
+    if not kept:
+        raise SettingsError(
+            f"No action has a share of {least:.1%} of the {len(pairs)} steps.",
+            remedy="Choose a smaller share with --least, or fewer cells.",
+        )
+    return [
+        ChosenAction(_short(angle), _short(speed), number / len(pairs))
+        for (angle, speed), number in sorted(kept.items())
+    ]
+
+
+def close_share(pairs: Sequence[Pair], actions: Sequence[ChosenAction]) -> float:
+    """Share of the requests with an action within one unit of steering and of speed, 0 .. 1."""
+    close = sum(
+        any(
+            abs(angle - action.steering_angle) <= STEERING_UNIT_DEG
+            and abs(speed - action.speed) <= SPEED_UNIT_MPS
+            for action in actions
+        )
+        for angle, speed in pairs
+    )
+    return close / len(pairs)
+
+
+def _centers(points: Sequence[Pair], count: int) -> list[Pair]:
+    centers = [_mean(points)]
+    while len(centers) < count:
+        centers.append(max(points, key=lambda point: min(_apart(point, c) for c in centers)))
+    for _ in range(_MOST_ROUNDS):
+        groups: list[list[Pair]] = [[] for _ in centers]
+        for point in points:
+            groups[_nearest(point, centers)].append(point)
+        moved = [_mean(group) if group else c for group, c in zip(groups, centers, strict=True)]
+        if moved == centers:
+            break
+        centers = moved
+    return centers
+
+
+def _actions(points: Sequence[Pair], centers: Sequence[Pair]) -> list[ChosenAction]:
+    """Centres as actions with rounded numbers and their shares; equal ones are one."""
+    counts = Counter(_nearest(point, centers) for point in points)
+    shares: Counter[Pair] = Counter()
+    for number, (angle, speed) in enumerate(centers):
+        if counts[number]:
+            shares[_rounded(angle * STEERING_UNIT_DEG, speed * SPEED_UNIT_MPS)] += counts[number]
+    return [
+        ChosenAction(angle, speed, number / len(points))
+        for (angle, speed), number in sorted(shares.items())
+    ]
+
+
+def _rounded(angle_deg: float, speed_mps: float) -> Pair:
+    slowest = USUAL["speed"][0]
+    return (
+        _short(round(angle_deg / _ROUND_DEG) * _ROUND_DEG),
+        _short(max(round(speed_mps / _ROUND_MPS) * _ROUND_MPS, slowest)),
+    )
+
+
+def _short(value: float) -> float:
+    """At most two decimals, and no negative zero."""
+    return round(value, 2) + 0.0
+
+
+def _nearest(point: Pair, centers: Sequence[Pair]) -> int:
+    return min(range(len(centers)), key=lambda number: _apart(point, centers[number]))
+
+
+def _apart(one: Pair, other: Pair) -> float:
+    return (one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2
+
+
+def _mean(pairs: Sequence[Pair]) -> Pair:
+    return (
+        math.fsum(pair[0] for pair in pairs) / len(pairs),
+        math.fsum(pair[1] for pair in pairs) / len(pairs),
+    )
+
+
+def _cell(value: float, limits: tuple[float, float], count: int) -> int:
+    low, high = limits
+    if high <= low:
+        return 0
+    return min(int((value - low) / (high - low) * count), count - 1)

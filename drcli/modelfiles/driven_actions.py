@@ -1,0 +1,172 @@
+"""Actions that were driven: read from simtrace files and logs, ours and DeepRacer-for-Cloud's."""
+
+import csv
+import io
+import itertools
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from drcli.base.errors import SettingsError
+from drcli.modelfiles.action_space import USUAL, Pair
+
+LOG_MARK = "SIM_TRACE_LOG:"
+"""Begins the lines of a log that hold the columns of a simtrace."""
+
+_COLUMNS = (
+    *("episode", "steps", "X", "Y", "yaw", "steer", "throttle", "action", "reward", "done"),
+    *("all_wheels_on_track", "progress", "closest_waypoint", "track_len", "tstamp"),
+    "episode_status",
+)
+"""Columns of the lines in a log, which have no header."""
+
+_STANDING = ("prepare", "pause", "manual_pause", "park")
+"""Status of rows in which the car ignores its action."""
+
+_STEP_S = 1.0 / 15.0
+_LONGEST_STEP_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class DrivenStep:
+    """One step that was driven.
+
+    Attributes:
+        episode: Number of the episode in its file.
+        pair: Requested steering in degrees, left positive, and speed in m/s, as the car cuts them.
+        progress: Percent of the lap.
+        time_s: Simulated seconds since some start; NaN where the file does not tell.
+        status: What the trace says of the step, in small letters.
+    """
+
+    episode: str
+    pair: Pair
+    progress: float
+    time_s: float
+    status: str
+
+
+@dataclass(frozen=True)
+class DrivenLap:
+    """A complete lap without leaving the track.
+
+    Attributes:
+        file: The file that it was found in.
+        episode: Number of its episode there.
+        seconds: How long it took.
+        pairs: What was requested in each step.
+    """
+
+    file: str
+    episode: str
+    seconds: float
+    pairs: tuple[Pair, ...]
+
+
+@dataclass(frozen=True)
+class DrivenFile:
+    """A file of driven steps.
+
+    Attributes:
+        skipped: Lines that could not be read.
+    """
+
+    name: str
+    steps: tuple[DrivenStep, ...]
+    skipped: int
+
+
+def read_steps(data: bytes, name: str) -> DrivenFile:
+    """Read a simtrace, or the trace lines of a log. Lines that cannot be read are skipped.
+
+    Raises:
+        SettingsError: There is no step in it.
+    """
+    text = data.decode("utf-8-sig", "replace").replace("\0", "")
+    steps: list[DrivenStep] = []
+    skipped = standing = 0
+    for cells in _rows(text):
+        step = _step(cells)
+        if step is None:
+            skipped += 1
+        elif step.status in _STANDING:
+            standing += 1
+        else:
+            steps.append(step)
+    if not steps:
+        what = "has no driven step" if standing or not skipped else "is not a trace of a drive"
+        raise SettingsError(
+            f"{name} {what}.",
+            remedy="Name a file such as training-simtrace/12-iteration.csv, or a log with "
+            f"lines that begin with {LOG_MARK}",
+        )
+    return DrivenFile(name, tuple(steps), skipped)
+
+
+def complete_laps(files: Iterable[DrivenFile]) -> list[DrivenLap]:
+    """All complete laps, the fastest first."""
+    laps = [lap for file in files for part in _laps(file.steps) if (lap := _lap(file, part))]
+    return sorted(laps, key=lambda lap: lap.seconds)
+
+
+def _rows(text: str) -> Iterator[dict[str, str]]:
+    """The lines, as cells by column."""
+    if LOG_MARK in text:
+        for line in text.splitlines():
+            _, mark, rest = line.partition(LOG_MARK)
+            if mark:
+                yield dict(zip(_COLUMNS, rest.strip().split(","), strict=False))
+        return
+    try:
+        for row in csv.DictReader(io.StringIO(text, newline="")):
+            yield {key.strip(): value or "" for key, value in row.items() if isinstance(key, str)}
+    except csv.Error:
+        return  # a cell without an end: what follows cannot be told apart
+
+
+def _step(cells: dict[str, str]) -> DrivenStep | None:
+    """A line as a step; None if it cannot be read."""
+    steering, speed = (_number(cells, name) for name in ("steer", "throttle"))
+    progress = _number(cells, "progress")
+    if not math.isfinite(steering + speed + progress):
+        return None
+    (low_deg, high_deg), (slow, fast) = USUAL["steering_angle"], USUAL["speed"]
+    pair = min(max(steering, low_deg), high_deg), min(max(speed, slow), fast)
+    status = cells.get("episode_status", "").strip().casefold() or "in_progress"
+    return DrivenStep(cells.get("episode", ""), pair, progress, _number(cells, "tstamp"), status)
+
+
+def _number(cells: dict[str, str], name: str) -> float:
+    try:
+        return float(cells[name])
+    except (KeyError, ValueError):
+        return math.nan
+
+
+def _laps(steps: tuple[DrivenStep, ...]) -> Iterator[list[DrivenStep]]:
+    """Steps of one lap each, complete or not: a race of several laps has them in one episode."""
+    part: list[DrivenStep] = []
+    for step in steps:
+        last = part[-1] if part else step
+        if step.episode != last.episode or step.progress < last.progress - 50.0:
+            yield part
+            part = []
+        part.append(step)
+        if step.status != "in_progress":
+            yield part
+            part = []
+    yield part
+
+
+def _lap(file: DrivenFile, part: list[DrivenStep]) -> DrivenLap | None:
+    """The lap that the steps make, if it is complete."""
+    if len(part) < 10 or part[0].progress > 5.0:
+        return None
+    end = part[-1]
+    if end.status != "lap_complete" and (end.status != "in_progress" or end.progress < 99.9):
+        return None
+    gaps = [after.time_s - before.time_s for before, after in itertools.pairwise(part)]
+    told = all(0.0 < gap < _LONGEST_STEP_S for gap in gaps)  # False for NaN, too
+    seconds = sum(gaps) + _STEP_S if told else len(part) * _STEP_S
+    pairs = tuple(step.pair for step in part)
+    return DrivenLap(file.name, part[0].episode, seconds, pairs)

@@ -1,0 +1,173 @@
+"""Puts other actions into a model_metadata.json, and tells what that means for a trained model."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from drcli.base.errors import DrError, SettingsError
+from drcli.base.problems import ProblemsError
+from drcli.config.example_files import model_file
+from drcli.config.settings import Settings
+from drcli.modelfiles.action_space import ActionSpace
+from drcli.modelfiles.custom_files import local_file
+from drcli.modelfiles.json_file import read_json_object
+from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.models.copy_custom_files import BACKUP, write_file
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.checkpoints import checkpoint_objects
+
+
+@dataclass(frozen=True)
+class ActionSpaceChange:
+    """What would be written.
+
+    Attributes:
+        file: The file.
+        data: Its new content.
+        before: Its present actions; None without a file.
+        after: Its new actions.
+        warnings: What is allowed but may surprise.
+    """
+
+    file: Path
+    data: bytes
+    before: ActionSpace | None
+    after: ActionSpace
+    warnings: tuple[str, ...]
+
+    @property
+    def backup(self) -> Path | None:
+        """Where the present file is kept; None without one, or if nothing changes."""
+        return None if self.before is None else self.file.with_name(self.file.name + BACKUP)
+
+
+def space_of(file: Path) -> ActionSpace:
+    """The actions in a file.
+
+    Raises:
+        SettingsError: It is missing.
+        ProblemsError: It cannot be read, or is wrong.
+    """
+    found = local_file(file.parent, file.name)
+    if found is None:
+        raise SettingsError(
+            f"{file} is missing.",
+            remedy="Create a working folder with `dr init`, or name another file with --file.",
+        )
+    return ModelMetadata.from_bytes(found.data, str(file)).action_space
+
+
+def plan_change(file: Path, actions: list[dict[str, float]] | dict[str, Any]) -> ActionSpaceChange:
+    """Work out a file with other actions: a list of them, or ranges. All else in it stays.
+
+    A file that does not exist becomes the shipped one with these actions.
+
+    Raises:
+        SettingsError: Its algorithm cannot have such actions.
+        ProblemsError: The file cannot be read, or it would be wrong.
+    """
+    found = local_file(file.parent, file.name)
+    data = model_file(keys.MODEL_METADATA_FILE).read_bytes() if found is None else found.data
+    values = dict(read_json_object(data, str(file), "V-30").values)
+    discrete = isinstance(actions, list)
+    if discrete and values.get("training_algorithm") == "sac":
+        raise SettingsError(
+            f"{file}: training_algorithm=sac needs continuous actions, not a list.",
+            remedy='Use `dr-action-space generate --continuous`, or write "training_algorithm": '
+            '"clipped_ppo".',
+        )
+    values["action_space"] = actions
+    values["action_space_type"] = "discrete" if discrete else "continuous"
+    new = _text(values).encode()
+    after = ModelMetadata.from_bytes(new, str(file))
+    before = None
+    if found is not None:
+        try:
+            before = ModelMetadata.from_bytes(found.data, str(file)).action_space
+        except ProblemsError:
+            before = ActionSpace()  # its actions were wrong, and are replaced
+    return ActionSpaceChange(
+        file, new, before, after.action_space, tuple(str(each) for each in after.problems)
+    )
+
+
+def trained_with(settings: Settings, bucket: Bucket) -> tuple[int, ActionSpace | None]:
+    """How many checkpoints the configured model has, and with which actions it was trained."""
+    prefix = settings.model_prefix
+    count = len(set(checkpoint_objects(bucket, prefix).values()))
+    if not count:
+        return 0, None
+    try:
+        data = bucket.get(keys.model_metadata(prefix))
+        return count, ModelMetadata.from_bytes(data, keys.model_metadata(prefix)).action_space
+    except (ObjectMissing, DrError):
+        return count, None
+
+
+def sentence_about(
+    model: str, checkpoints: int, trained: ActionSpace | None, new: ActionSpace
+) -> str:
+    """What new actions mean for a model with checkpoints; empty if they mean nothing."""
+    if not checkpoints or trained == new:
+        return ""
+    has = f"{model} has {checkpoints} checkpoint{'s' if checkpoints > 1 else ''}"
+    another = "Give DR_LOCAL_S3_MODEL_PREFIX another name before you train with the new ones."
+    if trained is None:
+        return f"{has}, and its own actions cannot be read. {another}"
+    if (trained.continuous, trained.num_actions) != (new.continuous, new.num_actions):
+        return (
+            f"{has}, trained with {_called(trained)}; with {_called(new)} it cannot be trained "
+            f"on. {another}"
+        )
+    return f"{has}, trained with {_called(trained)} of other values. {another}"
+
+
+def write_change(change: ActionSpaceChange) -> bool:
+    """Write what was planned; the old file is kept as .bak.
+
+    Returns:
+        False if the file has these actions already.
+
+    Raises:
+        SettingsError: It cannot be written.
+    """
+    if change.before == change.after:
+        return False
+    return write_file(change.file, change.data)
+
+
+def _called(space: ActionSpace) -> str:
+    if space.continuous:
+        return "continuous actions"
+    return f"{space.num_actions} action{'s' if space.num_actions != 1 else ''}"
+
+
+def _text(values: dict[str, Any]) -> str:
+    """JSON with one action a line, as people write it."""
+    parts = []
+    for key, value in values.items():
+        parts.append(f"  {json.dumps(key)}: {_indented(key, value)}")
+    return "{\n" + ",\n".join(parts) + "\n}\n"
+
+
+def _indented(key: str, value: Any) -> str:
+    if key == "action_space" and isinstance(value, list):
+        return "[\n" + ",\n".join(f"    {json.dumps(each)}" for each in value) + "\n  ]"
+    if key == "action_space" and isinstance(value, dict):
+        inside = (f"    {json.dumps(name)}: {json.dumps(each)}" for name, each in value.items())
+        return "{\n" + ",\n".join(inside) + "\n  }"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def pairs_of(space: ActionSpace) -> Sequence[tuple[float, float]]:
+    """The actions of a list, or the corners of ranges: steering and speed."""
+    if space.low is None or space.high is None:
+        return space.values
+    return [
+        (angle, speed)
+        for angle in (space.low[0], space.high[0])
+        for speed in (space.low[1], space.high[1])
+    ]
