@@ -28,7 +28,7 @@ def test_targets_equal_two_steps_worked_by_hand():
     sac = SAC(_agent(), replace(SMALL, discount_factor=0.5, sac_alpha=0.1), CPU)
     sac.model.actor = _Constant(torch.zeros(2, 4))
     sac.model.targets = _Constant(torch.tensor([[3.0, 7.0], [4.0, 2.0]]))
-    batch = _transitions(rewards=[1.0, 2.0], goes_on=[1.0, 0.0])
+    batch = _transitions(returns=[1.0, 2.0], discounts=[0.5, 0.0])
 
     target = sac._target(sac.model, batch, torch.zeros(2, 2), sac.alpha())
 
@@ -145,6 +145,7 @@ def test_on_a_single_picture_the_agent_learns_which_action_pays():
         ({"sac_auto_alpha": True}, False),
         ({"huber": True}, False),
         ({"sac_tau": 0.5}, False),
+        ({"sac_n_step": 1}, False),
         ({"sac_updates_per_step": 0.2}, False),
         ({"sac_learning_starts": 30}, False),
         ({"sac_replay_steps": 15}, False),
@@ -295,10 +296,11 @@ def _rollout(
     )
 
 
-def _transitions(rewards: list[float], goes_on: list[float]) -> Transitions:
-    n = len(rewards)
+def _transitions(returns: list[float], discounts: list[float]) -> Transitions:
+    n = len(returns)
     seen = camera_only(torch.zeros((n, 1, 120, 160), dtype=torch.uint8))
-    return Transitions(seen, torch.zeros(n, 2), torch.tensor(rewards), seen, torch.tensor(goes_on))
+    total = torch.tensor(returns, dtype=torch.float64)
+    return Transitions(seen, torch.zeros(n, 2), total, seen, torch.tensor(discounts))
 
 
 def _learned(config: SACConfig) -> torch.Tensor:
