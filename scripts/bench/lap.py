@@ -66,9 +66,7 @@ def main() -> None:
     parser.add_argument("--world", default="reinvent_base")
     parser.add_argument("--tracks-dir", default="", help="folder with community routes")
     parser.add_argument("--minutes", type=float, default=6.0, help="longest training")
-    parser.add_argument(
-        "--custom-files", type=Path, help="a folder with files to train with instead"
-    )
+    parser.add_argument("--custom-files", type=Path, help="folder of files to train with instead")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
 
