@@ -75,13 +75,17 @@ class SACConfig:
         batch_size: Steps in a minibatch.
         lr: Adam's learning rate, for all networks and the temperature.
         discount_factor: Weight of a reward one step later.
-        sac_alpha: Temperature: what one nat of entropy is worth in reward.
-        sac_auto_alpha: Learn the temperature from `sac_alpha` on, so that the policy's entropy
-            becomes -1 nat for each dimension of an action.
-        huber: Huber loss for the critics, with delta 1, instead of the squared error.
+        sac_alpha: Temperature: what one nat of entropy is worth in reward. If it is learned, its
+            first value, in the critics' own units, as in `PPOConfig.huber`.
+        sac_auto_alpha: Learn the temperature, so that the policy's entropy becomes -1 nat for each
+            dimension of an action.
+        huber: Huber loss for the critics, with delta 1, instead of the squared error. The values
+            are in the critics' own units.
         sac_tau: How far the target critics follow the critics at each gradient step. They lag
             1 / tau steps behind; the reference copies them after every
             `num_episodes_between_training` steps, n, and lags n / 2 on average: tau = 2 / n.
+        sac_n_step: Rewards that the critics' targets count before they trust a critic. The
+            reference counts one, and what happens a few steps later reaches an action slowly.
         sac_updates_per_step: Gradient steps for each environment step; None: the device's default.
         sac_learning_starts: Environment steps to drive before the first gradient step.
         sac_replay_steps: Environment steps in the replay buffer.
@@ -94,6 +98,7 @@ class SACConfig:
     sac_auto_alpha: bool = False
     huber: bool = False
     sac_tau: float = 0.02
+    sac_n_step: int = 5
     sac_updates_per_step: float | None = None
     sac_learning_starts: int = 1_000
     sac_replay_steps: int = 100_000

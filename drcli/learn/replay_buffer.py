@@ -17,16 +17,18 @@ class Transitions(NamedTuple):
     Attributes:
         before: The observation before each action.
         actions: Values in [-1, 1]. Shape (n, dims).
-        rewards: Shape (n,).
-        after: The observation one step later; meaningless where `goes_on` is 0.
-        goes_on: 0 if the episode ended by its rules with this step, else 1. Shape (n,).
+        returns: Discounted sum of the rewards of the step and of those that follow it up to
+            `after`, float64. Shape (n,).
+        after: The observation up to `n_step` steps later; meaningless where `discounts` is 0.
+        discounts: Weight of the value of `after`: gamma to the power of the steps in between, or 0
+            if the episode ended by its rules before. Shape (n,).
     """
 
     before: Observation
     actions: Tensor
-    rewards: Tensor
+    returns: Tensor
     after: Observation
-    goes_on: Tensor
+    discounts: Tensor
 
     def part(self, steps: slice, device: torch.device) -> "Transitions":
         """Some of the steps, on a device."""
@@ -34,9 +36,9 @@ class Transitions(NamedTuple):
         def part(column: Tensor) -> Tensor:
             return column[steps].to(device)
 
-        before, actions, rewards, after, goes_on = self
+        before, actions, returns, after, discounts = self
         before, after = Observation(*map(part, before)), Observation(*map(part, after))
-        return Transitions(before, part(actions), part(rewards), after, part(goes_on))
+        return Transitions(before, part(actions), part(returns), after, part(discounts))
 
 
 class ReplayBuffer:
@@ -45,7 +47,7 @@ class ReplayBuffer:
     A step takes little more memory than its frame, 19.2 kB, because the observation after a step is
     the one before the next step. After the last step of an episode there is none. If the episode
     ended by its rules, this does not matter, since no reward follows; if the step limit cut it off,
-    that step is not learned from.
+    the last step is not learned from, and the few before it look less than `n_step` steps ahead.
 
     Attributes:
         capacity: Most steps in the buffer.
@@ -53,24 +55,35 @@ class ReplayBuffer:
         added: Steps that were ever added.
     """
 
-    def __init__(self, spec: PolicySpec, capacity: int) -> None:
+    def __init__(
+        self, spec: PolicySpec, capacity: int, discount_factor: float = 1.0, n_step: int = 1
+    ) -> None:
         """Reserve all memory now, so that a lack of it shows at the start.
 
         The operating system provides each page when it is first written to.
+
+        Args:
+            spec: What is observed, and how many dimensions an action has.
+            capacity: Most steps in the buffer.
+            discount_factor: Weight of a reward one step later.
+            n_step: Rewards of a return, 1 or more, before the value of the observation after them.
 
         Raises:
             RuntimeError: There is not enough memory.
         """
         self.capacity = capacity
         self._stack = spec.stack
+        self._ahead = torch.arange(n_step)
+        self._weights = discount_factor ** torch.arange(n_step + 1, dtype=torch.float64)
         self._frames = torch.empty(
             (capacity, spec.eyes, FRAME_HEIGHT, FRAME_WIDTH), dtype=torch.uint8
         )
         self._scans = torch.empty((capacity, spec.scan_dims))
         self._states = torch.empty((capacity, spec.state_dims))
         self._actions = torch.empty((capacity, spec.num_actions))
-        self._rewards = torch.empty(capacity)
-        self._goes_on = torch.empty(capacity)
+        self._rewards = torch.empty(capacity, dtype=torch.float64)
+        self._left = torch.empty(capacity, dtype=torch.int64)
+        self._rewarded = torch.empty(capacity, dtype=torch.int64)
         self._ages = torch.empty(capacity, dtype=torch.int64)
         self._usable = torch.zeros(capacity, dtype=torch.bool)
         self._usable_rows = torch.empty(0, dtype=torch.int64)
@@ -112,11 +125,12 @@ class ReplayBuffer:
         )
         for column, values in columns:
             column[rows] = torch.as_tensor(values[steps], dtype=column.dtype)
-        self._goes_on[rows] = 1.0
-        self._goes_on[rows[-1]] = 0.0
+        # Steps of the episode after each step, and rewards from it on that a return may count: the
+        # return of an episode that was cut off needs an observation after its rewards.
+        self._left[rows] = torch.arange(length - 1, -1, -1)
+        self._rewarded[rows] = self._left[rows] + (0 if cut else 1)
         self._ages[rows] = torch.arange(length)
-        self._usable[rows] = True
-        self._usable[rows[-1]] = not cut
+        self._usable[rows] = self._rewarded[rows] > 0
         self._lengths.append(length)
         self._end = (self._end + length) % self.capacity
         self.steps += length
@@ -128,10 +142,16 @@ class ReplayBuffer:
         """Draw `count` steps uniformly, with replacement."""
         chosen = torch.randint(self.transitions, (count,), generator=draw)
         rows = self._usable_rows[chosen]
-        goes_on = self._goes_on[rows]
-        after = (rows + goes_on.long()) % self.capacity
+        steps = self._rewarded[rows].clamp(max=len(self._ahead))
+        rewards = self._rewards[(rows[:, None] + self._ahead) % self.capacity]
+        counted = self._weights[:-1] * (self._ahead < steps[:, None])
+        # What lies beyond the episode may be anything, NaN as well, so it is not multiplied by 0.
+        returns = torch.where(counted > 0.0, rewards * counted, 0.0).sum(1)
+        goes_on = steps <= self._left[rows]
+        after = (rows + steps * goes_on) % self.capacity
+        discounts = (self._weights[steps] * goes_on).float()
         return Transitions(
-            self._seen(rows), self._actions[rows], self._rewards[rows], self._seen(after), goes_on
+            self._seen(rows), self._actions[rows], returns, self._seen(after), discounts
         )
 
     def _seen(self, rows: Tensor) -> Observation:

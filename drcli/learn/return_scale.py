@@ -51,21 +51,23 @@ class ReturnScale(nn.Module):
         return (rewards / torch.where(self.scale > 0.0, self.scale, 1.0)).float()
 
     @torch.no_grad()
-    def follow(self, size: Tensor, last: nn.Linear) -> None:
+    def follow(self, size: Tensor, *last: nn.Linear) -> None:
         """Update the scale, and rescale the critic so that its predictions stay the same.
 
         Args:
             size: Mean size of the iteration's returns, or of the critic's predictions if that is
                 larger: if the scale fell faster than the critic can learn, the critic's outputs
                 would grow without limit. Scalar, float64, finite.
-            last: Last layer of the critic. It stays as it is if the critic has never learned.
+            last: Last layers of the critics. They stay as they are if the critics have never
+                learned.
         """
         before = self.scale.clone()
         self.weight.lerp_(torch.ones_like(self.weight), FOLLOW)
         self.scale.lerp_(size / UNITS, FOLLOW / self.weight)
         if before > 0.0 and self.scale > 0.0:
-            last.weight.mul_(before / self.scale)
-            last.bias.mul_(before / self.scale)
+            for layer in last:
+                layer.weight.mul_(before / self.scale)
+                layer.bias.mul_(before / self.scale)
 
 
 def _as_before(module: nn.Module, tensors: dict[str, Tensor], prefix: str, *_: object) -> None:

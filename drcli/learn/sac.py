@@ -3,12 +3,14 @@
 from collections.abc import Callable
 from functools import partial
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.func import functional_call
 from torch.nn import functional
 
 from drcli.learn.adam import Adam
+from drcli.learn.advantages import gae
 from drcli.learn.algorithm_config import SACConfig
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
@@ -45,7 +47,9 @@ class SAC:
         self.critic_warmup = 0
         self.lr_factor = 1.0
         self.updates_per_step = config.sac_updates_per_step or UPDATES_PER_STEP[compute.device.type]
-        self.replay = ReplayBuffer(model.spec, config.sac_replay_steps)
+        self.replay = ReplayBuffer(
+            model.spec, config.sac_replay_steps, config.discount_factor, config.sac_n_step
+        )
         learned = [p for p in model.parameters() if p.requires_grad]
         self.optimizer = Adam(learned, config.lr)
         self._parallel = DataParallel(self.model, compute.parts, compute.threads)
@@ -78,6 +82,7 @@ class SAC:
         rollout, an epoch is a part of the update, and `steps_before` is not used. There are no
         statistics before `sac_learning_starts`.
         """
+        self._follow_returns(rollout)
         self.replay.add(rollout)
         if self.replay.added < self.config.sac_learning_starts or not self.replay.transitions:
             return []
@@ -98,7 +103,7 @@ class SAC:
                     noise = torch.randn((2, *batch.actions.shape), generator=draw)
                     loss = partial(self._loss, batch, noise)
                     self.optimizer.zero_grad()
-                    totals += self._parallel.backward(loss, len(batch.rewards))
+                    totals += self._parallel.backward(loss, len(batch.returns))
                     self.optimizer.step()
                     self._follow_critics()
                 means = (totals / count).tolist()
@@ -106,6 +111,24 @@ class SAC:
                 on_epoch(history[-1])
         require_finite_weights(self.model)
         return history
+
+    def _follow_returns(self, rollout: Rollout) -> None:
+        """Let the critics' units follow what was driven.
+
+        Raises:
+            NonFiniteLossError: A return is NaN or infinite; nothing was changed.
+        """
+        nothing = np.zeros(rollout.steps)
+        # With lambda 1 and values of 0, advantages are returns.
+        gamma = self.config.discount_factor
+        returns = gae(rollout.rewards, nothing, rollout.lengths, gamma, 1.0)
+        if not np.isfinite(returns).all():
+            raise NonFiniteLossError("A return is nan or infinite.")
+        values = np.asarray(rollout.values, np.float64)
+        device = self.compute.device
+        self.model.follow_returns(
+            torch.from_numpy(returns).to(device), torch.from_numpy(values).to(device)
+        )
 
     def _follow_critics(self) -> None:
         """Let the target critics follow the critics."""
@@ -153,25 +176,30 @@ class SAC:
         with torch.no_grad():
             shown = alpha_loss if self.config.sac_auto_alpha else torch.full_like(alpha, torch.nan)
             each = self._critic_loss(values, target, "none").mean(1)
-            qf = (*values.mean(1), *each)
-            return loss, torch.stack([actor_loss, *qf, -log_probs.mean(), alpha, shown])
+            qf = (*model.returns(values.mean(1)).float(), *each)
+            worth = model.returns(alpha).float()
+            return loss, torch.stack([actor_loss, *qf, -log_probs.mean(), worth, shown])
 
     def alpha(self) -> Tensor:
-        """The temperature now, without gradient."""
+        """The temperature now, in the critics' units, without gradient."""
         if self.config.sac_auto_alpha:
             return self.model.log_alpha.detach().exp()
-        return torch.tensor(self.config.sac_alpha, device=self.compute.device)
+        fixed = torch.tensor(self.config.sac_alpha, dtype=torch.float64, device=self.compute.device)
+        return self.model.returns.units(fixed)
 
     def _target(self, model: SACAgent, batch: Transitions, noise: Tensor, alpha: Tensor) -> Tensor:
-        """The critics' target: r + gamma * (min Q' - alpha * log pi). Shape (n,)."""
+        """The critics' target, in their units: R + gamma^k * (min Q' - alpha * log pi). Shape (n,).
+
+        R is the return of the k steps up to the observation after them.
+        """
         with torch.no_grad():
             with self.compute.autocast():
                 features = model.features(batch.after)
             mean, log_std = model(features)
             actions, log_probs = squash(mean, log_std, noise)
             q: Tensor = model.targets(model.critic_input(features, batch.after), actions).amin(0)
-            discount = self.config.discount_factor * batch.goes_on
-            return batch.rewards + discount * (q - alpha * log_probs)
+            returns = model.returns.units(batch.returns)
+            return returns + batch.discounts * (q - alpha * log_probs)
 
     def _critic_loss(self, values: Tensor, target: Tensor, reduction: str = "mean") -> Tensor:
         """The error of both critics, with estimates of shape (2, n)."""

@@ -2,6 +2,7 @@
 
 import math
 from copy import deepcopy
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -10,6 +11,7 @@ from torch.nn import functional
 from drcli.learn.distributions import log_prob_gaussian
 from drcli.learn.encoders import Encoder
 from drcli.learn.policy import Observation, PolicySpec
+from drcli.learn.return_scale import ReturnScale
 
 LOG_STD_RANGE = (-20.0, 2.0)
 """Bounds of the policy's log standard deviation. Source: the reference's SAC head."""
@@ -43,6 +45,7 @@ class SACAgent(nn.Module):
         self.critics = _TwinCritic(spec.state_dims or self.body.features, spec.num_actions)
         self.targets = deepcopy(self.critics).requires_grad_(False)
         self.log_alpha = nn.Parameter(torch.tensor(math.log(max(sac_alpha, _LEAST_ALPHA))))
+        self.returns = ReturnScale()
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """The policy before tanh: mean and log standard deviation, each of shape (n, dims)."""
@@ -58,6 +61,22 @@ class SACAgent(nn.Module):
         """The input of the critics. Shape (n, features) or (n, state_dims)."""
         return seen.state if self.spec.state_dims else features
 
+    @torch.no_grad()
+    def follow_returns(self, returns: Tensor, values: Tensor) -> None:
+        """Let the critics' units follow the returns of an iteration; see `ReturnScale.follow`.
+
+        What the critics predict, and the temperature, stay the same in reward.
+
+        Args:
+            returns: Discounted returns of the steps, float64. Shape (n,).
+            values: The critics' estimates of them, float64. Shape (n,).
+        """
+        before = self.returns.scale.clone()
+        size = torch.maximum(returns.abs().mean(), values.abs().mean())
+        self.returns.follow(size, *self.critics.last_layers(), *self.targets.last_layers())
+        if before > 0.0 and self.returns.scale > 0.0:
+            self.log_alpha.add_((before / self.returns.scale).log())
+
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
     ) -> tuple[Tensor, Tensor, Tensor]:
@@ -66,7 +85,7 @@ class SACAgent(nn.Module):
         mean, log_std = self(features)
         actions, log_probs = squash(mean, log_std, noise * ~deterministic.unsqueeze(-1))
         value = self.critics(self.critic_input(features, seen), actions).amin(0)
-        return actions, log_probs, value.double()
+        return actions, log_probs, self.returns(value)
 
 
 def squash(mean: Tensor, log_std: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
@@ -97,9 +116,13 @@ class _TwinCritic(nn.Module):
         self.streams = nn.ModuleList(_hidden_layers(_SUMMARY + num_actions, 1) for _ in range(2))
 
     def forward(self, features: Tensor, actions: Tensor) -> Tensor:
-        """Expected discounted return of n actions. Shape (2, n)."""
+        """Expected discounted return of n actions, in the critics' units. Shape (2, n)."""
         x = torch.cat([self.summary(features), actions], dim=-1)
         return torch.stack([stream(x).squeeze(-1) for stream in self.streams])
+
+    def last_layers(self) -> list[nn.Linear]:
+        """The layer of each estimate that its output comes from."""
+        return [cast(nn.Linear, cast(nn.Sequential, stream)[-1]) for stream in self.streams]
 
 
 def _summary(features: int) -> nn.Module:

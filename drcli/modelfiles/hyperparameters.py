@@ -95,6 +95,7 @@ class Hyperparameters(BaseModel):
     bootstrap_cut: bool = Field(False, strict=True)
     sac_auto_alpha: bool = Field(False, strict=True)
     sac_tau: Annotated[Number, Field(ge=1e-5, le=1)] | None = None
+    sac_n_step: Annotated[Whole, Field(ge=1, le=100)] | None = None
     sac_updates_per_step: Annotated[Number, Field(ge=0.001, le=16)] | None = None
     sac_replay_steps: Whole = Field(100_000, ge=1_000)
     sac_learning_starts: Whole = Field(1_000, ge=1)

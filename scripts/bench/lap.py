@@ -9,6 +9,9 @@ with `seeds` (a list) and `median`, each holding
     first_evaluation_lap_s    wall time from the command until a checkpoint with a completed
                               evaluation lap had been learned from, at the latest
     first_evaluation_lap_steps  steps driven until then
+    first_evaluation_lap_processor_s  processor time of supervisor, trainer and simulation workers
+                              until that was seen, start-up included; divided by the cores, about
+                              the wall time on a machine that does nothing else
     first_training_lap_s      wall time from the command to the first full training lap
     first_training_lap_steps  steps driven by the end of that iteration
     three_evaluation_laps_s   wall time from the command until all evaluation laps of a checkpoint
@@ -22,6 +25,7 @@ A number is null where the run ended before it was reached.
 """
 
 import argparse
+import contextlib
 import csv
 import json
 import os
@@ -34,6 +38,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 from drcli.config.loading import load_settings
 from drcli.store.server import server
 
@@ -41,6 +47,7 @@ PROJECT = Path(__file__).resolve().parents[2]
 FIGURES = (
     "first_evaluation_lap_s",
     "first_evaluation_lap_steps",
+    "first_evaluation_lap_processor_s",
     "first_training_lap_s",
     "first_training_lap_steps",
     "three_evaluation_laps_s",
@@ -59,7 +66,7 @@ def main() -> None:
     parser.add_argument("--world", default="reinvent_base")
     parser.add_argument("--tracks-dir", default="", help="folder with community routes")
     parser.add_argument("--minutes", type=float, default=6.0, help="longest training")
-    parser.add_argument("--custom-files", type=Path, help="train with these instead")
+    parser.add_argument("--custom-files", type=Path, help="folder of files to train with instead")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
 
@@ -76,12 +83,15 @@ def main() -> None:
 
 def run_seed(seed: int, arguments: argparse.Namespace) -> dict[str, Any]:
     """Train once from nothing and measure."""
-    with tempfile.TemporaryDirectory(prefix="bench-lap-") as name:
-        folder = Path(name)
+    with tempfile.TemporaryDirectory(prefix="bench-lap-") as place:
+        folder = Path(place)
         for file in ("run.env", "system.env"):
             shutil.copy(PROJECT / file, folder / file)
         if arguments.custom_files:
-            shutil.copytree(arguments.custom_files, folder / "custom_files")
+            (folder / "custom_files").mkdir()
+            for shipped in (PROJECT / "defaults").glob("*.*"):
+                own = arguments.custom_files / shipped.name
+                shutil.copy(own if own.exists() else shipped, folder / "custom_files")
         environment = {
             **os.environ,
             "DR_WORLD_NAME": arguments.world,
@@ -91,7 +101,7 @@ def run_seed(seed: int, arguments: argparse.Namespace) -> dict[str, Any]:
         }
         begin = time.time()
         _dr(folder, environment, "start-training", "-q", "--seed", str(seed))
-        status = _watch(folder, environment, begin + 60.0 * arguments.minutes)
+        status, processor_s = _watch(folder, environment, begin + 60.0 * arguments.minutes)
         _dr(folder, environment, "stop-training")
         evaluation = json.loads(
             _dr(folder, environment, "evaluate", "--json", check=False).splitlines()[-1]
@@ -99,30 +109,57 @@ def run_seed(seed: int, arguments: argparse.Namespace) -> dict[str, Any]:
         result = _figures(folder, status, begin)
         trials = evaluation["trials"]
         done = [t["lap_s"] for t in trials if t["status"] == "Lap complete"]
+        result["first_evaluation_lap_processor_s"] = processor_s
         result |= {"seed": seed, "evaluation_laps": len(done), "lap_s": min(done, default=None)}
         _stop_storage(folder)
         return result
 
 
-def _watch(folder: Path, environment: dict[str, str], deadline: float) -> dict[str, Any]:
-    """Wait until the car has lapped in training and in evaluation; the status at that moment.
+def _watch(
+    folder: Path, environment: dict[str, str], deadline: float
+) -> tuple[dict[str, Any], float | None]:
+    """Wait until the car has lapped in training and in evaluation.
 
     Looks at the learning curve in the bucket's folder, because a command every second would take
     time from the training on a small machine.
+
+    Returns:
+        The status at that moment, and processor seconds until the first evaluation lap was seen.
     """
+    spent: dict[int, float] = {}
+    processor_s = None
     while time.time() < deadline:
+        spent |= _processor_times(folder)
         for curve in (folder / "data" / "s3").rglob("metrics/history.json"):
             try:
                 history = json.loads(curve.read_text())["iterations"]
             except ValueError:  # being replaced
                 continue
+            if processor_s is None and any(record["evaluation_lap_s"] for record in history):
+                processor_s = sum(spent.values())
             if _scored(history) and any(record["full_laps"] for record in history):
                 deadline = 0.0
         time.sleep(0.5)
     status: dict[str, Any] = json.loads(
         _dr(folder, environment, "status", "--json").splitlines()[-1]
     )
-    return status
+    return status, processor_s
+
+
+def _processor_times(folder: Path) -> dict[int, float]:
+    """Processor seconds of each process of the training so far, by its number."""
+    try:
+        supervisor = json.loads((folder / "data" / "runs" / "0" / "run.json").read_text())["pid"]
+        processes = [psutil.Process(supervisor)]
+        processes += processes[0].children(recursive=True)
+    except (OSError, ValueError, KeyError, psutil.Error):
+        return {}  # not there yet, being replaced, or ended
+    times = {}
+    for process in processes:
+        with contextlib.suppress(psutil.Error):
+            spent = process.cpu_times()
+            times[process.pid] = spent.user + spent.system
+    return times
 
 
 def _scored(history: list[dict[str, Any]]) -> dict[str, Any] | None:

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 import torch
 
 from drcli.learn.policy import PolicySpec
@@ -24,7 +25,7 @@ def test_actions_and_rewards_belong_to_the_frame_they_were_recorded_with():
     batch = _sample(replay)
 
     numbers = _numbers(batch.before.frames)
-    np.testing.assert_allclose(batch.rewards, numbers / 10.0)
+    np.testing.assert_allclose(batch.returns, numbers / 10.0)
     np.testing.assert_allclose(batch.actions, np.stack([numbers, -numbers], axis=1) / 100.0)
 
 
@@ -73,7 +74,7 @@ def test_stacked_frames_begin_anew_with_each_episode_also_across_the_rings_end()
 
     stacks = {tuple(row) for row in batch.before.frames[:, :, 0, 0].tolist()}
     assert stacks == {(3, 3, 3), (3, 3, 4), (3, 4, 5), (4, 5, 6)}
-    following = batch.goes_on == 1.0
+    following = batch.discounts > 0.0
     np.testing.assert_array_equal(
         batch.after.frames[following, :2], batch.before.frames[following, 1:]
     )
@@ -89,6 +90,48 @@ def test_both_eyes_the_lidar_and_the_state_come_with_the_step():
     np.testing.assert_array_equal(batch.before.frames[:, 1, 0, 0], numbers + 100)
     np.testing.assert_array_equal(batch.before.scan, numbers[:, None].repeat(3, axis=1))
     np.testing.assert_array_equal(batch.before.state, numbers[:, None].repeat(4, axis=1))
+
+
+def test_returns_of_three_steps_are_worked_by_hand():
+    replay = ReplayBuffer(SPEC, 10, discount_factor=0.5, n_step=3)
+    replay.add(_rollout([3, 5], first=1))
+
+    # Step k is rewarded with k / 10. The first episode ends by its rules after three steps, so from
+    # its start all of them count and nothing follows.
+    assert _returns(replay) == {
+        1: (pytest.approx(0.1 + 0.5 * 0.2 + 0.25 * 0.3), None, 0.0),
+        2: (pytest.approx(0.2 + 0.5 * 0.3), None, 0.0),
+        3: (pytest.approx(0.3), None, 0.0),
+        4: (pytest.approx(0.4 + 0.5 * 0.5 + 0.25 * 0.6), 7, 0.125),
+        5: (pytest.approx(0.5 + 0.5 * 0.6 + 0.25 * 0.7), 8, 0.125),
+        6: (pytest.approx(0.6 + 0.5 * 0.7 + 0.25 * 0.8), None, 0.0),
+        7: (pytest.approx(0.7 + 0.5 * 0.8), None, 0.0),
+        8: (pytest.approx(0.8), None, 0.0),
+    }
+
+
+def test_returns_before_a_cut_count_fewer_steps_and_go_on_from_the_last_observation():
+    replay = ReplayBuffer(SPEC, 10, discount_factor=0.5, n_step=3)
+    replay.add(_rollout([4], first=1, cut=[True]))
+
+    assert _returns(replay) == {
+        1: (pytest.approx(0.1 + 0.5 * 0.2 + 0.25 * 0.3), 4, 0.125),
+        2: (pytest.approx(0.2 + 0.5 * 0.3), 4, 0.25),
+        3: (pytest.approx(0.3), 4, 0.5),
+    }
+
+
+def test_returns_cross_the_end_of_the_ring_but_not_the_end_of_an_episode():
+    replay = ReplayBuffer(SPEC, 6, discount_factor=0.5, n_step=2)
+    replay.add(_rollout([4], first=1))
+    replay.add(_rollout([4], first=5))
+
+    assert _returns(replay) == {
+        5: (pytest.approx(0.5 + 0.5 * 0.6), 7, 0.25),
+        6: (pytest.approx(0.6 + 0.5 * 0.7), 8, 0.25),
+        7: (pytest.approx(0.7 + 0.5 * 0.8), None, 0.0),
+        8: (pytest.approx(0.8), None, 0.0),
+    }
 
 
 def test_all_steps_have_the_same_chance():
@@ -142,12 +185,23 @@ def _sample(replay: ReplayBuffer, count: int = 100, seed: int = 0) -> Transition
     return replay.sample(count, torch.Generator().manual_seed(seed))
 
 
+def _returns(replay: ReplayBuffer) -> dict[int, tuple[float, int | None, float]]:
+    """Return, number of the observation after it (None if none) and its weight, by step."""
+    batch = _sample(replay)
+    before, after = _numbers(batch.before.frames), _numbers(batch.after.frames)
+    rows = zip(before, batch.returns.tolist(), after, batch.discounts.tolist(), strict=True)
+    return {
+        int(step): (total, int(then) if weight else None, weight)
+        for step, total, then, weight in rows
+    }
+
+
 def _numbers(frames: torch.Tensor) -> np.ndarray:
     return frames[:, 0, 0, 0].numpy().astype(np.int64)
 
 
 def _drawn(replay: ReplayBuffer) -> set[tuple[int, int, float]]:
-    """Number of the step, of the one after it, and whether it goes on, of all that is drawn."""
+    """Number of the step, of the one after it, and the weight of its value, of all drawn."""
     batch = _sample(replay)
     before, after = _numbers(batch.before.frames), _numbers(batch.after.frames)
-    return set(zip(before.tolist(), after.tolist(), batch.goes_on.tolist(), strict=True))
+    return set(zip(before.tolist(), after.tolist(), batch.discounts.tolist(), strict=True))

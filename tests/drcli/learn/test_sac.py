@@ -28,7 +28,7 @@ def test_targets_equal_two_steps_worked_by_hand():
     sac = SAC(_agent(), replace(SMALL, discount_factor=0.5, sac_alpha=0.1), CPU)
     sac.model.actor = _Constant(torch.zeros(2, 4))
     sac.model.targets = _Constant(torch.tensor([[3.0, 7.0], [4.0, 2.0]]))
-    batch = _transitions(rewards=[1.0, 2.0], goes_on=[1.0, 0.0])
+    batch = _transitions(returns=[1.0, 2.0], discounts=[0.5, 0.0])
 
     target = sac._target(sac.model, batch, torch.zeros(2, 2), sac.alpha())
 
@@ -77,6 +77,77 @@ def test_a_fixed_temperature_is_the_one_that_was_set_whatever_a_checkpoint_says(
     stats = sac.update(_rollout(), seed=1)
 
     assert stats[-1].alpha == pytest.approx(0.2)
+
+
+def test_a_fixed_temperature_is_compared_with_returns_in_reward():
+    sac = SAC(_agent(), replace(SMALL, sac_alpha=0.2, sac_learning_starts=1_000), CPU)
+
+    # Twenty returns of 8 without a future: a unit is a fifth of them, 1.6.
+    sac.config = replace(sac.config, discount_factor=0.0)
+    sac.update(replace(_rollout(), rewards=np.full(20, 8.0)), seed=1)
+
+    assert sac.model.returns.scale.item() == pytest.approx(1.6)
+    assert sac.alpha().item() == pytest.approx(0.2 / 1.6)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e4])
+def test_rewards_times_a_constant_train_to_the_same_byte_if_the_temperature_is_learned(factor):
+    agents = []
+    for scale in (1.0, factor):
+        sac = SAC(_agent(), replace(SMALL, sac_auto_alpha=True, sac_alpha=0.02), CPU)
+        for seed in range(2):
+            rollout = _rollout(seed=seed)
+            sac.update(replace(rollout, rewards=scale * rollout.rewards.astype(float)), seed=seed)
+        agents.append(sac.model)
+
+    one, other = (
+        {n: t for n, t in agent.state_dict().items() if not n.startswith("returns.")}
+        for agent in agents
+    )
+    assert [name for name in one if not torch.equal(one[name], other[name])] == []
+
+
+def test_new_units_leave_what_critics_and_temperature_are_worth_as_they_are():
+    sac = SAC(_agent(), replace(SMALL, sac_auto_alpha=True), CPU)
+    sac.update(_rollout(), seed=1)
+    frames = np.random.default_rng(0).integers(0, 255, (8, 1, 120, 160), dtype=np.uint8)
+    model, before = sac.model, _drive(sac.model, frames).values
+    worth = model.returns(sac.alpha())
+    target = model.returns(model.targets(torch.ones(1, 256), torch.zeros(1, 2)))
+
+    model.follow_returns(torch.full((3,), 700.0).double(), torch.zeros(3).double())
+
+    np.testing.assert_allclose(_drive(model, frames).values, before, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(model.returns(sac.alpha()), worth, rtol=1e-5, atol=0.0)
+    again = model.returns(model.targets(torch.ones(1, 256), torch.zeros(1, 2)))
+    torch.testing.assert_close(again, target, rtol=1e-4, atol=1e-5)
+
+
+def test_a_checkpoint_of_version_0_1_0_says_what_it_said_and_learns_on():
+    sac = SAC(_agent(), SMALL, CPU)
+    sac.update(_rollout(), seed=1)
+    old = {n: t for n, t in sac.model.state_dict().items() if not n.startswith("returns.")}
+    frames = np.random.default_rng(0).integers(0, 255, (8, 1, 120, 160), dtype=np.uint8)
+    units = _drive(sac.model, frames).values / sac.model.returns.scale.item()
+
+    again = SAC(SACAgent(SPEC), SMALL, CPU)
+    again.model.load_state_dict(old)
+
+    np.testing.assert_allclose(_drive(again.model, frames).values, units, rtol=1e-6)
+    again.update(_rollout(seed=5), seed=2)
+    assert again.model.returns.weight > 0.0
+
+
+def test_a_return_that_is_infinite_ends_the_update_before_anything_is_learned_or_kept():
+    sac = SAC(_agent(), SMALL, CPU)
+    rewards = np.full(20, 1.0)
+    rewards[3] = np.inf
+
+    with pytest.raises(NonFiniteLossError, match="infinite"):
+        sac.update(replace(_rollout(), rewards=rewards), seed=1)
+
+    assert _same(sac.model, _agent())
+    assert sac.replay.steps == 0
 
 
 def test_the_target_critics_follow_by_tau():
@@ -145,6 +216,7 @@ def test_on_a_single_picture_the_agent_learns_which_action_pays():
         ({"sac_auto_alpha": True}, False),
         ({"huber": True}, False),
         ({"sac_tau": 0.5}, False),
+        ({"sac_n_step": 1}, False),
         ({"sac_updates_per_step": 0.2}, False),
         ({"sac_learning_starts": 30}, False),
         ({"sac_replay_steps": 15}, False),
@@ -295,10 +367,11 @@ def _rollout(
     )
 
 
-def _transitions(rewards: list[float], goes_on: list[float]) -> Transitions:
-    n = len(rewards)
+def _transitions(returns: list[float], discounts: list[float]) -> Transitions:
+    n = len(returns)
     seen = camera_only(torch.zeros((n, 1, 120, 160), dtype=torch.uint8))
-    return Transitions(seen, torch.zeros(n, 2), torch.tensor(rewards), seen, torch.tensor(goes_on))
+    total = torch.tensor(returns, dtype=torch.float64)
+    return Transitions(seen, torch.zeros(n, 2), total, seen, torch.tensor(discounts))
 
 
 def _learned(config: SACConfig) -> torch.Tensor:

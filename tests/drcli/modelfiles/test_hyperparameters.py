@@ -270,6 +270,9 @@ def test_keys_of_our_own_are_copied_only_where_they_change_something():
         ('"lr_schedule": "cosine"', "is not one of constant, linear"),
         ('"critic": true', "is not one of camera, state"),
         ('"sac_tau": "0.01"', "is not a number"),
+        ('"sac_n_step": 0', "is below 1"),
+        ('"sac_n_step": 101', "is above 100"),
+        ('"sac_n_step": 2.5', "is not a whole number"),
     ],
 )
 def test_a_wrong_value_of_our_own_keys_is_refused(line, problem):

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from dataclasses import asdict, fields
+from pathlib import Path
 
 import pytest
 import torch
@@ -22,6 +23,7 @@ from drcli.workers.restore_learner import restore_optimizer
 from drsim.episode.privileged_features import PRIVILEGED_DIMS
 
 RANGES = {"steering_angle": {"low": -30, "high": 30}, "speed": {"low": 1, "high": 2}}
+SAC_PRESET = Path(__file__).resolve().parents[3] / "defaults" / "presets" / "sac"
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 
 
@@ -46,6 +48,21 @@ def test_a_critic_that_sees_the_state_expects_what_the_simulation_tells():
     assert STATE_DIMS == PRIVILEGED_DIMS
     assert policy_spec(metadata(), Hyperparameters(critic="state")).state_dims == STATE_DIMS
     assert policy_spec(metadata(), Hyperparameters()).state_dims == 0
+
+
+def test_the_template_of_sac_is_taken_without_a_warning_and_says_what_it_relies_on():  # 000-15
+    parameters = Hyperparameters.from_bytes((SAC_PRESET / "hyperparameters.json").read_bytes())
+    read = ModelMetadata.from_bytes((SAC_PRESET / "model_metadata.json").read_bytes())
+
+    assert (parameters.problems, read.problems) == ((), ())
+    assert parameters.conflict("sac", continuous=read.action_space.continuous) is None
+    assert policy_spec(read, parameters).state_dims == STATE_DIMS
+    config = algorithm_config(SACConfig, parameters)
+    assert config.sac_auto_alpha
+    # Written in the file, although these are what is used without them: a racer can see and change
+    # them there.
+    for name in ("sac_n_step", "sac_tau", "sac_replay_steps", "sac_learning_starts"):
+        assert getattr(parameters, name) == getattr(SACConfig(), name)
 
 
 def test_the_algorithm_is_the_one_of_the_metadata():
@@ -105,6 +122,7 @@ def test_every_hyperparameter_of_ppo_reaches_the_learner(setting):
         {"sac_alpha": 0.1},
         {"sac_auto_alpha": True},
         {"sac_tau": 0.5},
+        {"sac_n_step": 3},
         {"sac_updates_per_step": 2.0},
         {"sac_replay_steps": 5_000},
         {"sac_learning_starts": 7},
