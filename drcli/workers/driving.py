@@ -38,6 +38,9 @@ class Plan:
         start_fraction: Where on the lap it starts, 0 to 1.
         reverse: Whether it drives against the direction of the simulation's track.
         racer: Index of the racer that drives it.
+        offset_m: How far to the left of the centre line it starts.
+        angle_deg: How far the car is turned to the left at its start.
+        world: Episodes with the same number here have the same seed; None for its own number.
     """
 
     number: int
@@ -45,6 +48,9 @@ class Plan:
     start_fraction: float
     reverse: bool = False
     racer: int = 0
+    offset_m: float = 0.0
+    angle_deg: float = 0.0
+    world: int | None = None
 
     def seed(self, run: int) -> int:
         """Seed of everything random in the episode's world.
@@ -52,7 +58,8 @@ class Plan:
         All racers of a race have the same seed. An evaluation episode has the same seed for every
         checkpoint, so that checkpoints can be compared.
         """
-        words = [run, self.number, int(self.phase == "evaluation")]
+        number = self.number if self.world is None else self.world
+        words = [run, number, int(self.phase == "evaluation")]
         return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
 
 
@@ -227,12 +234,15 @@ class Driver:
         plans = [waiting.popleft() for _ in free[: len(waiting)]]
         if not plans:
             return
+        moved = any(plan.offset_m or plan.angle_deg for plan in plans)
         with print_limit.limited_prints():
             first = self._simulation.reset(
                 np.array(free[: len(plans)]),
                 np.array([plan.start_fraction for plan in plans]),
                 reverse=np.array([plan.reverse for plan in plans]),
                 seeds=np.array([plan.seed(self._seed) for plan in plans], np.uint64),
+                offset_m=np.array([plan.offset_m for plan in plans]) if moved else None,
+                angle_deg=np.array([plan.angle_deg for plan in plans]) if moved else None,
             )
         for car, plan in zip(free, plans, strict=False):
             seats[car] = _Seat(car, plan, self._racers[plan.racer], self._seed, first)
