@@ -36,6 +36,11 @@ WORKER_NAMES = (
     "DR_CAMERA_MAIN_ENABLE",
     "DR_CAMERA_SUB_ENABLE",
     "DR_ENABLE_EXTRA_KVS_OVERLAY",
+    "DR_CAR_STEERING_LEFT",
+    "DR_CAR_STEERING_RIGHT",
+    "DR_CAR_STEERING_TRIM",
+    "DR_CAR_MAX_SPEED",
+    "DR_CAR_BATTERY",
 )
 """Settings that worker-N.env may change, besides all that begin with one of the following."""
 

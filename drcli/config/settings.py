@@ -16,7 +16,7 @@ from drcli.config.groups.race import (
     RaceSettings,
     TrainSettings,
 )
-from drcli.config.groups.realism import RealismSettings
+from drcli.config.groups.realism import OwnCarSettings, RealismSettings
 from drcli.config.groups.storage import BucketSettings, KeySettings
 from drcli.config.groups.system import (
     ContainerSettings,
@@ -171,7 +171,13 @@ class PlacedSettings(FrozenGroups):
 
 
 class RaceConfig(
-    PlacedSettings, RaceSettings, EpisodeSettings, ObstacleSettings, BotSettings, RealismSettings
+    PlacedSettings,
+    RaceSettings,
+    EpisodeSettings,
+    ObstacleSettings,
+    BotSettings,
+    RealismSettings,
+    OwnCarSettings,
 ):
     """What one simulation worker drives: track, race, starts of episodes, sim-to-real extras."""
 
@@ -274,6 +280,7 @@ class Settings(
     ScreenSettings,
     ContainerSettings,
     RealismSettings,
+    OwnCarSettings,
     OpponentSettings,
     BotSettings,
     ObstacleSettings,

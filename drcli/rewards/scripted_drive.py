@@ -18,9 +18,8 @@ from drcli.rewards.drivers import (
     Navigator,
     ScriptedDriver,
 )
-from drcli.workers.build_race import load_race, load_world, race_of
+from drcli.workers.build_race import car_parameters_of, load_race, load_world, race_of
 from drsim.car.car import CONTROL_HZ, CarParameters
-from drsim.car.car_sets import car_of
 from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import RewardFunction, RewardParams
 from drsim.episode.simulation import Simulation
@@ -117,7 +116,7 @@ def drive(config: RaceConfig) -> Drive:
         track,
         race,
         drivers,
-        car_of(config.sim_car),
+        car_parameters_of(config),
         start=config.train_start_position_offset,
         reverse=config.train_reverse_direction,
     )

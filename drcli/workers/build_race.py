@@ -14,7 +14,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.workers import print_limit
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
-from drsim.car.car import CONTROL_HZ, MIN_SPEED_MPS
+from drsim.car.car import CONTROL_HZ, MIN_SPEED_MPS, CarParameters
 from drsim.car.car_sets import car_of
 from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules
@@ -120,6 +120,23 @@ def realism_of(config: RaceConfig, job: Literal["training", "evaluation"]) -> Re
         latency_jitter_s=config.sim_latency_jitter,
         friction=config.sim_friction,
         mass=config.sim_mass,
+        glare=config.sim_glare,
+        reflections=config.sim_reflections,
+        battery=config.sim_battery,
+        steering_trim_deg=config.sim_steering_trim,
+        steering_lock=config.sim_steering_lock,
+    )
+
+
+def car_parameters_of(config: RaceConfig) -> CarParameters:
+    """How the car drives: as DR_SIM_CAR says, with the properties of the racer's own car."""
+    return replace(
+        car_of(config.sim_car),
+        steering_left_deg=config.car_steering_left,
+        steering_right_deg=config.car_steering_right,
+        steering_trim_deg=config.car_steering_trim,
+        max_speed_mps=config.car_max_speed,
+        battery=config.car_battery,
     )
 
 
@@ -141,8 +158,9 @@ def build_simulation(
     rules: EpisodeRules,
     num_threads: int,
     seed: int,
+    longest_latency_s: float = 0.0,
 ) -> Simulation:
-    """The simulation of a worker.
+    """The simulation of a worker. `longest_latency_s` is that of conditions given to its `reset`.
 
     Raises:
         ProblemsError: There is no room for that many obstacles or bots (V-07).
@@ -154,11 +172,12 @@ def build_simulation(
         rules=rules,
         num_threads=num_threads,
         seed=seed,
-        car_parameters=car_of(config.sim_car),
+        car_parameters=car_parameters_of(config),
         race=load_race(config, track),
         sensors=sensors_of_model(metadata),
         realism=realism_of(config, job),
         randomize=randomize_of(config),
+        longest_latency_s=longest_latency_s,
     )
 
 

@@ -3,6 +3,7 @@
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ, CarBatch, CarParameters
 from drsim.car.car_sets import CAR_SETS, DEFAULT_CAR, CarSet
+from drsim.car.conditions import Conditions
 from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import (
@@ -33,6 +34,7 @@ __all__ = [
     "CarBatch",
     "CarParameters",
     "CarSet",
+    "Conditions",
     "ContinuousActions",
     "DiscreteActions",
     "EpisodeRules",

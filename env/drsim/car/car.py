@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -49,11 +49,21 @@ WHEELBASE_M = _FRONT_X - _REAR_X
 REAR_AXLE_BEHIND_M = REFERENCE_POINT_AHEAD_M - _REAR_X
 """How far behind the reference point the rear axle lies."""
 
+MOST_LOCK_DEG = 60.0
+"""Greatest angle that wheels of a car of one's own can be said to turn to."""
+
 _MAY_BE_ZERO = ("steering_lag_s", "steering_delay_s", "speed_delay_s", "speed_lag_s")
+_MAY_BE_NEGATIVE = ("steering_trim_deg",)
 
 _SETTLE_STEPS = 30
 
-_VARIED = ("pair_friction", "body_mass", "body_inertia", "actuator_delay")
+_VARIED = (
+    "pair_friction",
+    "body_mass",
+    "body_inertia",
+    "actuator_delay",
+    "actuator_forcerange",
+)
 """Arrays of the model in which cars may differ from each other."""
 
 _BOUND = ("_batch", "_qpos", "_qvel", "_ctrl")
@@ -102,13 +112,35 @@ class CarParameters:
     """Ceiling of the wheel joints: 4 m/s asks for 114 rad/s, so about 3.6 m/s is the fastest."""
     substeps: int = 7
     """Physics steps in one control step, 9.5 ms each. With 20, errors are 2 mm smaller."""
+    steering_left_deg: float = MAX_STEERING_DEG
+    """Where the wheels of this car stand when the greatest angle to the left is requested; smaller
+    requests are scaled with it."""
+    steering_right_deg: float = MAX_STEERING_DEG
+    """The same to the right."""
+    steering_trim_deg: float = 0.0
+    """Where the wheels stand when they should stand straight, left positive."""
+    battery: float = 1.0
+    """Motor strength: factor on the wheel speed that a request reaches, and on the torque."""
+    max_speed_mps: float = MAX_SPEED_MPS
+    """Requests for a higher speed count as requests for this one."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for a number that no car can have."""
         for name, value in vars(self).items():
+            if name in _MAY_BE_NEGATIVE:
+                continue
             if not 0.0 <= value < math.inf or (value == 0.0 and name not in _MAY_BE_ZERO):
                 least = "0 or more" if name in _MAY_BE_ZERO else "more than 0"
                 raise ValueError(f"{name} is {value}; it must be {least}.")
+        for name in ("steering_left_deg", "steering_right_deg", "steering_trim_deg"):
+            value = getattr(self, name)
+            if not abs(value) <= MOST_LOCK_DEG:
+                raise ValueError(f"{name} is {value}; it must be at most {MOST_LOCK_DEG:g}.")
+        if self.max_speed_mps <= MIN_SPEED_MPS:
+            raise ValueError(
+                f"max_speed_mps is {self.max_speed_mps}; it must be more than {MIN_SPEED_MPS}, the "
+                "least speed of a car."
+            )
         if self.tyre_impedance >= 1.0:
             raise ValueError(f"tyre_impedance is {self.tyre_impedance}; it must be less than 1.")
         if self.substeps != int(self.substeps):
@@ -136,7 +168,8 @@ def car_model(
         else:
             actuator.gainprm[0] = p.wheel_damping
             actuator.biasprm[2] = -p.wheel_damping
-            actuator.forcerange[:] = -p.wheel_torque, p.wheel_torque
+            torque = p.wheel_torque * p.battery
+            actuator.forcerange[:] = -torque, torque
             if p.speed_lag_s > 0.0:
                 actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
                 actuator.dynprm[0] = p.speed_lag_s
@@ -147,18 +180,64 @@ def car_model(
     return spec.compile()
 
 
+class Variation(NamedTuple):
+    """How n cars differ from their parameters; each of shape (n,).
+
+    Attributes:
+        friction: Factor on the grip of the wheels.
+        mass: Factor on mass and inertia of every part.
+        battery: Factor on wheel speed and torque.
+        latency_s: Requests act this much later, seconds.
+        steering_trim_deg: Wheels stand this much further to the left than requested.
+        steering_left: Factor on angles to the left.
+        steering_right: Factor on angles to the right.
+    """
+
+    friction: Floats
+    mass: Floats
+    battery: Floats
+    latency_s: Floats
+    steering_trim_deg: Floats
+    steering_left: Floats
+    steering_right: Floats
+
+
+def no_variation(num_cars: int) -> Variation:
+    """Cars as their parameters say."""
+    factors = [np.ones(num_cars) for _ in range(7)]
+    return Variation(*factors)._replace(
+        latency_s=np.zeros(num_cars), steering_trim_deg=np.zeros(num_cars)
+    )
+
+
 def motor_commands(
-    steering_deg: Floats, speed_mps: Floats, parameters: CarParameters
+    steering_deg: Floats,
+    speed_mps: Floats,
+    parameters: CarParameters,
+    variation: Variation | None = None,
 ) -> tuple[Floats, Floats]:
     """Steering angles in radians and wheel speeds in rad/s for the motors, each of shape (n,).
 
-    Requests (left positive, shape (n,)) are clipped to the limits of the car.
+    Requests (left positive, shape (n,)) are clipped to the limits of every car, then they become
+    what they are on these cars.
     """
+    p = parameters
     # Not np.clip, which takes three times as long for a few cars.
     angle_deg = np.minimum(np.maximum(steering_deg, -MAX_STEERING_DEG), MAX_STEERING_DEG)
-    speed_mps = np.minimum(np.maximum(speed_mps, MIN_SPEED_MPS), MAX_SPEED_MPS)
-    wheel_rad_s = speed_mps / COMMAND_RADIUS_M * parameters.speed_scale
-    return np.radians(angle_deg), np.minimum(wheel_rad_s, parameters.max_wheel_rad_s)
+    speed_mps = np.minimum(
+        np.maximum(speed_mps, MIN_SPEED_MPS), min(p.max_speed_mps, MAX_SPEED_MPS)
+    )
+    wheel_rad_s = np.minimum(speed_mps / COMMAND_RADIUS_M * p.speed_scale, p.max_wheel_rad_s)
+    wheel_rad_s = wheel_rad_s * p.battery
+    left, right = p.steering_left_deg / MAX_STEERING_DEG, p.steering_right_deg / MAX_STEERING_DEG
+    if variation is not None:
+        v = variation
+        wheel_rad_s = wheel_rad_s * v.battery
+        factors = np.where(angle_deg > 0.0, left * v.steering_left, right * v.steering_right)
+        angle_deg = angle_deg * factors + (p.steering_trim_deg + v.steering_trim_deg)
+    elif (left, right, p.steering_trim_deg) != (1.0, 1.0, 0.0):
+        angle_deg = angle_deg * np.where(angle_deg > 0.0, left, right) + p.steering_trim_deg
+    return np.radians(angle_deg), wheel_rad_s
 
 
 class CarBatch:
@@ -190,6 +269,7 @@ class CarBatch:
         `num_threads` step them, the caller's included; `longest_latency_s` is the largest latency
         that `vary` will get.
         """
+        self._variation: Variation | None = None
         self._parameters = parameters or CarParameters()
         self._longest_latency_s = longest_latency_s
         self._build(num_cars, num_threads)
@@ -243,19 +323,38 @@ class CarBatch:
         self._qvel: Floats = self._batch.bind("qvel")
         self._ctrl: Floats = self._batch.bind("ctrl")
 
-    def vary(self, cars: Ints, *, friction: Floats, mass: Floats, latency_s: Floats) -> None:
-        """Change cars from the calibrated one until the next call. Call it before `place`.
+    def vary(self, cars: Ints, variation: Variation) -> None:
+        """Change cars, shape (k,), from their parameters until the next call for them.
 
-        All of shape (k,): `friction` is a factor on the grip of the wheels, `mass` one on mass and
-        inertia of every part. Requests act `latency_s` later.
+        Call it before `place`. `variation` is that of all cars, of shape (n,).
+
+        Raises:
+            ValueError: A latency is longer than `longest_latency_s`.
         """
-        model = self._batch.model
-        grip, weight = model.pair_friction, model.body_mass
-        self._batch.expand("pair_friction")[cars] = grip * friction[:, None, None]
-        self._batch.expand("body_mass")[cars] = weight * mass[:, None]
-        self._batch.expand("body_inertia")[cars] = model.body_inertia * mass[:, None, None]
-        self._batch.expand("actuator_delay")[cars] = model.actuator_delay + latency_s[:, None]
-        self._batch.set_const(cars)
+        v = Variation(*(values[cars] for values in variation))
+        longest_s = float(v.latency_s.max(initial=0.0))
+        if longest_s > self._longest_latency_s + 1e-9:
+            raise ValueError(
+                f"A latency of {longest_s:g} s is longer than longest_latency_s, "
+                f"{self._longest_latency_s:g} s, for which these cars were built."
+            )
+        if self._variation is None:
+            self._variation = no_variation(len(self.speed))
+        for mine, values in zip(self._variation, v, strict=True):
+            mine[cars] = values
+        batch, model = self._batch, self._batch.model
+        if _is_other(v.friction, 1.0) or batch.expanded("pair_friction") is not None:
+            batch.expand("pair_friction")[cars] = model.pair_friction * v.friction[:, None, None]
+        if _is_other(v.mass, 1.0) or batch.expanded("body_mass") is not None:
+            batch.expand("body_mass")[cars] = model.body_mass * v.mass[:, None]
+            batch.expand("body_inertia")[cars] = model.body_inertia * v.mass[:, None, None]
+            batch.set_const(cars)
+        if _is_other(v.latency_s, 0.0) or batch.expanded("actuator_delay") is not None:
+            batch.expand("actuator_delay")[cars] = model.actuator_delay + v.latency_s[:, None]
+        if _is_other(v.battery, 1.0) or batch.expanded("actuator_forcerange") is not None:
+            torque = np.repeat(model.actuator_forcerange[None], len(cars), axis=0)
+            torque[:, 2:] *= v.battery[:, None, None]  # the first two motors steer
+            batch.expand("actuator_forcerange")[cars] = torque
 
     def place(self, cars: Ints, poses: Floats) -> None:
         """Put cars, shape (k,), on the ground: at rest, wheels straight, no request under way.
@@ -282,7 +381,9 @@ class CarBatch:
         Requested wheel angles, left positive, are clipped to +-30 degrees, requested speeds to
         0.1 .. 4 m/s: a car cannot stop. Shape (n,) each.
         """
-        steering_rad, wheel_rad_s = motor_commands(steering_deg, speed_mps, self._parameters)
+        steering_rad, wheel_rad_s = motor_commands(
+            steering_deg, speed_mps, self._parameters, self._variation
+        )
         self._ctrl[:, :2] = steering_rad[:, None]
         self._ctrl[:, 2:] = wheel_rad_s[:, None]
         ids = None if moving is None or moving.all() else np.flatnonzero(moving)
@@ -293,6 +394,10 @@ class CarBatch:
     def _refresh(self) -> None:
         # Poses come from the state itself: the engine's own derived fields are one substep old.
         _poses_of(self._qpos, self._qvel, FRONT.mount_m, FRONT.pitch_rad, self._motion)
+
+
+def _is_other(values: Floats, usual: float) -> bool:
+    return bool((values != usual).any())
 
 
 def _rest_pose(model: mujoco.MjModel) -> tuple[float, float]:

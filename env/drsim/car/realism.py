@@ -1,21 +1,23 @@
-"""Sim-to-real extras: noise, delays and other differences of real cars, drawn for each episode.
+"""Sim-to-real extras: how far episodes may differ from the nominal car and camera.
 
-Everything is off by default. The same seed disturbs an episode in the same way.
+Everything is off by default. The same seed disturbs an episode in the same way, and each part has
+a random stream of its own: to switch one on, or to change its range, changes no other.
 """
 
 import math
+import zlib
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drsim.arrays import Floats, Ints, Seeds, Singles
-from drsim.jit import kernel
+from drsim.arrays import Floats
+from drsim.car.conditions import MOST_TRIM_DEG, Conditions
 
-Frames = NDArray[np.uint8]
+_SHARES = ("brightness", "friction", "mass", "battery", "steering_lock")
+"""Factors are drawn from 1 +- these, and must stay above 0."""
 
-_WIDEST_BLUR = 12
-"""Most pixels on either side that a blur reaches."""
+Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,13 @@ class Realism:
         latency_jitter_s: And later still by up to this much, drawn once per episode.
         friction: Grip of the wheels is multiplied by 1 +- up to this share.
         mass: Mass and inertia are multiplied by 1 +- up to this share.
+        battery: Motor strength (speed reached and torque) is multiplied by 1 +- up to this share.
+        steering_trim_deg: The wheels stand up to this angle to the left or right of the requested
+            one.
+        steering_lock: How far the wheels turn to the left, and to the right, is multiplied by
+            1 +- up to this share, drawn for each side.
+        glare: A lamp beyond the walls shines into the lens, up to this strongly, 0 .. 1.
+        reflections: The floor mirrors lamps above the track, up to this strongly, 0 .. 1.
     """
 
     image_noise: float = 0.0
@@ -43,168 +52,96 @@ class Realism:
     latency_jitter_s: float = 0.0
     friction: float = 0.0
     mass: float = 0.0
+    battery: float = 0.0
+    steering_trim_deg: float = 0.0
+    steering_lock: float = 0.0
+    glare: float = 0.0
+    reflections: float = 0.0
 
     def __post_init__(self) -> None:
-        """Raise ValueError for a value that is negative, not finite, or takes all light or grip."""
+        """Raise ValueError for a value that is negative, not finite, or more than can be."""
         for name, value in vars(self).items():
-            if not 0.0 <= value < np.inf:
+            if not 0.0 <= value < math.inf:
                 raise ValueError(f"{name} is {value}; it must be 0 or more.")
-        for name in ("brightness", "friction", "mass"):
+        for name in _SHARES:
             if getattr(self, name) >= 1.0:
                 raise ValueError(f"{name} is {getattr(self, name)}; it must be less than 1.")
-
-    @property
-    def spoils_frames(self) -> bool:
-        """Frames are changed after they were rendered."""
-        return self.image_noise > 0 or self.brightness > 0 or self.blur_px > 0
-
-    @property
-    def moves_camera(self) -> bool:
-        """The lens is not exactly where it should be."""
-        return self.camera_angle_deg > 0 or self.camera_shift_m > 0
-
-    @property
-    def changes_car(self) -> bool:
-        """Cars drive differently from the calibrated one."""
-        return self.friction > 0 or self.mass > 0 or self.longest_latency_s > 0
+        for name in ("glare", "reflections"):
+            if getattr(self, name) > 1.0:
+                raise ValueError(f"{name} is {getattr(self, name)}; it must be at most 1.")
+        if self.steering_trim_deg > MOST_TRIM_DEG:
+            raise ValueError(
+                f"steering_trim_deg is {self.steering_trim_deg}; it must be at most "
+                f"{MOST_TRIM_DEG:g}."
+            )
 
     @property
     def longest_latency_s(self) -> float:
         """Longest delay of an action, seconds."""
         return self.latency_s + self.latency_jitter_s
 
+    def draw(self, seed: int, racer: int = 0) -> Conditions:
+        """The conditions of the episode with this seed, for one of the racers that share a track.
 
-class Disturbances:
-    """The random differences of the running episodes of n cars.
-
-    Attributes:
-        friction: Factor on the grip of the wheels. Shape (n,).
-        mass: Factor on mass and inertia. Shape (n,).
-        latency_s: How much later actions act, seconds. Shape (n,).
-    """
-
-    def __init__(self, num_cars: int, realism: Realism) -> None:
-        """Begin with nominal cars and cameras."""
-        self.realism = realism
-        self.friction: Floats = np.ones(num_cars)
-        self.mass: Floats = np.ones(num_cars)
-        self.latency_s: Floats = np.zeros(num_cars)
-        self._brightness: Floats = np.ones(num_cars)
-        self._blur_px: Floats = np.zeros(num_cars)
-        self._turn: Floats = np.tile(np.eye(3), (num_cars, 1, 1))
-        self._shift_m: Floats = np.zeros((num_cars, 3))
-        self._noise_key: Seeds = np.zeros(num_cars, np.uint64)
-
-    def draw(self, car: int, random: np.random.Generator) -> None:
-        """Draw for a new episode of a car; the same count of random numbers each time."""
-        r = self.realism
-        either_way = random.uniform(-1.0, 1.0, 9)
-        upwards = random.random(2)
-        self.friction[car] = 1.0 + r.friction * either_way[0]
-        self.mass[car] = 1.0 + r.mass * either_way[1]
-        self._brightness[car] = 1.0 + r.brightness * either_way[2]
-        self._turn[car] = _rotation(np.radians(r.camera_angle_deg) * either_way[3:6])
-        self._shift_m[car] = r.camera_shift_m * either_way[6:9]
-        self.latency_s[car] = r.latency_s + r.latency_jitter_s * upwards[0]
-        self._blur_px[car] = r.blur_px * upwards[1]
-        self._noise_key[car] = random.integers(2**64, dtype=np.uint64)
-
-    def lenses(self, lens_pos: Floats, lens_mat: Floats) -> tuple[Floats, Floats]:
-        """Where the lenses of all cars are, given where they should be; as in `CarBatch`."""
-        if not self.realism.moves_camera:
-            return lens_pos, lens_mat
-        shifted = lens_pos + np.einsum("nij,nj->ni", lens_mat, self._shift_m)
-        return shifted, lens_mat @ self._turn
-
-    def next_frames(self, cars: Ints) -> None:
-        """Give the next frames of cars new noise. Shape (k,)."""
-        self._noise_key[cars] += np.uint64(1)
-
-    def spoil(self, frames: Frames, cars: slice) -> None:
-        """Blur, brighten and add noise to frames of some cars in place, without the GIL.
-
-        `frames` are those of all cars. Shape (n, eyes, rows, columns).
+        Args:
+            seed: Seed of the episode, 0 .. 2**64 - 1.
+            racer: Position of the car among those that race together.
         """
-        _spoil(
-            frames[cars],
-            self._brightness[cars],
-            self._blur_px[cars],
-            self.realism.image_noise,
-            self._noise_key[cars],
+        streams = _Streams(seed, racer)
+        return Conditions(
+            image_noise=self.image_noise,
+            brightness=streams.factor("brightness", self.brightness),
+            blur_px=streams.share("blur", self.blur_px),
+            glare=streams.share("glare", self.glare),
+            reflections=streams.share("reflections", self.reflections),
+            camera_turn_deg=streams.triple("camera angle", self.camera_angle_deg),
+            camera_shift_m=streams.triple("camera shift", self.camera_shift_m),
+            latency_s=self.latency_s + streams.share("latency", self.latency_jitter_s),
+            friction=streams.factor("friction", self.friction),
+            mass=streams.factor("mass", self.mass),
+            battery=streams.factor("battery", self.battery),
+            steering_trim_deg=streams.either_way("steering trim", self.steering_trim_deg),
+            steering_left=streams.factor("steering left", self.steering_lock),
+            steering_right=streams.factor("steering right", self.steering_lock),
+            pattern=streams.pattern() if self._has_pattern else 0,
         )
 
-
-def _rotation(angles_rad: Floats) -> Floats:
-    """Rotation by roll, pitch and yaw about forward, left and up. Shape (3, 3)."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(angles_rad), np.sin(angles_rad)
-    roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-    pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    rotation: Floats = yaw @ pitch @ roll
-    return rotation
+    @property
+    def _has_pattern(self) -> bool:
+        return self.image_noise > 0 or self.glare > 0 or self.reflections > 0
 
 
-@kernel
-def _spoil(
-    frames: Frames,
-    brightness: Floats,
-    blur_px: Floats,
-    noise: float,
-    noise_key: Seeds,
-) -> None:
-    cars, eyes, rows, columns = frames.shape
-    picture = np.empty((rows, columns), np.float32)
-    for car in range(cars):
-        for eye in range(eyes):
-            frame = frames[car, eye]
-            for row in range(rows):
-                for column in range(columns):
-                    picture[row, column] = frame[row, column] * brightness[car]
-            if blur_px[car] > 0.05:
-                _blur(picture, blur_px[car])
-            state = noise_key[car] * np.uint64(2) + np.uint64(eye)
-            for row in range(rows):
-                for column in range(columns):
-                    grey = picture[row, column]
-                    if noise > 0:
-                        state += np.uint64(0x9E3779B97F4A7C15)
-                        grey += noise * _normal(state)
-                    frame[row, column] = np.uint8(min(max(grey + 0.5, 0.0), 255.0))
+class _Streams:
+    """A random stream for each disturbance of one episode, by its name; drawn only when needed."""
 
+    def __init__(self, seed: int, racer: int) -> None:
+        self._key = np.array([seed, racer], np.uint64)
 
-@kernel
-def _normal(state: int) -> float:
-    """A nearly normal number of variance 1: eight bytes of a hash (SplitMix64) summed."""
-    mixed = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    mixed ^= mixed >> np.uint64(31)
-    total = np.int64(0)
-    for byte in range(8):
-        total += np.int64((mixed >> np.uint64(8 * byte)) & np.uint64(255))
-    return (total - 1020.0) / 209.02153  # mean and deviation of eight even bytes
+    def share(self, name: str, most: float) -> float:
+        """0 up to `most`."""
+        return most * self._stream(name).random() if most > 0 else 0.0
 
+    def either_way(self, name: str, most: float) -> float:
+        """`-most` up to `most`."""
+        return self._stream(name).uniform(-most, most) if most > 0 else 0.0
 
-@kernel
-def _blur(picture: Singles, sigma_px: float) -> None:
-    """Gaussian blur, rows first, then columns; the edge is repeated outwards."""
-    rows, columns = picture.shape
-    reach = min(max(int(3.0 * sigma_px + 0.5), 1), _WIDEST_BLUR)
-    weights = np.empty(2 * reach + 1, np.float32)
-    for k in range(-reach, reach + 1):
-        weights[k + reach] = math.exp(-0.5 * (k / sigma_px) ** 2)
-    weights /= weights.sum()
-    line = np.empty(max(rows, columns), np.float32)
-    for row in range(rows):
-        line[:columns] = picture[row]
-        for column in range(columns):
-            total = np.float32(0.0)
-            for k in range(-reach, reach + 1):
-                total += weights[k + reach] * line[min(max(column + k, 0), columns - 1)]
-            picture[row, column] = total
-    for column in range(columns):
-        line[:rows] = picture[:, column]
-        for row in range(rows):
-            total = np.float32(0.0)
-            for k in range(-reach, reach + 1):
-                total += weights[k + reach] * line[min(max(row + k, 0), rows - 1)]
-            picture[row, column] = total
+    def factor(self, name: str, share: float) -> float:
+        """1 +- up to the share."""
+        return 1.0 + self.either_way(name, share)
+
+    def triple(self, name: str, most: float) -> Triple:
+        """Three numbers of `-most` up to `most`."""
+        if most == 0:
+            return 0.0, 0.0, 0.0
+        drawn: Floats = self._stream(name).uniform(-most, most, 3)
+        return cast(Triple, tuple(drawn.tolist()))
+
+    def pattern(self) -> int:
+        """A seed for noise and lamps."""
+        return int(self._stream("pattern").integers(2**64, dtype=np.uint64))
+
+    def _stream(self, name: str) -> np.random.Generator:
+        # Lights and colours have the stream of the same key whose counter begins at 0; the highest
+        # word of the counter keeps 2**192 numbers between any two streams.
+        counter = np.array([0, 0, 0, zlib.crc32(name.encode())], np.uint64)
+        return np.random.Generator(np.random.Philox(key=self._key, counter=counter))

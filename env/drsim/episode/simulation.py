@@ -6,7 +6,9 @@ import numpy as np
 
 from drsim.arrays import Bools, Bytes, Floats, Ints, Seeds, Singles
 from drsim.car.car import CONTROL_HZ, WHEELS_M, CarBatch, CarParameters
-from drsim.car.realism import Disturbances, Realism
+from drsim.car.conditions import Conditions
+from drsim.car.disturbances import Disturbances
+from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules, Episodes, Observed, Status
 from drsim.episode.params import Situation, params_of
 from drsim.episode.placing import JUMP_M, Placing, fraction_at, without_jump
@@ -55,6 +57,7 @@ class Simulation:
         sensors: Sensors | None = None,
         realism: Realism | None = None,
         randomize: Randomize = "nothing",
+        longest_latency_s: float = 0.0,
     ) -> None:
         """Build the cars and, unless given, the picture of the track.
 
@@ -73,6 +76,8 @@ class Simulation:
             sensors: What each car perceives; the front camera when left out.
             realism: Sim-to-real extras; none when left out.
             randomize: Lights and colours that change from episode to episode.
+            longest_latency_s: The longest latency of conditions that `reset` will get, if that is
+                longer than what `realism` draws.
 
         Raises:
             ValueError: The race does not fit on the track, or the number of cars not the race.
@@ -88,9 +93,11 @@ class Simulation:
         self._placing = Placing(self._tracks, self._backward)
         self._race = race
         self.traffic = None if race == TIME_TRIAL else Traffic(self._tracks, num_cars, race)
-        realism = realism or Realism()
-        self._disturbances = Disturbances(num_cars, realism)
-        self._draws = realism != Realism() or randomize != "nothing"
+        self._realism = realism or Realism()
+        self._disturbances = Disturbances(num_cars)
+        self._disturbs = self._realism != Realism()
+        self._varies_cars = False
+        self._randomizes = randomize != "nothing"
         self._observations = Observations(
             scene or build_scene(track),
             num_cars,
@@ -104,7 +111,10 @@ class Simulation:
         self.frames = self._observations.frames
         self.scans = self._observations.scans
         self._cars = CarBatch(
-            num_cars, num_threads, car_parameters, longest_latency_s=realism.longest_latency_s
+            num_cars,
+            num_threads,
+            car_parameters,
+            longest_latency_s=max(self._realism.longest_latency_s, longest_latency_s),
         )
         self._episodes = Episodes(num_cars, self.rules)
         self.unstable: Bools = np.zeros(num_cars, np.bool_)
@@ -128,6 +138,7 @@ class Simulation:
         seeds: Seeds | None = None,
         offset_m: Floats | None = None,
         angle_deg: Floats | None = None,
+        conditions: Conditions | Sequence[Conditions] | None = None,
     ) -> StepResult:
         """Begin episodes: put cars on the track at rest, for the `prepare` step.
 
@@ -143,9 +154,16 @@ class Simulation:
             offset_m: How far to the left of the centre line each car stands; less where its wheels
                 would leave the road. Only for cars that start on the centre line. Shape (k,).
             angle_deg: How far each is turned to the left of the driving direction. Shape (k,).
+            conditions: What the episodes are driven under, instead of what `realism` draws for
+                them: one for all, or k of them. They say nothing about traffic, nor about the
+                lights and colours that `randomize` draws.
 
         Returns:
             The first row of the episodes: status PREPARE, steps 1, reward 0.
+
+        Raises:
+            ValueError: There are not k conditions, or their latency is longer than the cars were
+                built for.
         """
         cars = np.asarray(cars, np.int64)
         start_fraction = np.asarray(start_fraction, np.float64)
@@ -153,8 +171,7 @@ class Simulation:
             start_fraction = start_fraction % 1.0
         self._backward[cars] = np.asarray(reverse, np.int64)
         seeds = self._episode_seeds(cars) if seeds is None else np.asarray(seeds, np.uint64)
-        if self._draws:
-            self._draw(cars, seeds)
+        self._draw(cars, seeds, conditions)
         self._place_at_start(cars, start_fraction, seeds)
         if offset_m is not None or angle_deg is not None:
             self._turn_aside(cars, start_fraction, offset_m, angle_deg)
@@ -252,7 +269,7 @@ class Simulation:
 
     def _episode_seeds(self, cars: Ints) -> Seeds:
         """A seed for the next episode of each car. Racers of one group meet the same traffic."""
-        if self.traffic is None and not self._draws:
+        if self.traffic is None and not (self._disturbs or self._randomizes):
             return np.zeros(len(cars), np.uint64)  # nothing is drawn
         groups = cars // self._race.racers
         seeds = [
@@ -264,18 +281,30 @@ class Simulation:
         self._episodes_begun[cars] += 1
         return np.array(seeds, np.uint64)
 
-    def _draw(self, cars: Ints, seeds: Seeds) -> None:
+    def _draw(
+        self, cars: Ints, seeds: Seeds, conditions: Conditions | Sequence[Conditions] | None
+    ) -> None:
         """Draw lights, colours, camera and car of new episodes."""
-        for car, seed in zip(cars.tolist(), seeds.tolist(), strict=True):
-            key = np.array([seed, car % self._race.racers], np.uint64)
-            random = np.random.Generator(np.random.Philox(key=key))
-            self._observations.draw(car, random)
-            self._disturbances.draw(car, random)
-        if self._disturbances.realism.changes_car:
-            d = self._disturbances
-            self._cars.vary(
-                cars, friction=d.friction[cars], mass=d.mass[cars], latency_s=d.latency_s[cars]
-            )
+        racers = cars % self._race.racers
+        if self._randomizes:
+            for car, *key in zip(cars.tolist(), seeds.tolist(), racers.tolist(), strict=True):
+                random = np.random.Generator(np.random.Philox(key=np.array(key, np.uint64)))
+                self._observations.draw(car, random)
+        if conditions is None and not self._disturbs:
+            return
+        if conditions is None:
+            keys = zip(seeds.tolist(), racers.tolist(), strict=True)
+            each = [self._realism.draw(seed, racer) for seed, racer in keys]
+        else:
+            each = [conditions] * len(cars) if isinstance(conditions, Conditions) else [*conditions]
+            if len(each) != len(cars):
+                raise ValueError(f"There are {len(each)} conditions for {len(cars)} episodes.")
+            self._disturbs = True  # the next episode must not keep these
+        for car, drawn in zip(cars.tolist(), each, strict=True):
+            self._disturbances.begin(car, drawn)
+        self._varies_cars = self._varies_cars or any(drawn.changes_car for drawn in each)
+        if self._varies_cars:
+            self._cars.vary(cars, self._disturbances.variation)
 
     def _place_at_start(self, cars: Ints, start_fraction: Floats, seeds: Seeds) -> None:
         if self.traffic is None:

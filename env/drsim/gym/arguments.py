@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drsim.arrays import Floats
+from drsim.car.conditions import Conditions
 
 
 def check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:
@@ -59,8 +60,20 @@ def start_of(
     """
     options = options or {}
     for name in options:
-        check_choice("An option of reset", name, ("start", "reverse"))
+        check_choice("An option of reset", name, ("start", "reverse", "conditions"))
     start = options.get("start", start)
     check_start(start)
     fractions = random.random(count) if start is None else np.full(count, float(start))
     return fractions, bool(options.get("reverse", reverse))
+
+
+def conditions_of(options: dict[str, Any] | None) -> Conditions | None:
+    """The conditions among the options of `reset`, if any.
+
+    Raises:
+        ValueError: They are something else than `Conditions`.
+    """
+    conditions = (options or {}).get("conditions")
+    if conditions is None or isinstance(conditions, Conditions):
+        return conditions
+    raise ValueError(f"conditions is {conditions!r}; it must be a drsim.Conditions.")

@@ -15,7 +15,13 @@ from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import RewardFunction, centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
-from drsim.gym.arguments import check_choice, check_start, checked_actions, start_of
+from drsim.gym.arguments import (
+    check_choice,
+    check_start,
+    checked_actions,
+    conditions_of,
+    start_of,
+)
 from drsim.gym.returned import Perceived, info_of, perceived
 from drsim.race.race import Race, race_of_name
 from drsim.sensing.observations import Randomize
@@ -104,6 +110,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
         reverse: bool = False,
         randomize: Randomize = "nothing",
         realism: Realism | None = None,
+        longest_latency_s: float = 0.0,
         car: CarParameters | str = DEFAULT_CAR,
         render_mode: str | None = None,
         view: str = "camera",
@@ -121,6 +128,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
             reverse: Drive against the direction of the track.
             randomize: "nothing", "lights" or "textures" that change from episode to episode.
             realism: Sim-to-real extras; none when left out.
+            longest_latency_s: The longest latency of conditions given to `reset`.
             car: Name of a set of car parameters (`drsim.CAR_SETS`), or parameters of your own.
             render_mode: "rgb_array", "human", or None for no pictures but the observations.
             view: "camera", "chase" or "top".
@@ -154,6 +162,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
             car_parameters=car_of(car),
             realism=realism,
             randomize=randomize,
+            longest_latency_s=longest_latency_s,
         )
         self._running = False
         self._viewer: Viewer | None = None
@@ -169,12 +178,19 @@ class RacerEnv(gym.Env[Perceived, Any]):
         """Begin an episode, and return what the car perceives and info.
 
         From `seed` comes everything random; None goes on with the generator as it is. `options` are
-        `start`, 0 .. 1, and `reverse`.
+        `start`, 0 .. 1, `reverse`, and `conditions`: `drsim.Conditions` of this episode instead of
+        what `realism` draws.
         """
         super().reset(seed=seed)
         fractions, reverse = start_of(self.np_random, 1, self._start, self._reverse, options)
         seeds = self.np_random.integers(2**64, size=1, dtype=np.uint64)
-        result = self._simulation.reset(np.array([0]), fractions, reverse=reverse, seeds=seeds)
+        result = self._simulation.reset(
+            np.array([0]),
+            fractions,
+            reverse=reverse,
+            seeds=seeds,
+            conditions=conditions_of(options),
+        )
         self._running = True
         if self._viewer is not None:
             self._viewer.cut()

@@ -18,7 +18,13 @@ from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import RewardFunction, centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
-from drsim.gym.arguments import check_choice, check_start, checked_actions, start_of
+from drsim.gym.arguments import (
+    check_choice,
+    check_start,
+    checked_actions,
+    conditions_of,
+    start_of,
+)
 from drsim.gym.returned import Perceived, info_of, perceived
 from drsim.race.race import Race, race_of_name
 from drsim.sensing.observations import Randomize
@@ -57,6 +63,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         reverse: bool = False,
         randomize: Randomize = "nothing",
         realism: Realism | None = None,
+        longest_latency_s: float = 0.0,
         car: CarParameters | str = DEFAULT_CAR,
         render_mode: str | None = None,
         view: str = "camera",
@@ -97,13 +104,17 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
             car_parameters=car_of(car),
             realism=realism,
             randomize=randomize,
+            longest_latency_s=longest_latency_s,
         )
         self._viewer: Viewer | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Perceived, dict[str, Any]]:
-        """Begin an episode in every car; arguments as in `RacerEnv.reset`."""
+        """Begin an episode in every car; arguments as in `RacerEnv.reset`.
+
+        Options count for these episodes, not for those that begin when they are over.
+        """
         super().reset(seed=seed)
         self._over[:] = False
         self._begun = True
@@ -160,4 +171,5 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
             np.repeat(fractions, self._race.racers),
             reverse=reverse,
             seeds=np.repeat(seeds, self._race.racers),
+            conditions=conditions_of(options),
         )

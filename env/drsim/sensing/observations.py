@@ -6,7 +6,7 @@ import numpy as np
 
 from drsim.arrays import Ints, Singles
 from drsim.car.car import CarBatch
-from drsim.car.realism import Disturbances
+from drsim.car.disturbances import Disturbances
 from drsim.race.solids import CUBOID, Solids
 from drsim.race.traffic import Traffic
 from drsim.sensing.frames import FrameRenderer
@@ -61,7 +61,7 @@ class Observations:
             eyes=sensors.eyes,
             solids=self._solids,
             lighting=self._lighting,
-            after=self._spoil if disturbances.realism.spoils_frames else None,
+            after=self._spoil,
         )
         self.frames = self._renderer.frames
         nothing = np.full((num_cars, LIDAR.samples), np.inf, np.float32)

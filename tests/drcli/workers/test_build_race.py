@@ -1,5 +1,7 @@
 """Settings as the simulation understands them: races, disturbances, lights, and reward trials."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from drcli.config.settings import RaceConfig, catalogue
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.workers.build_race import (
     build_simulation,
+    car_parameters_of,
     load_race,
     race_of,
     randomize_of,
@@ -124,10 +127,51 @@ def test_every_sim_to_real_setting_reaches_the_simulation(settings):
         "DR_SIM_LATENCY_JITTER=0.02",
         "DR_SIM_FRICTION=0.1",
         "DR_SIM_MASS=0.15",
+        "DR_SIM_BATTERY=0.3",
+        "DR_SIM_STEERING_TRIM=4",
+        "DR_SIM_STEERING_LOCK=0.25",
+        "DR_SIM_GLARE=0.6",
+        "DR_SIM_REFLECTIONS=0.7",
     )
 
     assert realism_of(s, "training") == realism_of(s, "evaluation")
-    assert realism_of(s, "training") == Realism(4, 0.2, 1.5, 2, 0.01, 0.05, 0.02, 0.1, 0.15)
+    assert realism_of(s, "training") == Realism(
+        image_noise=4,
+        brightness=0.2,
+        blur_px=1.5,
+        camera_angle_deg=2,
+        camera_shift_m=0.01,
+        latency_s=0.05,
+        latency_jitter_s=0.02,
+        friction=0.1,
+        mass=0.15,
+        battery=0.3,
+        steering_trim_deg=4,
+        steering_lock=0.25,
+        glare=0.6,
+        reflections=0.7,
+    )
+
+
+def test_every_property_of_ones_own_car_reaches_the_simulation(settings):
+    s = settings(
+        "DR_SIM_CAR=2022",
+        "DR_CAR_STEERING_LEFT=25",
+        "DR_CAR_STEERING_RIGHT=22",
+        "DR_CAR_STEERING_TRIM=-1.5",
+        "DR_CAR_MAX_SPEED=2.2",
+        "DR_CAR_BATTERY=0.8",
+    )
+
+    assert car_parameters_of(s) == replace(
+        CAR_SETS["2022"].parameters,
+        steering_left_deg=25,
+        steering_right_deg=22,
+        steering_trim_deg=-1.5,
+        max_speed_mps=2.2,
+        battery=0.8,
+    )
+    assert car_parameters_of(settings("")) == CAR_SETS[DEFAULT_CAR].parameters
 
 
 @pytest.mark.parametrize("job", ["training", "evaluation"])
