@@ -15,6 +15,7 @@ from drcli.base.errors import DrError, NoAnswer, SettingsError
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.config import secret_environment
 from drcli.config.settings import RunConfig
+from drcli.exchange.evaluation_task import EvaluationTask
 from drcli.exchange.journal_entry import JournalEntry
 from drcli.exchange.policy_source import PolicySource
 from drcli.exchange.run_outcome import RunOutcome
@@ -62,6 +63,7 @@ class Job:
         begun: The record in the bucket of this start.
         end_work: If not empty, the training is complete, and only this work at its end is left.
         noted: What the start has to say in the journal.
+        tasks: Evaluations that the worker processes of one command share.
     """
 
     config: RunConfig
@@ -78,6 +80,7 @@ class Job:
     begun: RunOutcome | None = None
     end_work: tuple[str, ...] = ()
     noted: tuple[JournalEntry, ...] = ()
+    tasks: tuple[EvaluationTask, ...] = ()
 
     @property
     def directory(self) -> Path:

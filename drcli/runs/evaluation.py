@@ -174,7 +174,7 @@ def evaluate(
         WorkerDied: The evaluation worker failed.
         EvaluationStopped: SIGTERM came.
     """
-    with _until_sigterm():
+    with until_sigterm():
         plan = prepare_evaluation(
             settings, clone=clone, seed=seed, own=own, opponent=opponent, on_progress=on_progress
         )
@@ -301,7 +301,12 @@ def _run(plan: EvaluationPlan) -> None:
         raise WorkerDied(
             f"The evaluation worker ended with exit code {code}.", remedy=f"Read its log: {path}."
         )
-    raise _FAILURES.get(words.code, WorkerDied)(words.message, remedy=words.remedy)
+    raise failure(words.code, words.message, words.remedy)
+
+
+def failure(code: int, message: str, remedy: str) -> DrError:
+    """The failure of a worker, of the kind that has this exit code."""
+    return _FAILURES.get(code, WorkerDied)(message, remedy=remedy)
 
 
 def _write_record(plan: EvaluationPlan, worker_pid: int) -> None:
@@ -334,7 +339,7 @@ class _Terminated(BaseException):
 
 
 @contextmanager
-def _until_sigterm() -> Iterator[None]:
+def until_sigterm() -> Iterator[None]:
     """Let SIGTERM end the `with` block, with cleanup, as Ctrl-C does."""
 
     def stop(_number: int, _frame: FrameType | None) -> None:
@@ -359,7 +364,7 @@ def _wait_in_background() -> None:
     """
     job, (_, stamp, *checkpoints) = Job.received_or_exit(), sys.argv
     try:
-        with _until_sigterm():
+        with until_sigterm():
             here = replace(job, launcher_pid=os.getpid())
             run_evaluation(EvaluationPlan(here, checkpoints, stamp))
     except DrError as error:

@@ -15,6 +15,7 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.workers import print_limit
 from drcli.workers.worker_process import StopRequested
 from drsim.car.actions import Actions
+from drsim.car.conditions import Conditions
 from drsim.episode.episode_rules import Status
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
@@ -40,6 +41,7 @@ class Plan:
         racer: Index of the racer that drives it.
         offset_m: How far to the left of the centre line it starts.
         angle_deg: How far the car is turned to the left at its start.
+        conditions: What it is driven under, instead of what the settings draw.
         world: Episodes with the same number here have the same seed; None for its own number.
     """
 
@@ -50,6 +52,7 @@ class Plan:
     racer: int = 0
     offset_m: float = 0.0
     angle_deg: float = 0.0
+    conditions: Conditions | None = None
     world: int | None = None
 
     def seed(self, run: int) -> int:
@@ -243,6 +246,7 @@ class Driver:
                 seeds=np.array([plan.seed(self._seed) for plan in plans], np.uint64),
                 offset_m=np.array([plan.offset_m for plan in plans]) if moved else None,
                 angle_deg=np.array([plan.angle_deg for plan in plans]) if moved else None,
+                conditions=_conditions(plans),
             )
         for car, plan in zip(free, plans, strict=False):
             seats[car] = _Seat(car, plan, self._racers[plan.racer], self._seed, first)
@@ -296,6 +300,18 @@ class Driver:
         for seat, value in zip(cut, decision.values.tolist(), strict=True):
             seat.episode.cut = True
             seat.episode.last_value = value
+
+
+def _conditions(plans: Sequence[Plan]) -> list[Conditions] | None:
+    """The conditions of some episodes; None to draw them from the settings.
+
+    Raises:
+        ValueError: Only some of them have conditions.
+    """
+    given = [plan.conditions for plan in plans if plan.conditions is not None]
+    if given and len(given) < len(plans):
+        raise ValueError("Either all planned episodes have conditions, or none.")
+    return given or None
 
 
 def _tell_of_unstable(seats: Iterable[_Seat]) -> None:
