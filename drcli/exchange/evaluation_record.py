@@ -60,18 +60,13 @@ def claim(directory: Path, run_id: int, stamp: str) -> Path | None:
 
 
 def running_evaluations(directory: Path, run_id: int | None = None) -> list[EvaluationRecord]:
-    """Evaluations that run in a working folder, oldest first, one for each process.
-
-    A loop of evaluations has a record of its own besides that of its present round.
-    """
+    """Evaluations that run in a working folder, oldest first."""
     folders = directory.glob(f"data/runs/{'*' if run_id is None else run_id}/evaluations/*")
     records = (EvaluationRecord.read(folder) for folder in folders)
-    alive = sorted(
+    return sorted(
         (record for record in records if record is not None and record.alive),
         key=lambda record: record.started_at,
-        reverse=True,
     )
-    return [*reversed({record.pid: record for record in alive}.values())]
 
 
 def sweep(directory: Path, run_id: int) -> None:

@@ -71,7 +71,14 @@ class TableRow(JsonRecord):
 
 @dataclass(frozen=True)
 class BestStart:
-    """The best model on a track, and the command that trains a new one from it there."""
+    """The best model on a track.
+
+    Attributes:
+        world: The track.
+        prefix: Model prefix.
+        checkpoint: Name of the checkpoint that drove.
+        command: Trains a new model on this track from it.
+    """
 
     world: str
     prefix: str
