@@ -23,17 +23,11 @@ class Disturbances:
 
     Attributes:
         variation: How cars drive. Shape (n,) each.
-        glare: Strength of the lamp that shines into the lens, 0 .. 1. Shape (n,).
-        reflections: Strength of lamps mirrored by the floor, 0 .. 1. Shape (n,).
-        pattern: Fixes where those lamps are. Shape (n,).
     """
 
     def __init__(self, num_cars: int) -> None:
         """Begin with nominal cars and cameras."""
         self.variation = no_variation(num_cars)
-        self.glare: Floats = np.zeros(num_cars)
-        self.reflections: Floats = np.zeros(num_cars)
-        self.pattern: Seeds = np.zeros(num_cars, np.uint64)
         self._brightness: Floats = np.ones(num_cars)
         self._blur_px: Floats = np.zeros(num_cars)
         self._image_noise: Floats = np.zeros(num_cars)
@@ -48,9 +42,6 @@ class Disturbances:
         c = conditions
         for name, values in self.variation._asdict().items():
             values[car] = getattr(c, name)
-        self.glare[car] = c.glare
-        self.reflections[car] = c.reflections
-        self.pattern[car] = c.pattern
         self._brightness[car] = c.brightness
         self._blur_px[car] = c.blur_px
         self._image_noise[car] = c.image_noise

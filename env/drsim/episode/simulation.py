@@ -302,6 +302,7 @@ class Simulation:
             self._disturbs = True  # the next episode must not keep these
         for car, drawn in zip(cars.tolist(), each, strict=True):
             self._disturbances.begin(car, drawn)
+            self._observations.light(car, drawn)
         self._varies_cars = self._varies_cars or any(drawn.changes_car for drawn in each)
         if self._varies_cars:
             self._cars.vary(cars, self._disturbances.variation)

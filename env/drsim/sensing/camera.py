@@ -5,6 +5,7 @@ sky, then `drsim.sensing.cuboids` draws what stands on the ground.
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,8 @@ from drsim.sensing.scene import Scene
 from drsim.track.appearance import AMBIENT, LUMA, SUN
 
 Frames = NDArray[np.uint8]
+LensParts = tuple[Floats, Floats, float, float]
+"""Positions, axes, focal length in pixels, and what is added to a grey before it is cut off."""
 
 
 def lens_pose(
@@ -60,6 +63,8 @@ def render(
     boxes: Cuboids | None = None,
     light: Light | None = None,
     rounding: bool = False,
+    on_ground: Callable[[Frames, LensParts], None] | None = None,
+    over_all: Callable[[Frames, LensParts], None] | None = None,
 ) -> None:
     """Draw what lenses see, one frame each.
 
@@ -76,6 +81,8 @@ def render(
         light: What changes the scene's greys.
         rounding: Round greys to whole ones instead of cutting their fractions off, as the
             reference's filter of stereo frames does.
+        on_ground: Called with frames that show ground, walls and sky only, to change them.
+        over_all: Called with the finished frames.
 
     Raises:
         ValueError: When the shapes do not fit together.
@@ -97,8 +104,12 @@ def render(
         greys = light.wall_greys, light.sky_greys, light.palettes
         backdrop = scene.walls_m, scene.wall_height_m, *greys
     raycast.draw(scene.picture, backdrop, lenses, out)
+    if on_ground is not None:
+        on_ground(out, lenses)
     if boxes is not None:
         cuboids.draw(boxes, _on_solids(light, cars), lenses, out)
+    if over_all is not None:
+        over_all(out, lenses)
 
 
 _WHOLE = 1e-3

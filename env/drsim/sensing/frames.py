@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from drsim.arrays import Bytes, Floats, Ints
 from drsim.car.camera_mount import EYES_APART_M, FRONT
 from drsim.race.solids import Solids
 from drsim.sensing.camera import render
+from drsim.sensing.lamps import Lamps
 from drsim.sensing.lighting import Lighting
 from drsim.sensing.scene import Scene
 
@@ -37,6 +39,7 @@ class FrameRenderer:
         eyes: int = 1,
         solids: Solids | None = None,
         lighting: Lighting | None = None,
+        lamps: Lamps | None = None,
         after: Callable[[slice], None] | None = None,
     ) -> None:
         """Prepare black frames for one or two eyes; `num_threads` render, the caller's included.
@@ -48,6 +51,7 @@ class FrameRenderer:
         self._scene = scene
         self._solids = solids
         self._lighting = lighting
+        self._lamps = lamps
         self._after = after
         self._num_threads = num_threads
         self._pool = _pool(num_threads)
@@ -99,6 +103,9 @@ class FrameRenderer:
         boxes = None if self._solids is None else self._solids.boxes[rows]
         light = None if self._lighting is None else self._lighting.of(rows)
         eyes = self.frames.shape[1]
+        lamps = self._lamps
+        if lamps is not None and not lamps.lit(rows):
+            lamps = None
         for eye in range(eyes):
             to_left_m = (0.5 * (eyes - 1) - eye) * EYES_APART_M
             render(
@@ -109,6 +116,8 @@ class FrameRenderer:
                 boxes=boxes,
                 light=light,
                 rounding=eyes > 1,
+                on_ground=None if lamps is None else partial(lamps.reflect, rows),
+                over_all=None if lamps is None else partial(lamps.shine, rows),
             )
         if self._after is not None:
             self._after(rows)

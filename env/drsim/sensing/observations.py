@@ -6,10 +6,12 @@ import numpy as np
 
 from drsim.arrays import Ints, Singles
 from drsim.car.car import CarBatch
+from drsim.car.conditions import Conditions
 from drsim.car.disturbances import Disturbances
 from drsim.race.solids import CUBOID, Solids
 from drsim.race.traffic import Traffic
 from drsim.sensing.frames import FrameRenderer
+from drsim.sensing.lamps import Lamps
 from drsim.sensing.lidar import LIDAR, scan
 from drsim.sensing.lighting import Lighting
 from drsim.sensing.scene import Scene
@@ -54,6 +56,7 @@ class Observations:
             if randomize != "nothing"
             else None
         )
+        self._lamps = Lamps(scene, num_cars)
         self._renderer = FrameRenderer(
             scene,
             num_cars,
@@ -61,6 +64,7 @@ class Observations:
             eyes=sensors.eyes,
             solids=self._solids,
             lighting=self._lighting,
+            lamps=self._lamps,
             after=self._spoil,
         )
         self.frames = self._renderer.frames
@@ -75,6 +79,15 @@ class Observations:
         if self._solids is not None and self._traffic is not None:
             colors = random.uniform(0.0, 255.0, (1, len(self._traffic.shapes), 3))
             self._solids.paint(np.array([car]), colors)
+
+    def light(self, car: int, conditions: Conditions) -> None:
+        """Put the lamps of a new episode of a car that disturb its camera."""
+        self._lamps.begin(
+            car,
+            glare=conditions.glare,
+            reflections=conditions.reflections,
+            pattern=conditions.pattern,
+        )
 
     def start(self, cars: Ints, bodies: CarBatch) -> None:
         """Begin to refresh the observations of some cars, in rising order. Shape (k,)."""

@@ -500,3 +500,39 @@ def test_sensors_can_be_given_as_an_object(oval):
 
     assert set(seen) == {"observation", "LIDAR"}
     env.close()
+
+
+@pytest.mark.parametrize("part", ["battery", "steering_trim_deg", "steering_lock", "glare"])
+def test_each_disturbance_works_in_the_environments(oval, part):
+    """004-09, 003-19."""
+    realism = drsim.Realism(**{part: 0.9})
+
+    def driven(**options) -> np.ndarray:
+        env = RacerEnv(oval, start=0.2, actions=ContinuousActions(), **options)
+        env.reset(seed=4)
+        for _ in range(8):
+            frame, *_, info = env.step(np.array([0.4, -0.5], np.float32))
+        env.close()
+        return np.append(frame.ravel(), [info["x"], info["y"]])
+
+    disturbed = driven(realism=realism)
+
+    assert (disturbed != driven()).any()
+    np.testing.assert_array_equal(disturbed, driven(realism=realism))
+
+
+def test_conditions_of_an_episode_are_an_option_of_reset(oval):
+    env = RacerEnv(oval, start=0.0, realism=drsim.Realism(brightness=0.5), longest_latency_s=0.2)
+    many = RacerVectorEnv(2, oval, start=0.0, longest_latency_s=0.2)
+    options = {"conditions": drsim.Conditions(brightness=0.25, latency_s=0.2)}
+
+    first, _ = env.reset(seed=1, options=options)
+    second, _ = env.reset(seed=2, options=options)
+    both, _ = many.reset(seed=3, options=options)
+
+    np.testing.assert_array_equal(first, second)
+    np.testing.assert_array_equal(both, np.stack([first, first]))
+    with pytest.raises(ValueError, match="Conditions"):
+        env.reset(options={"conditions": "night"})
+    env.close()
+    many.close()

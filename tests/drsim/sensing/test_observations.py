@@ -1,9 +1,12 @@
 """What cars perceive of lights, colours and boxes, and when that changes."""
 
+import hashlib
+
 import numpy as np
 import pytest
 
 from drsim.car.camera_mount import EYES_APART_M, FRONT
+from drsim.car.conditions import Conditions
 from drsim.car.realism import Realism
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
@@ -178,3 +181,75 @@ def test_every_step_measures_anew_how_near_a_bot_is(simulate) -> None:
 
     assert nearest_m == sorted(nearest_m, reverse=True)
     assert nearest_m[-1] < nearest_m[0] < 1.0
+
+
+NO_DISTURBANCE = [{}, {"realism": Realism()}, {"longest_latency_s": 0.3}]
+
+
+@pytest.mark.parametrize("options", NO_DISTURBANCE)
+def test_what_is_switched_off_changes_no_bit_of_a_drive(simulate, options) -> None:
+    """Frames, poses and rewards of a drive, also after an episode that was disturbed."""
+    plain, other = simulate(2), simulate(2, **options)
+    if options:
+        everything = Conditions(
+            image_noise=9.0,
+            brightness=0.7,
+            blur_px=1.0,
+            glare=1.0,
+            reflections=1.0,
+            camera_turn_deg=(1.0, 2.0, 3.0),
+            camera_shift_m=(0.01, 0.0, 0.0),
+            friction=0.5,
+            mass=1.5,
+            battery=0.5,
+            steering_trim_deg=4.0,
+            steering_left=0.8,
+            steering_right=1.2,
+        )
+        other.reset(np.arange(2), np.full(2, 0.3), conditions=everything)
+        other.step(np.full(2, 10.0), np.full(2, 2.0))
+
+    def drive(simulation: Simulation) -> str:
+        digest = hashlib.sha256()
+        simulation.reset(np.arange(2), np.array([0.1, 0.2]), seeds=seeds(3, 4))
+        for angle_deg in np.linspace(-20.0, 20.0, 12):
+            result = simulation.step(np.array([angle_deg, -angle_deg]), np.array([1.0, 3.0]))
+            for values in (simulation.frames, simulation.poses, result.reward):
+                digest.update(values.tobytes())
+        return digest.hexdigest()
+
+    assert drive(other) == drive(plain)
+
+
+def test_given_conditions_take_the_place_of_drawn_ones(simulate) -> None:
+    drawn = simulate(2, realism=Realism(brightness=0.5, glare=1.0, reflections=1.0))
+    fixed = [Conditions(brightness=0.5), Conditions(brightness=1.5)]
+
+    drawn.reset(np.arange(2), np.full(2, 0.1), seeds=seeds(1, 2), conditions=fixed)
+    dark, bright = drawn.frames[:, 0].astype(float)
+    usual = frames_at(simulate())[0, 0].astype(float)
+
+    np.testing.assert_allclose(dark, 0.5 * usual, atol=1.0)
+    np.testing.assert_allclose(bright, np.minimum(1.5 * usual, 255.0), atol=1.0)
+
+
+def test_the_number_of_conditions_must_be_that_of_the_episodes(simulate) -> None:
+    with pytest.raises(ValueError, match="1 conditions for 2 episodes"):
+        simulate(2).reset(np.arange(2), np.zeros(2), conditions=[Conditions()])
+
+
+def test_a_box_hides_what_the_floor_behind_it_mirrors(simulate) -> None:
+    start = 1.2 / ROAD.length_m
+    in_the_way = Race(obstacles=ObstacleRules(positions=((2.4 / ROAD.length_m, 1),)))
+    simulation = simulate(16, race=in_the_way)
+    everybody = np.arange(16)
+    usual = frames_at(simulation, start)[:, 0].astype(float)
+    box_px = usual != frames_at(simulate(16), start)[:, 0]
+
+    conditions = [Conditions(reflections=1.0, pattern=number) for number in range(16)]
+    simulation.reset(everybody, np.full(16, start), conditions=conditions)
+    mirrored = simulation.observations - usual
+
+    assert box_px.sum() > 16 * 100
+    assert (mirrored[~box_px] > 20).sum() > 100
+    assert (mirrored[box_px] > 20).mean() < 0.02, "soft edges aside"
