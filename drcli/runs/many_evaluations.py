@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -264,7 +265,7 @@ def _best(worlds: Sequence[str], rows: Sequence[TableRow]) -> list[BestStart]:
 
 def training_command(prefix: str, world: str) -> str:
     """The command that trains a new model on a track, from the best checkpoint of another one."""
-    short = world.rpartition("/")[2].removesuffix(".npy")
+    short = re.sub(r"[^A-Za-z0-9._-]+", "-", world.rpartition("/")[2].removesuffix(".npy"))
     settings = {
         "DR_WORLD_NAME": world,
         "DR_LOCAL_S3_PRETRAINED": "True",
