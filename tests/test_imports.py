@@ -87,6 +87,7 @@ UNIMPORTED = {
     "drcli.workers.sim",
     "drcli.workers.trainer",
     "drcli.workers.evaluator",
+    "drcli.workers.evaluate_many",
     "drcli.workers.try_cars",
     "drcli.workers.library_facts",
     "drsim.replay",

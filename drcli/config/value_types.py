@@ -31,6 +31,12 @@ BUCKET_RULE = (
 )
 """A remedy if `follows_s3` is False."""
 
+START_SIDES = ("left", "centre", "right")
+"""Words for a start across the track: on the centre line, or midway between it and a border."""
+
+MOST_START_OFFSET_M = 10.0
+"""No road is wider to one side."""
+
 _LABEL = "[a-z0-9](?:[a-z0-9-]*[a-z0-9])?"
 
 
@@ -190,6 +196,24 @@ def _positions(value: str) -> tuple[tuple[float, ...], ...]:
     return pairs
 
 
+def _start_offset(value: str) -> str:
+    """A side of the track in the spelling of this program, or metres as a short text."""
+    word = {"center": "centre", "": "centre"}.get(value.casefold(), value.casefold())
+    if word in START_SIDES:
+        return word
+    try:
+        metres = float(value)
+    except ValueError:
+        metres = float("nan")
+    if not abs(metres) <= MOST_START_OFFSET_M:
+        raise BadValue(
+            f"is neither one of {', '.join(START_SIDES)} nor a number of metres from "
+            f"-{MOST_START_OFFSET_M:g} to {MOST_START_OFFSET_M:g}",
+            "Write left, centre or right, or metres to the left of the centre line, as in -0.2.",
+        )
+    return f"{metres:g}"
+
+
 _COLOURS = ("Black", "Grey", "Blue", "Red", "Orange", "White", "Purple")
 
 ObjectKey = Annotated[
@@ -237,3 +261,9 @@ ModelText = Annotated[str, Check(_model_text), Shape(f"at most {LONGEST_TEXT} ch
 """What a racer writes about a model."""
 Positions = Annotated[tuple[tuple[float, float], ...], Check(_positions)]
 """Progress (fraction of the lap) and lane (-1 outer, any other inner) of each obstacle."""
+StartOffset = Annotated[
+    str,
+    Check(_start_offset),
+    Shape("left, centre or right, or metres to the left of the centre line"),
+]
+"""A word of `START_SIDES`, or a number as a text."""

@@ -179,14 +179,14 @@ def encode_metrics_file(trials: Sequence[TrialMetrics]) -> bytes:
     return json.dumps({"metrics": [trial.to_json() for trial in trials]}).encode()
 
 
-def encode_report(racers: Sequence[Sequence[TrialMetrics]]) -> bytes:
-    """The trials of each racer, for `dr-evaluate`."""
-    return json.dumps([[trial.to_json() for trial in trials] for trials in racers]).encode()
+@dataclass(frozen=True)
+class EvaluationTrials(JsonRecord):
+    """What an evaluation worker reports to `dr-evaluate`.
 
+    Attributes:
+        racers: The trials of each racer.
+        notes: Sentences about what was driven otherwise than asked.
+    """
 
-def decode_report(data: bytes) -> list[list[TrialMetrics]]:
-    """The trials of each racer; RecordError if the file is damaged."""
-    racers = parse_json(data)
-    if not isinstance(racers, list) or not all(isinstance(trials, list) for trials in racers):
-        raise RecordError("it is not a list of trials for each racer")
-    return [[TrialMetrics.from_json(trial) for trial in trials] for trials in racers]
+    racers: list[list[TrialMetrics]]
+    notes: list[str]

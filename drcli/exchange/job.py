@@ -15,6 +15,7 @@ from drcli.base.errors import DrError, NoAnswer, SettingsError
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.config import secret_environment
 from drcli.config.settings import RunConfig
+from drcli.exchange.evaluation_task import EvaluationTask
 from drcli.exchange.journal_entry import JournalEntry
 from drcli.exchange.policy_source import PolicySource
 from drcli.exchange.run_outcome import RunOutcome
@@ -64,6 +65,7 @@ class Job:
         end_work: If not empty, the training is complete, and only this work at its end is left.
         noted: What the start has to say in the journal.
         stages: Of the training, in order; empty without a curriculum.
+        tasks: Evaluations that the worker processes of one command share.
     """
 
     config: RunConfig
@@ -81,6 +83,7 @@ class Job:
     end_work: tuple[str, ...] = ()
     noted: tuple[JournalEntry, ...] = ()
     stages: tuple[Stage, ...] = ()
+    tasks: tuple[EvaluationTask, ...] = ()
 
     @property
     def directory(self) -> Path:

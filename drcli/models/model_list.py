@@ -79,10 +79,19 @@ class ModelList:
 def list_models(bucket: Bucket, pattern: str = "") -> ModelList:
     """List the models whose prefix contains a pattern, or fits one with `*` and `?`."""
     listed = bucket.list("")
-    prefixes = {info.key.removesuffix(m) for info in listed for m in _MARKS if info.key.endswith(m)}
+    prefixes = _prefixes(listed)
     own = _by_model(listed, prefixes)
     found = [_entry(bucket, p, own[p]) for p in sorted(prefixes) if _fits(p, pattern)]
     return ModelList(bucket.name, pattern, found)
+
+
+def model_prefixes(bucket: Bucket) -> set[str]:
+    """The prefixes of all models in a bucket."""
+    return _prefixes(bucket.list(""))
+
+
+def _prefixes(listed: Iterable[ObjectInfo]) -> set[str]:
+    return {info.key.removesuffix(m) for info in listed for m in _MARKS if info.key.endswith(m)}
 
 
 def _by_model(listed: Iterable[ObjectInfo], prefixes: set[str]) -> dict[str, list[ObjectInfo]]:

@@ -6,9 +6,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import FrameType
 from typing import ClassVar
 
@@ -27,7 +27,7 @@ from drcli.base.log import LogFile, get_logger
 from drcli.base.process_identity import started_s
 from drcli.checks.reward_timeout import exit_of_stuck
 from drcli.config.settings import Settings
-from drcli.exchange.episode_metrics import REPORT_FILE, TrialMetrics, decode_report
+from drcli.exchange.episode_metrics import REPORT_FILE, EvaluationTrials, TrialMetrics
 from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.policy_source import PolicySource
@@ -36,6 +36,9 @@ from drcli.runs.run_logs import log_file
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import keys
 from drcli.store.connect import open_bucket
+
+COMPLETE = "Lap complete"
+"""Status of a trial that completed its lap."""
 
 EXIT_S = 0.6
 """How long the worker may take to exit when its evaluation is stopped."""
@@ -89,6 +92,8 @@ class EvaluationReport:
         file: The file that drove; None for a checkpoint of the model.
         sha256: Of that file.
         opponent: The report of the other model in a HEAD_TO_MODEL race.
+        average_laps: Number of consecutive laps of which `best_average_s` is the mean.
+        notes: What was driven otherwise than the settings ask, and why.
     """
 
     prefix: str
@@ -101,11 +106,13 @@ class EvaluationReport:
     file: str | None = None
     sha256: str | None = None
     opponent: "EvaluationReport | None" = None
+    average_laps: int = 3
+    notes: list[str] = field(default_factory=list)
 
     @property
     def completed(self) -> int:
         """How many trials completed the lap."""
-        return sum(trial.status == "Lap complete" for trial in self.trials)
+        return sum(trial.status == COMPLETE for trial in self.trials)
 
     @property
     def total_s(self) -> float | None:
@@ -117,8 +124,23 @@ class EvaluationReport:
     @property
     def best_lap_s(self) -> float | None:
         """Fastest completed lap, simulated seconds."""
-        laps = [trial.lap_s for trial in self.trials if trial.status == "Lap complete"]
+        laps = [trial.lap_s for trial in self.trials if trial.status == COMPLETE]
         return min(laps, default=None)
+
+    @property
+    def best_average_s(self) -> float | None:
+        """Least mean time of `average_laps` completed laps in a row, penalties included.
+
+        None if there are not that many in a row.
+        """
+        return best_average_s(self.trials, self.average_laps)
+
+
+def best_average_s(trials: Sequence[TrialReport], laps: int) -> float | None:
+    """Least mean time of so many completed laps in a row; None without them."""
+    runs = (trials[first : first + laps] for first in range(len(trials) - laps + 1))
+    whole = (run for run in runs if all(trial.status == COMPLETE for trial in run))
+    return min((sum(trial.lap_s for trial in run) / laps for run in whole), default=None)
 
 
 class EvaluationStopped(DrError):
@@ -152,7 +174,7 @@ def evaluate(
         WorkerDied: The evaluation worker failed.
         EvaluationStopped: SIGTERM came.
     """
-    with _until_sigterm():
+    with until_sigterm():
         plan = prepare_evaluation(
             settings, clone=clone, seed=seed, own=own, opponent=opponent, on_progress=on_progress
         )
@@ -169,13 +191,13 @@ def run_evaluation(plan: EvaluationPlan) -> EvaluationReport:
     try:
         _run(plan)
         try:
-            records = decode_report((folder / REPORT_FILE).read_bytes())
+            driven = EvaluationTrials.decode((folder / REPORT_FILE).read_bytes())
         except (OSError, RecordError) as error:
             raise WorkerDied(
                 f"The evaluation worker left no results: {error}.",
                 remedy="Read the reason with `dr-logs evaluation`, then run `dr-evaluate` again.",
             ) from error
-        return _report(plan, records)
+        return _report(plan, driven)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -205,22 +227,24 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
     raise WorkerDied("The evaluation did not start.", remedy=f"Read the reason in {path}.")
 
 
-def _report(plan: EvaluationPlan, records: list[list[TrialMetrics]]) -> EvaluationReport:
+def _report(plan: EvaluationPlan, driven: EvaluationTrials) -> EvaluationReport:
     config = plan.job.config
-    sources = plan.job.sources or [CHECKPOINT] * len(records)
+    sources = plan.job.sources or [CHECKPOINT] * len(driven.racers)
     reports = [
         EvaluationReport(
             prefix=config.model.prefix,
             world=config.race().world_name,
             checkpoint=checkpoint,
-            trials=_trials(trials),
+            trials=trial_reports(trials),
             simtrace=plan.simtrace,
             metrics=plan.metrics,
             runtime=source.runtime or "torch",
             file=None if source.file is None else str(source.file),
             sha256=source.sha256 or None,
+            average_laps=config.evaluation.eval_average_laps,
+            notes=driven.notes,
         )
-        for checkpoint, trials, source in zip(plan.checkpoints, records, sources, strict=True)
+        for checkpoint, trials, source in zip(plan.checkpoints, driven.racers, sources, strict=True)
     ]
     if len(reports) == 1:
         return reports[0]
@@ -234,7 +258,8 @@ def _report(plan: EvaluationPlan, records: list[list[TrialMetrics]]) -> Evaluati
     return replace(reports[0], opponent=opponent)
 
 
-def _trials(records: list[TrialMetrics]) -> list[TrialReport]:
+def trial_reports(records: list[TrialMetrics]) -> list[TrialReport]:
+    """The trials of an evaluation as commands report them."""
     return [
         TrialReport(
             trial=record.trial,
@@ -276,7 +301,12 @@ def _run(plan: EvaluationPlan) -> None:
         raise WorkerDied(
             f"The evaluation worker ended with exit code {code}.", remedy=f"Read its log: {path}."
         )
-    raise _FAILURES.get(words.code, WorkerDied)(words.message, remedy=words.remedy)
+    raise failure(words.code, words.message, words.remedy)
+
+
+def failure(code: int, message: str, remedy: str) -> DrError:
+    """The failure of a worker, of the kind that has this exit code."""
+    return _FAILURES.get(code, WorkerDied)(message, remedy=remedy)
 
 
 def _write_record(plan: EvaluationPlan, worker_pid: int) -> None:
@@ -309,7 +339,7 @@ class _Terminated(BaseException):
 
 
 @contextmanager
-def _until_sigterm() -> Iterator[None]:
+def until_sigterm() -> Iterator[None]:
     """Let SIGTERM end the `with` block, with cleanup, as Ctrl-C does."""
 
     def stop(_number: int, _frame: FrameType | None) -> None:
@@ -334,7 +364,7 @@ def _wait_in_background() -> None:
     """
     job, (_, stamp, *checkpoints) = Job.received_or_exit(), sys.argv
     try:
-        with _until_sigterm():
+        with until_sigterm():
             here = replace(job, launcher_pid=os.getpid())
             run_evaluation(EvaluationPlan(here, checkpoints, stamp))
     except DrError as error:

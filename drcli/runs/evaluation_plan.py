@@ -82,7 +82,14 @@ def prepare_evaluation(
             f"{settings.race_type}.",
             remedy="Set DR_RACE_TYPE=HEAD_TO_MODEL, or leave out the options of the opponent.",
         )
-    sources = [_checked(own), _checked(opponent or CHECKPOINT)]
+    offset = settings.eval_start_offset
+    if settings.race_type == "HEAD_TO_MODEL" and offset != "centre":
+        raise SettingsError(
+            f"DR_EVAL_START_OFFSET={offset} ({settings.source('DR_EVAL_START_OFFSET')}) cannot be "
+            "kept in a HEAD_TO_MODEL race, where the cars start side by side.",
+            remedy="Write DR_EVAL_START_OFFSET=centre, or leave it out.",
+        )
+    sources = [checked_source(own), checked_source(opponent or CHECKPOINT)]
     directory = settings.directory
     track = track_problem(settings.race)
     if track is not None:  # also one that could be fetched: an evaluation needs it now
@@ -90,7 +97,7 @@ def prepare_evaluation(
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     if own.file is None:
         repair_or_warn(settings.model, bucket, settings.model_prefix, missing=True)
-        _check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")
+        check_model(bucket, settings.model_prefix, "DR_LOCAL_S3_MODEL_PREFIX")
         on_progress(f"Evaluation of model s3://{bucket.name}/{settings.model_prefix} starting.")
     else:
         on_progress(f"Evaluation of {own.file} starting.")
@@ -103,12 +110,12 @@ def prepare_evaluation(
         theirs = settings.eval_opp_s3_model_prefix
         if sources[1].file is None:
             repair_or_warn(settings.model, bucket, theirs, missing=True)
-            _check_model(bucket, theirs, "DR_EVAL_OPP_S3_MODEL_PREFIX")
+            check_model(bucket, theirs, "DR_EVAL_OPP_S3_MODEL_PREFIX")
         choice = settings.eval_opp_checkpoint or choice
         checkpoints.append(_driven(settings, bucket, theirs, choice, sources[1]))
     on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
     sweep(directory, settings.run_id)
-    stamp, folder = _claim_stamp(settings, bucket, directory)
+    stamp, folder = claim_stamp(settings, bucket, directory)
     parameters = evaluation_parameters(
         settings,
         keys.folder(settings.model_prefix) + f"evaluation-{stamp}",
@@ -134,7 +141,7 @@ def prepare_evaluation(
     return EvaluationPlan(job, checkpoints, stamp)
 
 
-def _checked(source: PolicySource) -> PolicySource:
+def checked_source(source: PolicySource) -> PolicySource:
     """The same with its engine and, for a file, its hash, after everything was checked."""
     from drcli.formats.engine_fit import check_file
     from drcli.formats.policy_engines import RUNS, check_runtime
@@ -158,7 +165,8 @@ def _driven(
     return _choose(settings, bucket, prefix, choice) if source.file is None else source.file.name
 
 
-def _check_model(bucket: Bucket, prefix: str, setting: str) -> None:
+def check_model(bucket: Bucket, prefix: str, setting: str) -> None:
+    """Raise SettingsError unless a prefix, which `setting` names, has a trained model."""
     needed = (keys.model_metadata(prefix), keys.deepracer_checkpoints(prefix))
     for key in needed:
         if not bucket.exists(key):
@@ -180,6 +188,15 @@ def _choose(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> str
     return find_choice(model, parse_checkpoint(choice)).name
 
 
+def choose_checkpoint(settings: Settings, bucket: Bucket, prefix: str) -> str:
+    """The checkpoint of a model that DR_EVAL_CHECKPOINT asks for.
+
+    Raises:
+        SettingsError: The model has none.
+    """
+    return _choose(settings, bucket, prefix, settings.eval_checkpoint)
+
+
 def _cloned(settings: Settings, bucket: Bucket) -> Settings:
     """Copy the model, its pointers last; returns the settings of the copy."""
     source, target = settings.model_prefix, settings.model_prefix + CLONE_SUFFIX
@@ -196,7 +213,7 @@ def _cloned(settings: Settings, bucket: Bucket) -> Settings:
     return settings.replaced(model_prefix=target, metrics_prefix=keys.metrics_prefix(target))
 
 
-def _claim_stamp(settings: Settings, bucket: Bucket, directory: Path) -> tuple[str, Path]:
+def claim_stamp(settings: Settings, bucket: Bucket, directory: Path) -> tuple[str, Path]:
     """Find a unique name for this evaluation, and make its folder; two may start in one second."""
     at = time.time()
     while True:

@@ -144,6 +144,8 @@ def _stop(
     Raises:
         WorkerDied: A process did not exit.
     """
+    # A loop of evaluations has a record of its own besides that of its present round.
+    evaluations = [*{record.pid: record for record in evaluations}.values()]
     runs: list[Run] = [*trainings, *evaluations]
     _terminate(runs, directory)
     if not _wait(trainings, TRAINING_PATIENCE_S):

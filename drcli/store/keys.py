@@ -104,6 +104,21 @@ def evaluation_metrics(metrics: str, stamp: str) -> str:
     return f"{folder(metrics)}evaluation/evaluation-{_checked_stamp(stamp)}.json"
 
 
+def robust_result(metrics: str, stamp: str) -> str:
+    """Result of one robust evaluation, below the metrics prefix."""
+    return f"{folder(metrics)}robust/robust-{_checked_stamp(stamp)}.json"
+
+
+def best_laps(metrics: str) -> str:
+    """The table of best laps of `dr-evaluate --loop`, below the metrics prefix."""
+    return f"{folder(metrics)}best-laps.json"
+
+
+def comparison(stamp: str) -> str:
+    """The table of several models on several tracks."""
+    return f"comparisons/comparison-{_checked_stamp(stamp)}.json"
+
+
 def training_trace(prefix: str, iteration: int, *, worker: int = 0, workers: int = 1) -> str:
     """The steps of one worker in one iteration; with several, each worker has a folder."""
     of_worker = "" if workers == 1 else f"{worker}/"

@@ -15,6 +15,7 @@ from drcli.learn.rollout_buffer import Rollout
 from drcli.workers import print_limit
 from drcli.workers.worker_process import StopRequested
 from drsim.car.actions import Actions
+from drsim.car.conditions import Conditions
 from drsim.episode.episode_rules import Status
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
@@ -39,6 +40,10 @@ class Plan:
         reverse: Whether it drives against the direction of the simulation's track.
         racer: Index of the racer that drives it.
         attempt: How often it was driven before, because the reward function declared it broken.
+        offset_m: How far to the left of the centre line it starts.
+        angle_deg: How far the car is turned to the left at its start.
+        conditions: What it is driven under, instead of what the settings draw.
+        world: Episodes with the same number here have the same seed; None for its own number.
     """
 
     number: int
@@ -47,6 +52,10 @@ class Plan:
     reverse: bool = False
     racer: int = 0
     attempt: int = 0
+    offset_m: float = 0.0
+    angle_deg: float = 0.0
+    conditions: Conditions | None = None
+    world: int | None = None
 
     def seed(self, run: int) -> int:
         """Seed of everything random in the episode's world.
@@ -54,7 +63,8 @@ class Plan:
         All racers of a race have the same seed. An evaluation episode has the same seed for every
         checkpoint, so that checkpoints can be compared.
         """
-        words = [run, self.number, int(self.phase == "evaluation")]
+        number = self.number if self.world is None else self.world
+        words = [run, number, int(self.phase == "evaluation")]
         if self.attempt:
             words.append(self.attempt)
         return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
@@ -235,12 +245,16 @@ class Driver:
         plans = [waiting.popleft() for _ in free[: len(waiting)]]
         if not plans:
             return
+        moved = any(plan.offset_m or plan.angle_deg for plan in plans)
         with print_limit.limited_prints():
             first = self._simulation.reset(
                 np.array(free[: len(plans)]),
                 np.array([plan.start_fraction for plan in plans]),
                 reverse=np.array([plan.reverse for plan in plans]),
                 seeds=np.array([plan.seed(self._seed) for plan in plans], np.uint64),
+                offset_m=np.array([plan.offset_m for plan in plans]) if moved else None,
+                angle_deg=np.array([plan.angle_deg for plan in plans]) if moved else None,
+                conditions=_conditions(plans),
             )
         for car, plan in zip(free, plans, strict=False):
             seats[car] = _Seat(car, plan, self._racers[plan.racer], self._seed, first)
@@ -296,6 +310,18 @@ class Driver:
         for seat, value in zip(cut, decision.values.tolist(), strict=True):
             seat.episode.cut = True
             seat.episode.last_value = value
+
+
+def _conditions(plans: Sequence[Plan]) -> list[Conditions] | None:
+    """The conditions of some episodes; None to draw them from the settings.
+
+    Raises:
+        ValueError: Only some of them have conditions.
+    """
+    given = [plan.conditions for plan in plans if plan.conditions is not None]
+    if given and len(given) < len(plans):
+        raise ValueError("Either all planned episodes have conditions, or none.")
+    return given or None
 
 
 def _tell_of_unstable(seats: Iterable[_Seat]) -> None:

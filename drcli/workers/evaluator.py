@@ -5,22 +5,24 @@ opponent is the checkpoint of the second model of a HEAD_TO_MODEL race. The job 
 drive instead, and in which engines. It writes traces and metrics and never changes a model.
 """
 
+import math
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import torch
 
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
 from drcli.base.log import plain
-from drcli.config.settings import RunConfig
+from drcli.config.settings import EvaluationConfig, RunConfig
+from drcli.config.value_types import START_SIDES
 from drcli.exchange.episode_metrics import (
     REPORT_FILE,
+    EvaluationTrials,
     TrialMetrics,
     encode_metrics_file,
-    encode_report,
 )
 from drcli.exchange.job import Job
 from drcli.exchange.policy_source import PolicySource
@@ -51,10 +53,9 @@ from drcli.workers.worker_process import Lifeline
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import centre_line_reward
+from drsim.episode.start_poses import offset_of, start_pose
+from drsim.track.track import Track
 from drsim.track.worlds import directed
-
-MAX_LAP_S = 600.0
-"""Simulated time after which a lap is given up."""
 
 MOST_ENGINE_THREADS = 2
 """Of an engine that is not PyTorch: more do not help a few pictures at a time."""
@@ -110,15 +111,34 @@ def entries(
     return [own, opponent]
 
 
-def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
+def evaluate(
+    job: Job,
+    lifeline: Lifeline,
+    entered: Sequence[Entry],
+    *,
+    config: RunConfig | None = None,
+    threads: int | None = None,
+) -> EvaluationTrials:
     """Drive the trials of the settings, and put traces and metrics into the bucket.
 
     There is one episode for each trial and racer; the laps of a continuous race are trials.
+
+    Args:
+        job: Of this process.
+        lifeline: Says when to stop.
+        entered: The model, and its opponent in a race between two.
+        config: What to drive, if it is not that of the job.
+        threads: For physics and camera; as many as there are cores when left out.
+
+    Raises:
+        SettingsError: A model cannot be used, or the two cannot race each other.
+        StopRequested: The process should stop.
     """
-    s, race = job.config.evaluation, job.config.race()
-    bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
+    config = config or job.config
+    s, race = config.evaluation, config.race()
+    bucket = open_bucket(config.storage, hurried=lifeline.should_stop)
     torch.set_num_threads(1)
-    entrants = [enter(bucket, entry, job.config) for entry in entered]
+    entrants = [enter(bucket, entry, config) for entry in entered]
     racers = [racer for racer, _ in entrants]
     if len({sensors_of_model(metadata) for _, metadata in entrants}) > 1:
         raise SettingsError(
@@ -132,10 +152,11 @@ def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
     races = 1 if s.eval_is_continuous else s.eval_number_of_trials
     num_cars = races * len(racers)
     reward = (
-        load_reward(bucket, job.config.model.prefix, job.folder, num_cars)
+        load_reward(bucket, config.model.prefix, job.folder, num_cars)
         if s.eval_debug_reward
         else centre_line_reward
     )
+    lap_steps = math.ceil(s.eval_max_lap_seconds * CONTROL_HZ)
     simulation = build_simulation(
         race,
         "evaluation",
@@ -148,20 +169,25 @@ def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
             max_resets=s.eval_max_resets,
             off_track_penalty_s=s.eval_off_track_penalty,
             collision_penalty_s=s.eval_collision_penalty,
-            max_steps=int(MAX_LAP_S * CONTROL_HZ) * laps,
+            max_steps=lap_steps * laps + 1,
+            max_lap_steps=lap_steps,
         ),
-        num_threads=cores(),
+        num_threads=threads or cores(),
         seed=job.seed,
         on_reward_error=RewardFailures(job.config.train).handle,
     )
     driven: list[Driven] = []
     begin, began_s = time.time(), time.monotonic()
+    start, notes = start_of(config.evaluation, track)
     plans = [
-        Plan(trial, "evaluation", 0.0, racer=racer)
+        replace(start, number=trial, racer=racer)
         for trial in range(races)
         for racer in range(len(racers))
     ]
-    Driver(simulation, racers, job.seed).drive(plans, driven.append, lifeline.step_done)
+    try:
+        Driver(simulation, racers, job.seed).drive(plans, driven.append, lifeline.step_done)
+    finally:
+        simulation.close()
     driven.sort(key=lambda episode: episode.number)
     wall_clock = (begin, begin + time.monotonic() - began_s)
     trials: list[list[TrialMetrics]] = []
@@ -175,7 +201,25 @@ def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
         plain.info("\n".join([reference_log.OWN_LINE, *lines]))
         bucket.put(entry.trace, csv_text(episodes, track.length_m, wall_clock).encode())
         bucket.put(entry.metrics, encode_metrics_file(trials[-1]))
-    (job.folder / REPORT_FILE).write_bytes(encode_report(trials))
+    return EvaluationTrials(trials, notes)
+
+
+def start_of(s: EvaluationConfig, track: Track) -> tuple[Plan, list[str]]:
+    """An episode from the start that the settings ask for, and what is different about it.
+
+    `track` is in the driving direction.
+    """
+    fraction, word = s.eval_start_position, s.eval_start_offset
+    wanted_m = offset_of(track, fraction, word) if word in START_SIDES else float(word)
+    pose = start_pose(track, fraction, wanted_m, s.eval_start_angle)
+    notes = []
+    if pose.offset_m != wanted_m:
+        notes.append(
+            f"A start {wanted_m:.2f} m to the left of the centre line (DR_EVAL_START_OFFSET={word})"
+            f" would stand off {track.name}; the car starts {pose.offset_m:.2f} m to the left."
+        )
+    plan = Plan(0, "evaluation", fraction, offset_m=pose.offset_m, angle_deg=s.eval_start_angle)
+    return plan, notes
 
 
 def enter(bucket: Bucket, entry: Entry, config: RunConfig) -> tuple[Racer, ModelMetadata]:
@@ -230,7 +274,8 @@ def main(job: Job, lifeline: Lifeline) -> None:
     """Run an evaluation in this process."""
     signal_guard.install()
     stamp, *checkpoints = sys.argv[1:]
-    evaluate(job, lifeline, entries(job.config, stamp, checkpoints, job.sources))
+    entered = entries(job.config, stamp, checkpoints, job.sources)
+    (job.folder / REPORT_FILE).write_bytes(evaluate(job, lifeline, entered).encode())
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ NAMES = (
     "learn_lap_sb3",
     "fit_car",
     "reference_models",
+    "robustness",
 )
 
 

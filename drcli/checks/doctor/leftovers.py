@@ -14,7 +14,9 @@ from drcli.exchange.run_record import LIVE_STATES, RunRecord
 from drcli.store.server import server
 from drcli.store.server.state import ServerState, own_file
 
-_WORKERS = tuple(f"drcli.workers.{name}" for name in ("sim", "trainer", "evaluator"))
+_WORKERS = tuple(
+    f"drcli.workers.{name}" for name in ("sim", "trainer", "evaluator", "evaluate_many")
+)
 
 
 def examine_runs(directory: Path) -> Iterator[Finding]:

@@ -7,6 +7,8 @@ from typing import Annotated, get_args
 import typer
 
 from drcli.cli import console
+from drcli.cli import evaluation_options as options
+from drcli.cli.evaluation_modes import Many, evaluate_in_a_loop, evaluate_many
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import AsJson, checkpoint_option, parsed_checkpoint
 from drcli.cli.views import evaluation_view
@@ -90,6 +92,32 @@ def evaluate(
         Path | None,
         typer.Option("--opp-metadata", metavar="FILE", help="Its model_metadata.json."),
     ] = None,
+    start: options.Start = None,
+    start_angle: options.StartAngle = None,
+    start_position: options.StartPosition = None,
+    reverse: options.Reverse = None,
+    max_lap_seconds: options.MaxLapSeconds = None,
+    average_laps: options.AverageLaps = None,
+    seed: options.Seed = None,
+    robust: Annotated[
+        bool,
+        typer.Option(
+            "--robust", help="Drive under a grid of disturbances, for a table and one score."
+        ),
+    ] = False,
+    models: Annotated[
+        str | None,
+        typer.Option(
+            "--models", metavar="PREFIXES", help='Compare models, as "team/*" or a,b with commas.'
+        ),
+    ] = None,
+    worlds: Annotated[
+        str | None,
+        typer.Option("--worlds", metavar="A,B", help="On these tracks instead of DR_WORLD_NAME."),
+    ] = None,
+    loop: Annotated[
+        bool, typer.Option("--loop", help="Evaluate each new checkpoint until stopped.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Drive evaluation laps with the model and report the result.
@@ -101,6 +129,11 @@ def evaluate(
     With --runtime the same laps are driven by another engine than PyTorch, such as the one of the
     car. With --model a file drives, without any model in the bucket; its model_metadata.json lies
     beside it, inside of it, or is named by --metadata.
+
+    --robust drives one lap from several starts under each level of light, glare, noise, latency,
+    grip and more, and shows what broke the model. --models and --worlds drive several models on
+    several tracks on all cores, and show the command that trains on from the best. --loop drives
+    the newest checkpoint until Ctrl-C or dr-stop-evaluation, and keeps a table of best laps.
 
     dr-start-evaluation -q drives in the background: results are written to the bucket, messages to
     the log, and dr-stop-evaluation stops it.
@@ -120,27 +153,76 @@ def evaluate(
     }
     own = _source("", runtime, model, metadata) or PolicySource()
     opponent = _source("opp-", opponent_runtime, opponent_model, opponent_metadata)
+    many = robust or models is not None or worlds is not None
+    _check_modes(many=many, loop=loop, clone=clone, opponent=opponent, models=models, own=own)
     loaded = settings()
     if chosen["eval_opp_checkpoint"] is not None and loaded.race_type != "HEAD_TO_MODEL":
         raise typer.BadParameter("--opp-checkpoint needs DR_RACE_TYPE=HEAD_TO_MODEL.")
     loaded = loaded.replaced(
         **{name: str(choice) for name, choice in chosen.items() if choice is not None}
     )
+    loaded = options.with_options(
+        loaded,
+        DR_EVAL_START_OFFSET=start,
+        DR_EVAL_START_ANGLE=start_angle,
+        DR_EVAL_START_POSITION=start_position,
+        DR_EVAL_REVERSE_DIRECTION=reverse,
+        DR_EVAL_MAX_LAP_SECONDS=max_lap_seconds,
+        DR_EVAL_AVERAGE_LAPS=average_laps,
+    )
+    if many:
+        asked = Many(options.listed(models), options.listed(worlds), robust, seed, own)
+        evaluate_many(loaded, asked, quiet=quiet, as_json=as_json)
+        return
     bring_tracks(loaded)
+    if loop:
+        evaluate_in_a_loop(loaded, seed, quiet=quiet, as_json=as_json)
+        return
     if quiet and context.info_name == STARTER:
         plan = prepare_evaluation(
-            loaded, clone=clone, on_progress=console.say, own=own, opponent=opponent
+            loaded, clone=clone, seed=seed, on_progress=console.say, own=own, opponent=opponent
         )
         record = evaluation.launch_evaluation(plan)
         started = Started(record.prefix, record.checkpoint, record.pid, plan.simtrace, plan.metrics)
         console.emit(started, None, as_json=as_json)
         return
     say = (lambda text: None) if quiet else console.say
-    report = evaluation.evaluate(loaded, clone=clone, on_progress=say, own=own, opponent=opponent)
+    report = evaluation.evaluate(
+        loaded, clone=clone, seed=seed, on_progress=say, own=own, opponent=opponent
+    )
+    console.warn(*report.notes)
     console.emit(report, evaluation_view.evaluation(report), as_json=as_json)
     if not quiet:
         resume = [] if stopping.is_running(loaded.run) else [RESUME]
         console.suggest([LOG, *resume, STATUS])
+
+
+def _check_modes(
+    *,
+    many: bool,
+    loop: bool,
+    clone: bool,
+    opponent: PolicySource | None,
+    models: str | None,
+    own: PolicySource,
+) -> None:
+    """Refuse options that do not fit each other.
+
+    Raises:
+        typer.BadParameter: They do not.
+    """
+    if loop and many:
+        raise typer.BadParameter("--loop drives one model on one track; leave out the others.")
+    if loop and own.file is not None:
+        raise typer.BadParameter("--loop follows a model in the bucket, but --model drives a file.")
+    if (loop or many) and clone:
+        raise typer.BadParameter("-c copies a model for a single evaluation only.")
+    if many and opponent is not None:
+        raise typer.BadParameter("An opponent drives in a single evaluation only.")
+    if models is not None and own.file is not None:
+        raise typer.BadParameter("--models names models in the bucket, but --model drives a file.")
+    if models is not None and not options.listed(models):
+        raise typer.BadParameter('--models is empty; name prefixes, as in --models "team/*".')
 
 
 def _source(

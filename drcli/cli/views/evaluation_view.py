@@ -51,6 +51,8 @@ def _trials(report: "EvaluationReport") -> Rows:
 
 def _laps(report: "EvaluationReport") -> str:
     best = f", best {report.best_lap_s:.2f} s" if report.best_lap_s is not None else ""
+    if report.best_average_s is not None and report.average_laps > 1:
+        best += f", best average of {report.average_laps} laps {report.best_average_s:.2f} s"
     driver = report.checkpoint
     if report.file is None:
         driver = f"checkpoint {driver} of {report.prefix}"

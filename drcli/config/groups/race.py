@@ -5,7 +5,7 @@ from typing import Literal
 
 from drcli.config.checkpoint_words import CheckpointText
 from drcli.config.fields import Group, setting
-from drcli.config.value_types import Colour, Gpus, OptionalWorldName, WorldName
+from drcli.config.value_types import Colour, Gpus, OptionalWorldName, StartOffset, WorldName
 
 _VIDEO = "only visible in videos, which drcli does not record"
 _FULL_SPEED = "the simulation always runs as fast as the processor allows"
@@ -300,6 +300,36 @@ class EvaluationSettings(Group, title="Evaluation"):
     )
     eval_reverse_direction: bool = setting(
         "DR_EVAL_REVERSE_DIRECTION", False, "Evaluate in the opposite direction."
+    )
+    eval_start_position: float = setting(
+        "DR_EVAL_START_POSITION",
+        0.0,
+        "Where on the lap an evaluation starts, as a fraction of it.",
+        between=(0, 1),
+    )
+    eval_start_offset: StartOffset = setting(
+        "DR_EVAL_START_OFFSET",
+        "centre",
+        "Where across the track an evaluation starts: left, centre, right, or metres to the left "
+        "of the centre line.",
+    )
+    eval_start_angle: float = setting(
+        "DR_EVAL_START_ANGLE",
+        0.0,
+        "How far the car is turned to the left of the driving direction at its start, degrees.",
+        between=(-180, 180),
+    )
+    eval_max_lap_seconds: float = setting(
+        "DR_EVAL_MAX_LAP_SECONDS",
+        600.0,
+        "Time after which a lap of an evaluation is given up, simulated seconds.",
+        between=(1, 36000),
+    )
+    eval_average_laps: int = setting(
+        "DR_EVAL_AVERAGE_LAPS",
+        3,
+        "Number of consecutive laps of which an evaluation reports the best average time.",
+        low=1,
     )
     eval_save_mp4: bool = setting(
         "DR_EVAL_SAVE_MP4",

@@ -52,6 +52,7 @@ class EpisodeRules:
         patience_steps: Consecutive steps without motion, or with falling progress, that count as a
             violation.
         max_steps: Steps after which an episode is cut off, the first included.
+        max_lap_steps: Steps of a lap after which its time is up, waiting included; 0 for no limit.
     """
 
     laps: int = 1
@@ -62,6 +63,7 @@ class EpisodeRules:
     immobilized_penalty_s: float = 0.0
     patience_steps: int = 15
     max_steps: int = 10_000
+    max_lap_steps: int = 0
 
     @classmethod
     def evaluation(
@@ -72,6 +74,7 @@ class EpisodeRules:
         off_track_penalty_s: float = 2.0,
         collision_penalty_s: float = 5.0,
         max_steps: int = 10_000,
+        max_lap_steps: int = 0,
     ) -> Self:
         """Rules of a stand-alone evaluation; driving backwards costs the off-track penalty."""
         return cls(
@@ -81,6 +84,7 @@ class EpisodeRules:
             collision_penalty_s=collision_penalty_s,
             reversed_penalty_s=off_track_penalty_s,
             max_steps=max_steps,
+            max_lap_steps=max_lap_steps,
         )
 
     def penalty_s(self, status: Status) -> float:
@@ -190,6 +194,7 @@ class Episodes:
             rules.max_resets,
             rules.patience_steps,
             rules.max_steps,
+            rules.max_lap_steps,
             np.array(pauses, np.int64),
         )
 
@@ -233,7 +238,7 @@ class Episodes:
         return Verdict(*_judge(tuple(observed), self._limits, self._parts))
 
 
-_IN_PROGRESS, _LAP_COMPLETE, _CRASHED, _OFF_TRACK, _IMMOBILIZED, _REVERSED = (
+_IN_PROGRESS, _LAP_COMPLETE, _CRASHED, _OFF_TRACK, _IMMOBILIZED, _TIME_UP, _REVERSED = (
     int(status)
     for status in (
         Status.IN_PROGRESS,
@@ -241,6 +246,7 @@ _IN_PROGRESS, _LAP_COMPLETE, _CRASHED, _OFF_TRACK, _IMMOBILIZED, _REVERSED = (
         Status.CRASHED,
         Status.OFF_TRACK,
         Status.IMMOBILIZED,
+        Status.TIME_UP,
         Status.REVERSED,
     )
 )
@@ -281,7 +287,7 @@ def _judge(
     A car that is not driven has patience again: only consecutive driven steps count.
     """
     driven, fraction, moved_m, off_track, crashed = observed
-    laps, max_resets, patience_steps, max_steps, pause_steps = limits
+    laps, max_resets, patience_steps, max_steps, max_lap_steps, pause_steps = limits
     s, count = EpisodeState(*state), len(driven)
     # After a completed lap progress begins again from 0.
     before = np.where(driven & (s.progress >= 100.0), 0.0, s.progress)
@@ -320,9 +326,12 @@ def _judge(
         violated = status[car] != _IN_PROGRESS and not finished
         s.crashes[car] += status[car] == _CRASHED
         terminated[car] = finished or (violated and s.resets[car] >= max_resets)
-        truncated[car] = not terminated[car] and s.steps[car] >= max_steps
+        time_up = 0 < max_lap_steps <= s.lap_steps[car] and not lap_done
+        truncated[car] = not terminated[car] and (time_up or s.steps[car] >= max_steps)
         s.over[car] |= terminated[car] or truncated[car]
-        if truncated[car]:
+        if truncated[car] and time_up:
+            status[car] = _TIME_UP
+        elif truncated[car]:
             # Traces have no word for a step limit; readers count these as cars that got nowhere.
             status[car] = _IMMOBILIZED
         elif violated and not terminated[car]:

@@ -15,6 +15,7 @@ from drsim.episode.placing import JUMP_M, Placing, fraction_at, without_jump
 from drsim.episode.privileged_features import features
 from drsim.episode.reward import REWARD_DEADLINE_S, RewardFunction, checked_rewards
 from drsim.episode.stability import mark_unstable
+from drsim.episode.start_poses import start_pose
 from drsim.episode.step import StepResult
 from drsim.errors import RewardError
 from drsim.race.race import TIME_TRIAL, Race
@@ -23,7 +24,7 @@ from drsim.sensing.observations import Observations, Randomize
 from drsim.sensing.scene import Scene, build_scene
 from drsim.sensing.sensors import Sensors
 from drsim.track.polyline import Location
-from drsim.track.track import Track
+from drsim.track.track import CENTER, Track
 
 
 class Simulation:
@@ -144,6 +145,8 @@ class Simulation:
         *,
         reverse: bool | Bools = False,
         seeds: Seeds | None = None,
+        offset_m: Floats | None = None,
+        angle_deg: Floats | None = None,
         conditions: Conditions | Sequence[Conditions] | None = None,
     ) -> StepResult:
         """Begin episodes: put cars on the track at rest, for the `prepare` step.
@@ -157,6 +160,9 @@ class Simulation:
             reverse: Drive the lap against the direction of `track`. One value or shape (k,).
             seeds: Seeds of what is random in each episode; drawn from the seed of the simulation,
                 the car and the count of its episodes when left out. Shape (k,).
+            offset_m: How far to the left of the centre line each car stands; less where its wheels
+                would leave the road. Only for cars that start on the centre line. Shape (k,).
+            angle_deg: How far each is turned to the left of the driving direction. Shape (k,).
             conditions: What the episodes are driven under, instead of what `realism` draws for
                 them: one for all, or k of them. They say nothing about traffic, nor about the
                 lights and colours that `randomize` draws.
@@ -176,6 +182,8 @@ class Simulation:
         seeds = self._episode_seeds(cars) if seeds is None else np.asarray(seeds, np.uint64)
         self._draw(cars, seeds, conditions)
         self._place_at_start(cars, start_fraction, seeds)
+        if offset_m is not None or angle_deg is not None:
+            self._turn_aside(cars, start_fraction, offset_m, angle_deg)
         self._observations.start(np.sort(cars), self._cars)
         self._ticks[cars] += 1
         self._look_again(cars)
@@ -322,6 +330,27 @@ class Simulation:
         lanes = self.traffic.start_lane(cars)
         self._cars.place(cars, self._placing.on_each(cars, fraction, lanes))
         self.traffic.follow(self._cars.origin_xy, self._cars.yaw_rad)
+
+    def _turn_aside(
+        self, cars: Ints, fraction: Floats, offset_m: Floats | None, angle_deg: Floats | None
+    ) -> None:
+        """Move cars from where they start on the centre line; turn cars on other lanes only."""
+        nothing = np.zeros(len(cars))
+        offset_m = nothing if offset_m is None else np.asarray(offset_m, np.float64)
+        angle_deg = nothing if angle_deg is None else np.asarray(angle_deg, np.float64)
+        on_line = np.ones(len(cars), np.bool_)
+        if self.traffic is not None:
+            on_line = self.traffic.start_lane(cars) == CENTER
+        poses = self.poses[cars]
+        for k in np.flatnonzero((offset_m != 0.0) | (angle_deg != 0.0)):
+            if on_line[k]:
+                track = self._tracks[self._backward[cars[k]]]
+                poses[k] = start_pose(track, fraction[k], offset_m[k], angle_deg[k]).pose
+            else:
+                poses[k, 2] += np.radians(angle_deg[k])
+        self._cars.place(cars, poses)
+        if self.traffic is not None:
+            self.traffic.follow(self._cars.origin_xy, self._cars.yaw_rad)
 
     def _contacts(self, driven: Bools) -> Contacts | None:
         if self.traffic is None:

@@ -17,11 +17,10 @@ from drcli.exchange.checkpoint import (
 )
 from drcli.exchange.episode_metrics import (
     EpisodeMetrics,
+    EvaluationTrials,
     TrialMetrics,
     decode_metrics,
-    decode_report,
     encode_metrics,
-    encode_report,
 )
 from drcli.exchange.iteration import decode_history, encode_history
 from drcli.exchange.rollout_manifest import Driving, Manifest, Part
@@ -96,12 +95,13 @@ def test_lists_of_records_come_back_from_their_files():
     assert decode_history(encode_history([ITERATION])) == [ITERATION]
     assert math.isnan(decode_history(encode_history([unknown]))[0].kl)
     assert decode_metrics(encode_metrics([metrics], "progress")) == [metrics]
-    assert decode_report(encode_report([[trial], [trial]])) == [[trial], [trial]]
+    result = EvaluationTrials([[trial], [trial]], ["moved"])
+    assert EvaluationTrials.decode(result.encode()) == result
 
 
 @pytest.mark.parametrize("data", [b"", b"{}", b"[7]", b"[[7]]", b'{"metrics": 7}'])
 def test_files_that_list_something_else_are_refused(data):
-    for decode in (decode_history, decode_metrics, decode_report):
+    for decode in (decode_history, decode_metrics, EvaluationTrials.decode):
         with pytest.raises(RecordError):
             decode(data)
 

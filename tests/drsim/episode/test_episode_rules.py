@@ -256,3 +256,27 @@ def test_a_forgiven_crash_costs_the_collision_penalty_and_is_counted():
     assert not verdict.terminated[0]
     assert episodes.state.pause_steps[0] == 45
     assert (episodes.state.resets[0], episodes.state.crashes[0]) == (1, 1)
+
+
+def test_a_lap_that_takes_too_long_ends_the_race_with_its_time_up():
+    episodes = begun(EpisodeRules(laps=2, max_resets=9, max_lap_steps=25))
+    drive_lap(episodes)  # 20 steps: the time of each lap counts for itself
+
+    verdicts = [judge(episodes, 0.02 * step + 0.001) for step in range(1, 26)]
+
+    assert {int(verdict.status[0]) for verdict in verdicts[:-1]} == {Status.IN_PROGRESS}
+    assert verdicts[-1].status[0] == Status.TIME_UP
+    assert (verdicts[-1].truncated[0], verdicts[-1].terminated[0]) == (True, False)
+    assert episodes.state.over[0]
+
+
+def test_waiting_for_a_penalty_counts_as_time_of_the_lap():
+    rules = EpisodeRules(max_resets=9, off_track_penalty_s=1.0, max_lap_steps=17)
+    episodes = begun(rules)
+    judge(episodes, 0.01, off_track=True)
+    for _ in range(15):
+        episodes.wait(DRIVEN)
+
+    verdict = judge(episodes, 0.02)
+
+    assert verdict.status[0] == Status.TIME_UP

@@ -1,0 +1,256 @@
+"""Evaluates a model again and again, each time its newest checkpoint, and keeps the best laps."""
+
+import os
+import shutil
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+
+from drcli.base.errors import DrError
+from drcli.base.json_record import JsonRecord, RecordError
+from drcli.base.process_identity import started_s
+from drcli.config.settings import Settings
+from drcli.exchange.evaluation_record import EvaluationRecord
+from drcli.runs.evaluation import (
+    EvaluationReport,
+    EvaluationStopped,
+    run_evaluation,
+    until_sigterm,
+)
+from drcli.runs.evaluation_plan import choose_checkpoint, claim_stamp, prepare_evaluation
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+
+MOST_ROWS = 20
+"""Rounds in the table. Traces and metrics of all others are deleted."""
+
+LOOK_S = 2.0
+"""Pause between two looks for a new checkpoint."""
+
+LONGEST_PAUSE_S = 60.0
+"""Between two tries while rounds fail."""
+
+
+@dataclass(frozen=True)
+class BestLap(JsonRecord):
+    """A round with at least one completed lap.
+
+    Attributes:
+        world: The track.
+        checkpoint: What drove.
+        best_lap_s: Fastest completed lap, simulated seconds.
+        best_average_s: Least mean time of DR_EVAL_AVERAGE_LAPS completed laps in a row.
+        completed: Completed laps of the round.
+        trials: All laps of the round.
+        driven_at: When, as ISO 8601.
+        stamp: Fourteen digits that name the evaluation.
+    """
+
+    world: str
+    checkpoint: str
+    best_lap_s: float
+    best_average_s: float | None
+    completed: int
+    trials: int
+    driven_at: str
+    stamp: str
+
+
+@dataclass(frozen=True)
+class BestLaps(JsonRecord):
+    """The best rounds of a model over all its loops, the fastest lap first."""
+
+    laps: list[BestLap] = field(default_factory=list)
+
+    def with_lap(self, lap: BestLap) -> "BestLaps":
+        """The table with one more round, and at most `MOST_ROWS`."""
+        laps = sorted([*self.laps, lap], key=lambda one: (one.best_lap_s, one.driven_at))
+        return BestLaps(laps[:MOST_ROWS])
+
+
+@dataclass(frozen=True)
+class LoopReport:
+    """The result of `dr-evaluate --loop`.
+
+    Attributes:
+        prefix: Model prefix.
+        world: The track.
+        rounds: Evaluations that were completed.
+        failures: Rounds that failed.
+        best: The table of best laps, earlier loops included.
+        table: Its key in the bucket.
+    """
+
+    prefix: str
+    world: str
+    rounds: int
+    failures: int
+    best: list[BestLap]
+    table: str
+
+
+def run_loop(
+    settings: Settings,
+    *,
+    seed: int | None = None,
+    on_progress: Callable[[str], None] = lambda text: None,
+    on_failure: Callable[[str], None] = lambda text: None,
+) -> LoopReport:
+    """Evaluate until Ctrl-C or SIGTERM, which end the loop but are no failures.
+
+    A round that could only repeat the last one waits for a new checkpoint; where lights, traffic
+    or disturbances are drawn, each round has the next seed.
+
+    Raises:
+        DrError: The first round fails; later ones are tried again.
+    """
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    loop = _Loop(settings, bucket, settings.train_seed or 0 if seed is None else seed)
+    stamp, folder = claim_stamp(settings, bucket, settings.directory)
+    EvaluationRecord(
+        run_id=settings.run_id,
+        stamp=stamp,
+        bucket=bucket.name,
+        prefix=settings.model_prefix,
+        world=settings.world_name,
+        checkpoint="",
+        pid=os.getpid(),
+        pid_started=started_s(os.getpid()) or 0.0,
+        worker_pid=os.getpid(),
+        started_at=time.time(),
+    ).write(folder)
+    try:
+        with until_sigterm():
+            while True:
+                try:
+                    on_progress(loop.drive())
+                except DrError as error:
+                    if not loop.rounds or isinstance(error, EvaluationStopped):
+                        raise
+                    on_failure(f"{error} {error.remedy} The loop goes on.")
+                    loop.pause_after_failure()
+                loop.wait_for_something_new()
+    except (KeyboardInterrupt, EvaluationStopped):
+        return loop.report()
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+class _Loop:
+    """The rounds so far."""
+
+    def __init__(self, settings: Settings, bucket: Bucket, seed: int) -> None:
+        self.rounds = 0
+        self._settings = settings
+        self._bucket = bucket
+        self._seed = seed
+        self._failures = 0
+        self._failures_in_a_row = 0
+        self._last: EvaluationReport | None = None
+        self._key = keys.best_laps(settings.metrics_prefix)
+        self._table = read_best_laps(bucket, self._key)
+        self._loose: list[str] = []
+
+    def drive(self) -> str:
+        """Drive one round, keep the table, and say how it went."""
+        plan = prepare_evaluation(self._settings, seed=self._seed + self.rounds)
+        try:
+            report = run_evaluation(plan)
+        except BaseException:
+            self._loose.append(plan.stamp)  # it may have written something before it ended
+            raise
+        self.rounds += 1
+        self._failures_in_a_row = 0
+        self._last = report
+        before = self._best_here()
+        said = f"Round {self.rounds}: {report.completed} of {len(report.trials)} laps, "
+        said += report.checkpoint
+        self._keep(report, plan.stamp)
+        if report.best_lap_s is not None:
+            said += f", best {report.best_lap_s:.2f} s"
+            if before is None or report.best_lap_s < before:
+                said += ", the best lap so far"
+        return said + "."
+
+    def _best_here(self) -> float | None:
+        laps = [
+            lap.best_lap_s for lap in self._table.laps if lap.world == self._settings.world_name
+        ]
+        return min(laps, default=None)
+
+    def _keep(self, report: EvaluationReport, stamp: str) -> None:
+        """Add the round to the table, and delete what belongs to none of its rows."""
+        before = {lap.stamp for lap in self._table.laps}
+        if report.best_lap_s is not None:
+            lap = BestLap(
+                world=report.world,
+                checkpoint=report.checkpoint,
+                best_lap_s=report.best_lap_s,
+                best_average_s=report.best_average_s,
+                completed=report.completed,
+                trials=len(report.trials),
+                driven_at=datetime.now(UTC).isoformat(timespec="seconds"),
+                stamp=stamp,
+            )
+            self._table = self._table.with_lap(lap)
+            self._bucket.put(self._key, self._table.encode())
+        kept = {lap.stamp for lap in self._table.laps}
+        gone = (before | set(self._loose)) - kept
+        model = self._settings.model
+        self._bucket.delete(
+            [keys.evaluation_trace(model.prefix, old) for old in sorted(gone)]
+            + [keys.evaluation_metrics(model.metrics_prefix, old) for old in sorted(gone)]
+        )
+        self._loose = [] if stamp in kept else [stamp]  # the newest stays until the next round
+
+    def pause_after_failure(self) -> None:
+        """Wait, longer after each failure in a row."""
+        self._failures += 1
+        self._failures_in_a_row += 1
+        time.sleep(min(LONGEST_PAUSE_S, LOOK_S * 2.0**self._failures_in_a_row))
+
+    def wait_for_something_new(self) -> None:
+        """Return when the next round can differ from the last one."""
+        while self._last is not None and not draws_anything(self._settings):
+            with suppress(DrError):
+                prefix = self._settings.model_prefix
+                chosen = choose_checkpoint(self._settings, self._bucket, prefix)
+                if chosen != self._last.checkpoint:
+                    return
+            time.sleep(LOOK_S)
+
+    def report(self) -> LoopReport:
+        """What the loop came to."""
+        return LoopReport(
+            prefix=self._settings.model_prefix,
+            world=self._settings.world_name,
+            rounds=self.rounds,
+            failures=self._failures,
+            best=self._table.laps,
+            table=self._key,
+        )
+
+
+def read_best_laps(bucket: Bucket, key: str) -> BestLaps:
+    """The table in the bucket; an empty one if there is none or it is damaged."""
+    try:
+        return BestLaps.decode(bucket.get(key))
+    except (ObjectMissing, RecordError):
+        return BestLaps()
+
+
+def draws_anything(settings: Settings) -> bool:
+    """Whether two evaluations of the same checkpoint can differ by their seeds."""
+    s = settings
+    disturbed = s.sim_extras_in != "training" and any(
+        isinstance(value, float) and value != 0.0
+        for name, value in vars(s).items()
+        if name.startswith("sim_")
+    )
+    traffic = s.race_type == "HEAD_TO_BOT" or (
+        s.race_type == "OBJECT_AVOIDANCE" and s.oa_randomize_obstacle_locations
+    )
+    return disturbed or traffic or s.enable_domain_randomization

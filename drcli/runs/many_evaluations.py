@@ -1,0 +1,276 @@
+"""Runs many evaluations on all cores: worker processes, the table of results, and the best."""
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+
+from drcli.base.atomic_file import load_record
+from drcli.base.json_record import JsonRecord
+from drcli.base.process_identity import started_s
+from drcli.exchange.evaluation_record import EvaluationRecord
+from drcli.exchange.evaluation_task import EvaluationTask, TaskOutcome
+from drcli.exchange.job import WorkerExit
+from drcli.exchange.robust_result import RobustResult
+from drcli.runs.evaluation import (
+    COMPLETE,
+    EXIT_S,
+    best_average_s,
+    failure,
+    trial_reports,
+    until_sigterm,
+)
+from drcli.runs.many_evaluations_plan import ManyPlan
+from drcli.runs.run_logs import log_file
+from drcli.runs.worker_processes import end_process, start_process
+from drcli.store import keys
+from drcli.store.connect import open_bucket
+from drcli.workers.cores import cores
+
+LOOK_S = 0.2
+"""Pause between two looks at the worker processes."""
+
+
+@dataclass(frozen=True)
+class TableRow(JsonRecord):
+    """A model on a track.
+
+    Attributes:
+        prefix: Model prefix.
+        checkpoint: Name of its checkpoint; empty where it cannot be evaluated.
+        world: The track.
+        completed: Trials that completed the lap.
+        trials: All trials.
+        progress: Mean percent of the lap over the trials.
+        best_lap_s: Fastest completed lap, simulated seconds.
+        best_average_s: Least mean time of DR_EVAL_AVERAGE_LAPS completed laps in a row.
+        off_track: How often the car left the track.
+        robust_score: Of a robust evaluation.
+        reason: Why it could not be evaluated; empty if it was.
+        remedy: What to do about it.
+    """
+
+    prefix: str
+    checkpoint: str
+    world: str
+    completed: int = 0
+    trials: int = 0
+    progress: float = 0.0
+    best_lap_s: float | None = None
+    best_average_s: float | None = None
+    off_track: int = 0
+    robust_score: float | None = None
+    reason: str = ""
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class BestStart:
+    """The best model on a track.
+
+    Attributes:
+        world: The track.
+        prefix: Model prefix.
+        checkpoint: Name of the checkpoint that drove.
+        command: Trains a new model on this track from it.
+    """
+
+    world: str
+    prefix: str
+    checkpoint: str
+    command: str
+
+
+@dataclass(frozen=True)
+class TableReport:
+    """The result of many evaluations.
+
+    Attributes:
+        rows: Track by track, the best model first; models that cannot drive last.
+        best: For each track with a model that got somewhere, how to train on from the best there.
+        table: Key of this table in the bucket.
+        robust: The grids, if these were driven, in the order of the rows.
+        notes: What was driven otherwise than the settings ask, and why.
+    """
+
+    rows: list[TableRow]
+    best: list[BestStart]
+    table: str
+    robust: list[RobustResult] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def run_many(plan: ManyPlan, on_progress: Callable[[str], None] = lambda text: None) -> TableReport:
+    """Drive all evaluations of a plan, and put the table into the bucket.
+
+    Raises:
+        EvaluationStopped: SIGTERM came.
+        DrError: There is one evaluation only, and it failed.
+    """
+    job = plan.job
+    try:
+        with until_sigterm():
+            _drive(plan, on_progress)
+        outcomes = [_outcome(plan, task) for task in job.tasks]
+    finally:
+        shutil.rmtree(job.folder, ignore_errors=True)
+    if len(outcomes) == 1 and not plan.refused and outcomes[0].reason:
+        raise failure(outcomes[0].code, outcomes[0].reason, outcomes[0].remedy)
+    report = _report(plan, outcomes)
+    table = {"rows": [row.to_json() for row in report.rows], "best": list(map(asdict, report.best))}
+    bucket = open_bucket(job.config.storage)
+    bucket.put(report.table, json.dumps(table, allow_nan=False).encode())
+    return report
+
+
+def _drive(plan: ManyPlan, on_progress: Callable[[str], None]) -> None:
+    """Run the worker processes until all have ended."""
+    job = plan.job
+    shares = min(cores(), len(job.tasks))
+    processes: list[subprocess.Popen[bytes]] = []
+    said: set[int] = set()
+    try:
+        for share in range(shares):
+            name = "evaluation" if share == 0 else f"evaluation-{share}"
+            path = log_file(job.directory, job.config.model.prefix, name)
+            with suppress(OSError):
+                os.truncate(path, 0)
+            module = "drcli.workers.evaluate_many"
+            processes.append(start_process(job, name, module, str(share), str(shares)))
+            if share == 0:
+                _write_record(plan, processes[0].pid)
+        while any(process.poll() is None for process in processes):
+            time.sleep(LOOK_S)
+            for task in job.tasks:
+                if task.number not in said and (job.folder / task.outcome_file).exists():
+                    said.add(task.number)
+                    if len(job.tasks) > 1:
+                        on_progress(f"{len(said)} of {len(job.tasks)}: {task.prefix}, {task.world}")
+    except BaseException:
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            end_process(process, EXIT_S)
+        raise
+
+
+def _write_record(plan: ManyPlan, worker_pid: int) -> None:
+    """Write the record by which other commands find these evaluations."""
+    config, first = plan.job.config, plan.job.tasks[0]
+    EvaluationRecord(
+        run_id=config.run_id,
+        stamp=plan.stamp,
+        bucket=config.storage.bucket,
+        prefix=first.prefix,
+        world=first.world,
+        checkpoint=first.checkpoint,
+        pid=os.getpid(),
+        pid_started=started_s(os.getpid()) or 0.0,
+        worker_pid=worker_pid,
+        started_at=time.time(),
+    ).write(plan.job.folder)
+
+
+def _outcome(plan: ManyPlan, task: EvaluationTask) -> TaskOutcome:
+    """What came of a task; a reason if its process died before."""
+    found = load_record(TaskOutcome, plan.job.folder / task.outcome_file)
+    if found is not None:
+        return found
+    words = WorkerExit.read(plan.job.folder, "evaluation")
+    if words is not None:
+        return TaskOutcome(reason=words.message, remedy=words.remedy, code=words.code)
+    path = log_file(plan.job.directory, plan.job.config.model.prefix, "evaluation")
+    return TaskOutcome(
+        reason="Its worker process ended without a result.", remedy=f"Read its log: {path}."
+    )
+
+
+def _report(plan: ManyPlan, outcomes: Sequence[TaskOutcome]) -> TableReport:
+    laps = plan.job.config.evaluation.eval_average_laps
+    rows = [
+        _row(task, outcome, laps) for task, outcome in zip(plan.job.tasks, outcomes, strict=True)
+    ]
+    rows += [
+        TableRow(one.prefix, "", world, reason=one.reason, remedy=one.remedy)
+        for one in plan.refused
+        for world in plan.worlds
+    ]
+    rows.sort(key=lambda row: (plan.worlds.index(row.world), _rank(row)))
+    places = {(row.prefix, row.world): place for place, row in enumerate(rows)}
+    robust = [outcome.robust for outcome in outcomes if outcome.robust is not None]
+    robust.sort(key=lambda found: places[found.prefix, found.world])
+    notes = dict.fromkeys(note for outcome in outcomes for note in outcome.notes)
+    return TableReport(
+        rows, _best(plan.worlds, rows), keys.comparison(plan.stamp), robust, [*notes]
+    )
+
+
+def _row(task: EvaluationTask, outcome: TaskOutcome, laps: int) -> TableRow:
+    begin = (task.prefix, task.checkpoint, task.world)
+    if outcome.reason:
+        return TableRow(*begin, reason=outcome.reason, remedy=outcome.remedy)
+    if outcome.robust is not None:
+        cells = outcome.robust.cells
+        trials = sum(cell.trials for cell in cells)
+        times = [cell.lap_s for cell in cells if cell.lap_s is not None]
+        return TableRow(
+            *begin,
+            completed=sum(cell.completed for cell in cells),
+            trials=trials,
+            progress=sum(cell.progress * cell.trials for cell in cells) / trials,
+            best_lap_s=min(times, default=None),
+            robust_score=outcome.robust.robust_score,
+        )
+    trials_ = trial_reports(outcome.trials)
+    whole = [trial.lap_s for trial in trials_ if trial.status == COMPLETE]
+    return TableRow(
+        *begin,
+        completed=len(whole),
+        trials=len(trials_),
+        progress=sum(trial.progress for trial in trials_) / max(len(trials_), 1),
+        best_lap_s=min(whole, default=None),
+        best_average_s=best_average_s(trials_, laps),
+        off_track=sum(trial.off_track for trial in trials_),
+    )
+
+
+def _rank(row: TableRow) -> tuple[float, ...]:
+    """Sorts rows of one track: the best first, those without a result last."""
+    many = float("inf")
+    return (
+        float(bool(row.reason)),
+        -(row.robust_score or 0.0),
+        -row.completed / max(row.trials, 1),
+        row.best_average_s if row.best_average_s is not None else many,
+        row.best_lap_s if row.best_lap_s is not None else many,
+        -row.progress,
+    )
+
+
+def _best(worlds: Sequence[str], rows: Sequence[TableRow]) -> list[BestStart]:
+    found = []
+    for world in worlds:
+        first = next((row for row in rows if row.world == world and not row.reason), None)
+        if first is not None and first.progress > 0.0:
+            command = training_command(first.prefix, world)
+            found.append(BestStart(world, first.prefix, first.checkpoint, command))
+    return found
+
+
+def training_command(prefix: str, world: str) -> str:
+    """The command that trains a new model on a track, from the best checkpoint of another one."""
+    short = re.sub(r"[^A-Za-z0-9._-]+", "-", world.rpartition("/")[2].removesuffix(".npy"))
+    settings = {
+        "DR_WORLD_NAME": world,
+        "DR_LOCAL_S3_PRETRAINED": "True",
+        "DR_LOCAL_S3_PRETRAINED_PREFIX": prefix,
+        "DR_LOCAL_S3_MODEL_PREFIX": f"{prefix}-{short}",
+    }
+    given = " ".join(f"{name}={shlex.quote(value)}" for name, value in settings.items())
+    return f"{given} dr-start-training"

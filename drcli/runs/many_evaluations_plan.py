@@ -1,0 +1,203 @@
+"""Plans evaluations that share worker processes: several models, several tracks, or a grid."""
+
+import os
+import secrets
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from drcli.base.errors import DrError, SettingsError
+from drcli.base.problems import Place, ProblemsError
+from drcli.config.settings import Settings
+from drcli.config.track_names import track_problem
+from drcli.exchange.evaluation_record import claim, sweep
+from drcli.exchange.evaluation_task import EvaluationTask
+from drcli.exchange.job import Job
+from drcli.exchange.policy_source import PolicySource
+from drcli.models.model_list import model_prefixes
+from drcli.runs.evaluation_plan import check_model, checked_source, choose_checkpoint
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+
+WILDCARDS = "*?["
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A model that cannot be evaluated on any track.
+
+    Attributes:
+        prefix: Model prefix.
+        reason: Why.
+        remedy: What to do about it.
+    """
+
+    prefix: str
+    reason: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class ManyPlan:
+    """Evaluations that passed all checks.
+
+    Attributes:
+        job: For their processes, with a folder for this command only.
+        stamp: The name of all of them together, the time as fourteen digits.
+        worlds: The tracks, in the order of the command.
+        refused: Models that cannot be evaluated.
+    """
+
+    job: Job
+    stamp: str
+    worlds: list[str]
+    refused: list[Refused] = field(default_factory=list)
+
+
+def prepare_many(
+    settings: Settings,
+    *,
+    models: Sequence[str] = (),
+    worlds: Sequence[str] = (),
+    robust: bool = False,
+    seed: int | None = None,
+    own: PolicySource | None = None,
+    on_progress: Callable[[str], None] = lambda text: None,
+) -> ManyPlan:
+    """Find the models and their checkpoints, before a process starts.
+
+    Args:
+        settings: Describe the race in DR_EVAL_*.
+        models: Prefixes, which may contain `*` and `?`; none for the model of the settings.
+        worlds: Tracks; none for that of the settings.
+        robust: Whether to drive the grid of disturbances.
+        seed: Of all random numbers.
+        own: What drives instead of a checkpoint; only without `models`.
+        on_progress: Shows a short sentence on each step.
+
+    Raises:
+        SettingsError: A track does not exist, no model fits, or none of them can be evaluated.
+    """
+    if settings.race_type == "HEAD_TO_MODEL":
+        raise SettingsError(
+            "DR_RACE_TYPE=HEAD_TO_MODEL races two models, but here each model drives alone.",
+            remedy="Choose another DR_RACE_TYPE, or run `dr-evaluate` without --models, --worlds "
+            "and --robust.",
+        )
+    worlds = list(dict.fromkeys(worlds)) or [settings.world_name]
+    for world in worlds:
+        problem = track_problem(on_world(settings, world).race)
+        if problem is not None:
+            raise ProblemsError([replace(problem, severity="error")])
+    source = checked_source(own or PolicySource())
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    prefixes = matching_models(bucket, models) if models else [settings.model_prefix]
+    chosen, refused = {}, []
+    for prefix in prefixes:
+        try:
+            if source.file is None:
+                check_model(bucket, prefix, "--models" if models else "DR_LOCAL_S3_MODEL_PREFIX")
+                chosen[prefix] = choose_checkpoint(settings, bucket, prefix)
+            else:
+                chosen[prefix] = source.file.name
+        except DrError as error:
+            if not models:
+                raise
+            refused.append(Refused(prefix, str(error), error.remedy))
+    sweep(settings.directory, settings.run_id)
+    stamp, folder = _claimed(settings)
+    tasks = [
+        EvaluationTask(
+            number=number,
+            prefix=prefix,
+            metrics_prefix=_metrics_prefix(settings, prefix),
+            checkpoint=chosen[prefix],
+            world=world,
+            stamp=_free_stamp(bucket, prefix, stamp, index),
+            source=source,
+            robust=robust,
+        )
+        for number, (prefix, index, world) in enumerate(
+            (prefix, index, world) for index, world in enumerate(worlds) for prefix in chosen
+        )
+    ]
+    on_progress(_announced(len(chosen), worlds, robust=robust))
+    job = Job(
+        config=settings.run,
+        session=secrets.token_hex(6),
+        seed=seed if seed is not None else settings.train_seed or 0,
+        until_laps=None,
+        max_minutes=None,
+        folder=folder,
+        launcher_pid=os.getpid(),
+        tasks=tuple(tasks),
+    )
+    return ManyPlan(job, stamp, worlds, refused)
+
+
+def on_world(settings: Settings, world: str) -> Settings:
+    """The settings with another track, which the command names."""
+    if world == settings.world_name:
+        return settings
+    sources = {**settings.sources, "DR_WORLD_NAME": Place("flag")}
+    return settings.replaced(world_name=world, sources=sources)
+
+
+def matching_models(bucket: Bucket, patterns: Sequence[str]) -> list[str]:
+    """The models that fit one of the patterns, sorted.
+
+    Raises:
+        SettingsError: A pattern fits none.
+    """
+    known = model_prefixes(bucket)
+    found: set[str] = set()
+    for pattern in patterns:
+        if any(character in pattern for character in WILDCARDS):
+            fits = {prefix for prefix in known if fnmatchcase(prefix, pattern)}
+        else:
+            fits = {pattern} & known
+        if not fits:
+            some = ", ".join(sorted(known)[:5]) or "no models at all"
+            raise SettingsError(
+                f"No model in s3://{bucket.name} fits --models {pattern!a}; it has {some}.",
+                remedy="List them with `dr-list-models`; * and ? stand for any characters, as in "
+                '--models "team/*".',
+            )
+        found |= fits
+    return sorted(found)
+
+
+def _metrics_prefix(settings: Settings, prefix: str) -> str:
+    if prefix == settings.model_prefix:
+        return settings.metrics_prefix
+    return keys.metrics_prefix(prefix)
+
+
+def _announced(models: int, worlds: Sequence[str], *, robust: bool) -> str:
+    what = f"{models} model{'s' * (models != 1)}"
+    how = " under a grid of disturbances" if robust else ""
+    return f"Evaluating {what} on {', '.join(worlds)}{how} ..."
+
+
+def _claimed(settings: Settings) -> tuple[str, Path]:
+    """A name for these evaluations on this machine, and a folder."""
+    at = time.time()
+    while True:
+        stamp = time.strftime("%Y%m%d%H%M%S", time.localtime(at))
+        folder = claim(settings.directory, settings.run_id, stamp)
+        if folder is not None:
+            return stamp, folder
+        at += 1.0
+
+
+def _free_stamp(bucket: Bucket, prefix: str, stamp: str, index: int) -> str:
+    """A name that no evaluation of this model has: on each track a second later."""
+    at = time.mktime(time.strptime(stamp, "%Y%m%d%H%M%S")) + index
+    while True:
+        found = time.strftime("%Y%m%d%H%M%S", time.localtime(at))
+        if not bucket.exists(keys.evaluation_trace(prefix, found)):
+            return found
+        at += 60.0

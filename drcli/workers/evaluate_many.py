@@ -1,0 +1,84 @@
+"""An evaluation worker that drives a share of many evaluations, one after another.
+
+Run by `dr-evaluate` as `python -m drcli.workers.evaluate_many SHARE SHARES`: this process takes
+each SHARES-th task of the job, beginning with SHARE. What came of each is a file in the folder of
+the job; a model that cannot be evaluated has its reason there, and the others are driven.
+"""
+
+import sys
+from dataclasses import replace
+
+from drcli.base import signal_guard
+from drcli.base.atomic_file import save_record
+from drcli.base.errors import DrError
+from drcli.base.log import get_logger
+from drcli.config.settings import RunConfig
+from drcli.exchange.evaluation_task import EvaluationTask, TaskOutcome
+from drcli.exchange.job import Job
+from drcli.store import keys
+from drcli.store.connect import open_bucket
+from drcli.workers import worker_process
+from drcli.workers.build_race import reward_failure
+from drcli.workers.cores import cores
+from drcli.workers.evaluator import Entry, evaluate
+from drcli.workers.robust_drive import evaluate_robustly
+from drcli.workers.worker_process import Lifeline
+from drsim.errors import RewardError
+
+_logger = get_logger(__name__)
+
+
+def drive_share(job: Job, lifeline: Lifeline, share: int, shares: int) -> None:
+    """Drive the tasks of this share, each with an outcome."""
+    threads = max(1, cores() // shares)
+    for task in job.tasks[share::shares]:
+        _logger.info("Evaluates %s of %s on %s.", task.checkpoint, task.prefix, task.world)
+        try:
+            outcome = _driven(job, lifeline, task, threads)
+        except RewardError as error:
+            outcome = _refused(reward_failure(error))
+        except DrError as error:
+            outcome = _refused(error)
+        save_record(job.folder / task.outcome_file, outcome)
+
+
+def config_of(config: RunConfig, task: EvaluationTask) -> RunConfig:
+    """The settings of the job for one task."""
+    race = config.race().replaced(world_name=task.world)
+    model = replace(config.model, prefix=task.prefix, metrics_prefix=task.metrics_prefix)
+    return replace(config, model=model, races=(race,))
+
+
+def _driven(job: Job, lifeline: Lifeline, task: EvaluationTask, threads: int) -> TaskOutcome:
+    config = config_of(job.config, task)
+    entry = Entry(
+        task.prefix,
+        task.checkpoint,
+        keys.evaluation_trace(task.prefix, task.stamp),
+        keys.evaluation_metrics(task.metrics_prefix, task.stamp),
+        task.source,
+    )
+    if task.robust:
+        bucket = open_bucket(config.storage, hurried=lifeline.should_stop)
+        robust = evaluate_robustly(
+            job, lifeline, bucket, entry, config, stamp=task.stamp, threads=threads
+        )
+        return TaskOutcome(robust=robust)
+    found = evaluate(job, lifeline, [entry], config=config, threads=threads)
+    return TaskOutcome(trials=found.racers[0], notes=found.notes)
+
+
+def _refused(error: DrError) -> TaskOutcome:
+    _logger.warning("%s %s", error, error.remedy)
+    return TaskOutcome(reason=str(error), remedy=error.remedy, code=error.code)
+
+
+def main(job: Job, lifeline: Lifeline) -> None:
+    """Drive a share of the tasks in this process."""
+    signal_guard.install()
+    share, shares = map(int, sys.argv[1:])
+    drive_share(job, lifeline, share, shares)
+
+
+if __name__ == "__main__":
+    worker_process.run("evaluation", main)

@@ -1,0 +1,77 @@
+"""Where an episode begins: beside the centre line, at an angle to it, and never off the road."""
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from drsim.arrays import Floats
+from drsim.car.car import WHEELS_M
+from drsim.track.track import Track
+
+Side = Literal["left", "centre", "right"]
+
+STEP_M = 0.01
+"""Step of the search for a place on the road."""
+
+
+class StartPose(NamedTuple):
+    """Where a car starts.
+
+    Attributes:
+        pose: x and y in metres, yaw in radians. Shape (3,).
+        offset_m: How far to the left of the centre line its origin really is.
+        on_road: Whether all four wheels are on the road.
+    """
+
+    pose: Floats
+    offset_m: float
+    on_road: bool
+
+
+def offset_of(track: Track, fraction: float, side: Side) -> float:
+    """Metres to the left of the centre line, midway to the border on this side.
+
+    `track` is in the driving direction, `fraction` where on its lap, 0 .. 1.
+    """
+    if side == "centre":
+        return 0.0
+    distance_m = np.array([fraction * track.length_m])
+    centre = track.pose_at(distance_m)[0]
+    inside_is_left = track.is_ccw
+    lane = track.pose_at(distance_m, "inner" if (side == "left") == inside_is_left else "outer")[0]
+    return float((lane[:2] - centre[:2]) @ _leftwards(centre[2]))
+
+
+def start_pose(track: Track, fraction: float, offset_m: float, angle_deg: float) -> StartPose:
+    """The start that was asked for, or the nearest one towards the centre line on the road.
+
+    Args:
+        track: In the driving direction.
+        fraction: Where on the lap, 0 .. 1.
+        offset_m: How far to the left of the centre line, metres.
+        angle_deg: How far the car is turned to the left of the driving direction.
+    """
+    centre = track.pose_at(np.array([fraction * track.length_m]))[0]
+    yaw = centre[2] + np.radians(angle_deg)
+    for tried_m in _towards_centre(offset_m):
+        pose = np.array([*(centre[:2] + tried_m * _leftwards(centre[2])), yaw])
+        if _all_wheels_on(track, pose):
+            return StartPose(pose, tried_m, True)
+    return StartPose(np.array([*centre[:2], yaw]), 0.0, False)
+
+
+def _towards_centre(offset_m: float) -> Sequence[float]:
+    steps = int(abs(offset_m) / STEP_M)
+    smaller = (np.sign(offset_m) * STEP_M * np.arange(steps, -1, -1)).tolist()
+    return [offset_m, *smaller]
+
+
+def _leftwards(yaw_rad: float) -> Floats:
+    return np.array([-np.sin(yaw_rad), np.cos(yaw_rad)])
+
+
+def _all_wheels_on(track: Track, pose: Floats) -> bool:
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    turn = np.array([[cos, -sin], [sin, cos]])
+    return bool(track.on_road(pose[:2] + WHEELS_M[:, :2] @ turn.T).all())

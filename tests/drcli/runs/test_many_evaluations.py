@@ -1,0 +1,160 @@
+"""The table of many evaluations: order, reasons, and the best as a start."""
+
+import pytest
+
+from drcli.base.atomic_file import save_record
+from drcli.base.errors import SettingsError
+from drcli.exchange.episode_metrics import TrialMetrics
+from drcli.exchange.evaluation_task import EvaluationTask, TaskOutcome
+from drcli.exchange.job import Job
+from drcli.exchange.robust_result import RobustCell, RobustResult
+from drcli.runs import many_evaluations
+from drcli.runs.many_evaluations import run_many, training_command
+from drcli.runs.many_evaluations_plan import ManyPlan, Refused
+from drcli.store import keys
+
+STAMP = "20260102030405"
+
+
+def trial(number: int, lap_s: float | None) -> TrialMetrics:
+    status, percent = ("Lap complete", 100.0) if lap_s else ("Off track", 40.0)
+    return TrialMetrics(
+        completion_percentage=percent,
+        metric_time=0.0,
+        start_time=0.0,
+        elapsed_time_in_milliseconds=1000.0 * (lap_s or 5.0),
+        episode_status=status,
+        crash_count=0,
+        immobilized_count=0,
+        off_track_count=0 if lap_s else 1,
+        reversed_count=0,
+        reset_count=0,
+        trial=number,
+    )
+
+
+def laps(*times_s: float | None) -> TaskOutcome:
+    return TaskOutcome(trials=[trial(n + 1, lap_s) for n, lap_s in enumerate(times_s)])
+
+
+class Ended:
+    """A worker process that has ended already."""
+
+    pid = 4242
+
+    def poll(self) -> int:
+        return 0
+
+
+@pytest.fixture
+def run(racer, monkeypatch):
+    """Runs a plan whose workers leave these outcomes, by model and track."""
+    racer.run_env("DR_LOCAL_S3_MODEL_PREFIX=a", "DR_EVAL_AVERAGE_LAPS=2")
+    started = []
+
+    def run(outcomes, *, refused=(), cores=2):
+        folder = racer.folder / "job"
+        folder.mkdir()
+        tasks = [
+            EvaluationTask(number, prefix, f"{prefix}/metrics", f"{prefix}.ckpt", world, STAMP)
+            for number, (prefix, world) in enumerate(outcomes)
+        ]
+        worlds = list(dict.fromkeys(world for _, world in outcomes))
+        job = Job(
+            racer.settings().run, "s", 0, None, None, folder, launcher_pid=1, tasks=tuple(tasks)
+        )
+
+        def start(job, name, module, *arguments):
+            started.append((name, arguments))
+            for task, outcome in zip(tasks, outcomes.values(), strict=True):
+                if outcome is not None:
+                    save_record(folder / task.outcome_file, outcome)
+            return Ended()
+
+        monkeypatch.setattr(many_evaluations, "start_process", start)
+        monkeypatch.setattr(many_evaluations, "open_bucket", lambda *_, **__: racer.bucket)
+        monkeypatch.setattr(many_evaluations, "cores", lambda: cores)
+        monkeypatch.setattr(many_evaluations, "LOOK_S", 0.0)
+        report = run_many(ManyPlan(job, STAMP, worlds, list(refused)))
+        assert not folder.exists()
+        return report, started
+
+    return run
+
+
+def test_rows_are_sorted_by_track_then_by_laps_average_and_best_lap(run, racer):
+    report, _ = run(
+        {
+            ("slow", "x"): laps(12.0, 12.0, 12.0),
+            ("fast", "x"): laps(9.0, 9.5, 9.25),
+            ("wild", "x"): laps(7.0, None, 7.0),
+            ("fast", "y"): laps(None, None, None),
+            ("slow", "y"): laps(15.0, 14.0, 16.0),
+        }
+    )
+
+    assert [(row.world, row.prefix) for row in report.rows] == [
+        ("x", "fast"),
+        ("x", "slow"),
+        ("x", "wild"),
+        ("y", "slow"),
+        ("y", "fast"),
+    ]
+    assert report.rows[0].best_average_s == pytest.approx(9.25)
+    assert (report.rows[2].best_lap_s, report.rows[2].best_average_s) == (7.0, None)
+    assert (report.rows[2].completed, report.rows[2].off_track) == (2, 1)
+    assert [(best.world, best.prefix) for best in report.best] == [("x", "fast"), ("y", "slow")]
+    assert racer.bucket.get(keys.comparison(STAMP)).startswith(b'{"rows": [{"prefix": "fast"')
+
+
+def test_models_without_a_result_come_last_with_their_reasons(run):
+    report, _ = run(
+        {
+            ("damaged", "x"): TaskOutcome(reason="0.ckpt is damaged.", remedy="Restore it."),
+            ("died", "x"): None,
+            ("good", "x"): laps(12.0),
+        },
+        refused=[Refused("empty", "It has no checkpoint.", "Train it.")],
+    )
+
+    assert report.rows[0].prefix == "good"
+    reasons = {row.prefix: row.reason for row in report.rows[1:]}
+    assert reasons == {
+        "damaged": "0.ckpt is damaged.",
+        "died": "Its worker process ended without a result.",
+        "empty": "It has no checkpoint.",
+    }
+
+
+def test_a_single_model_that_fails_is_an_error_of_its_kind(run):
+    with pytest.raises(SettingsError, match="has no weights"):
+        run({("a", "x"): TaskOutcome(reason="a has no weights.", remedy="Train.", code=3)})
+
+
+def test_all_cores_work_but_not_more_processes_than_models(run):
+    _, started = run({(name, "x"): laps(9.0) for name in "abc"}, cores=8)
+
+    assert started == [
+        ("evaluation", ("0", "3")),
+        ("evaluation-1", ("1", "3")),
+        ("evaluation-2", ("2", "3")),
+    ]
+
+
+def test_robust_rows_are_sorted_by_their_score(run):
+    def grid(prefix, progress):
+        cells = [RobustCell("none", "none", 4, 4, progress, 9.0)]
+        return TaskOutcome(robust=RobustResult(prefix, "8.ckpt", "x", 0, cells, 1.0))
+
+    report, _ = run({("a", "x"): grid("a", 40.0), ("b", "x"): grid("b", 90.0)})
+
+    assert [(row.prefix, row.robust_score) for row in report.rows] == [("b", 90.0), ("a", 40.0)]
+    assert [found.prefix for found in report.robust] == ["b", "a"]
+
+
+def test_the_command_for_the_best_trains_a_model_of_its_own_there():
+    assert training_command("team/a", "tracks/my oval.npy") == (
+        "DR_WORLD_NAME='tracks/my oval.npy' DR_LOCAL_S3_PRETRAINED=True "
+        "DR_LOCAL_S3_PRETRAINED_PREFIX=team/a "
+        "DR_LOCAL_S3_MODEL_PREFIX=team/a-my-oval dr-start-training"
+    )

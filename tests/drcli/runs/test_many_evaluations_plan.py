@@ -1,0 +1,81 @@
+"""Which models are evaluated on which tracks (001-47), before anything drives."""
+
+import pytest
+
+from drcli.base.errors import SettingsError
+from drcli.base.problems import ProblemsError
+from drcli.runs import many_evaluations_plan
+from drcli.runs.many_evaluations_plan import matching_models, prepare_many
+from drcli.store import keys
+
+
+@pytest.fixture
+def bucket(racer, monkeypatch):
+    """A bucket with team/a and team/b, which are trained, and team/broken, whose files are gone."""
+    monkeypatch.setattr(many_evaluations_plan, "open_bucket", lambda *_, **__: racer.bucket)
+    for prefix in ("team/a", "team/b"):
+        racer.run_env(f"DR_LOCAL_S3_MODEL_PREFIX={prefix}")
+        racer.start()
+        racer.store(prefix).save(0, 0, b"weights", optimizer=b"")
+    racer.bucket.put(keys.coach_checkpoint("team/broken"), b"3_Step-300.ckpt")
+    racer.run_env("DR_LOCAL_S3_MODEL_PREFIX=team/a", "DR_WORLD_NAME=reinvent_base")
+    return racer.bucket
+
+
+def test_every_model_drives_on_every_track(racer, bucket):
+    plan = prepare_many(
+        racer.settings(), models=["team/[ab]"], worlds=["Bowtie_track", "reinvent_base"], seed=4
+    )
+
+    tasks = plan.job.tasks
+    assert [(task.prefix, task.world) for task in tasks] == [
+        ("team/a", "Bowtie_track"),
+        ("team/b", "Bowtie_track"),
+        ("team/a", "reinvent_base"),
+        ("team/b", "reinvent_base"),
+    ]
+    assert {task.checkpoint for task in tasks} == {"0_Step-0.ckpt"}
+    assert plan.job.seed == 4
+    stamps = [task.stamp for task in tasks if task.prefix == "team/a"]
+    assert len(set(stamps)) == len(stamps)  # their traces must not overwrite each other
+
+
+def test_a_model_that_cannot_be_evaluated_has_a_reason_and_hinders_no_other(racer, bucket):
+    plan = prepare_many(racer.settings(), models=["team/*"])
+
+    assert [task.prefix for task in plan.job.tasks] == ["team/a", "team/b"]
+    [refused] = plan.refused
+    assert refused.prefix == "team/broken"
+    assert "has no trained model: team/broken/model/model_metadata.json is missing" in (
+        refused.reason
+    )
+
+
+def test_without_names_the_model_of_the_settings_drives(racer, bucket):
+    plan = prepare_many(racer.settings(), robust=True)
+
+    [task] = plan.job.tasks
+    assert (task.prefix, task.world, task.robust) == ("team/a", "reinvent_base", True)
+
+
+def test_a_name_without_wildcards_is_a_whole_prefix(bucket):
+    assert matching_models(bucket, ["team/a"]) == ["team/a"]
+    with pytest.raises(SettingsError, match=r"No model in s3://bucket fits --models 'team'"):
+        matching_models(bucket, ["team"])
+
+
+def test_a_pattern_that_fits_nothing_is_refused_with_what_there_is(bucket):
+    with pytest.raises(SettingsError, match="it has team/a, team/b, team/broken"):
+        matching_models(bucket, ["team/*", "other/*"])
+
+
+def test_a_track_that_is_not_installed_is_refused_before_anything_drives(racer, bucket):
+    with pytest.raises(ProblemsError, match="DR_WORLD_NAME=nowhere is not a known track"):
+        prepare_many(racer.settings(), models=["team/*"], worlds=["reinvent_base", "nowhere"])
+
+
+def test_a_race_between_two_models_is_refused(racer, bucket):
+    racer.run_env("DR_LOCAL_S3_MODEL_PREFIX=team/a", "DR_RACE_TYPE=HEAD_TO_MODEL")
+
+    with pytest.raises(SettingsError, match="each model drives alone"):
+        prepare_many(racer.settings(), models=["team/*"])
