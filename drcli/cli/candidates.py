@@ -53,6 +53,13 @@ def experiments() -> list[str]:
     return sorted(path.parent.name for path in working_folder().glob("experiments/*/run.env"))
 
 
+def ready_made_models() -> list[str]:
+    """Models that come with drcli."""
+    from drcli.config.example_files import READY_MADE
+
+    return list(READY_MADE)
+
+
 def workers() -> list[str]:
     """Processes that have a log."""
     count = _settings().get("DR_WORKERS", "1")

@@ -3,6 +3,9 @@
 from importlib import resources
 from pathlib import Path
 
+READY_MADE = ("safe", "fast", "car")
+"""Names of the ready-made models."""
+
 
 def settings_file(name: str) -> Path:
     """The commented example of run.env or system.env."""

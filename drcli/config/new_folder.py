@@ -37,12 +37,15 @@ _DR_PROGRAMS=%s && . %s "$@"
 """
 
 
-def plan_folder(folder: Path, values: Mapping[str, str]) -> FolderPlan:
+def plan_folder(
+    folder: Path, values: Mapping[str, str], files_of_model: Mapping[str, bytes] | None = None
+) -> FolderPlan:
     """Work out a working folder; nothing is written yet.
 
     Args:
         folder: The folder; it need not exist.
         values: Texts of settings by DR_ name that replace those of the example files.
+        files_of_model: The three files of a model by name; without them, examples.
 
     Raises:
         ProblemsError: A value is wrong.
@@ -57,14 +60,19 @@ def plan_folder(folder: Path, values: Mapping[str, str]) -> FolderPlan:
     files = [
         NewFile("run.env", run),
         NewFile("system.env", system),
-        *_custom_files("custom_files", values.get("DR_RACE_TYPE", "")),
+        *_custom_files("custom_files", values.get("DR_RACE_TYPE", ""), files_of_model),
         NewFile("bin/activate.sh", _activate().encode()),
         NewFile(".gitignore", _gitignore(folder / ".gitignore")),
     ]
     return FolderPlan(folder, tuple(files), ("tracks",), *_missing_track(settings))
 
 
-def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> FolderPlan:
+def plan_experiment(
+    folder: Path,
+    name: str,
+    values: Mapping[str, str],
+    files_of_model: Mapping[str, bytes] | None = None,
+) -> FolderPlan:
     """Work out experiments/<name>/, as a copy of what the working folder has now.
 
     The experiment gets another model and a free DR_RUN_ID, so that it can run at the same time as
@@ -74,6 +82,7 @@ def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> Folde
         folder: A working folder.
         name: Name of the experiment.
         values: Texts of settings by DR_ name that differ from those of the working folder.
+        files_of_model: The three files of a model by name; without them, those of the folder.
 
     Raises:
         ProblemsError: A value is wrong, or belongs in system.env, which experiments share.
@@ -111,7 +120,10 @@ def plan_experiment(folder: Path, name: str, values: Mapping[str, str]) -> Folde
         for file in CUSTOM_FILES
         if (folder / "custom_files" / file).is_file() and "DR_RACE_TYPE" not in values
     ]
-    custom = mine or _custom_files(f"{here}/custom_files", values.get("DR_RACE_TYPE", ""))
+    custom = mine
+    if files_of_model is not None or not mine:
+        race_type = values.get("DR_RACE_TYPE", "")
+        custom = _custom_files(f"{here}/custom_files", race_type, files_of_model)
     workers = [
         NewFile(f"{here}/{path.name}", content_of(path, path.name))
         for path in sorted(folder.glob("worker-*.env"))
@@ -170,8 +182,12 @@ def _refuse_name(experiment: str) -> None:
         raise ProblemsError([setting_problem(EXPERIMENT, place, what, remedy)])
 
 
-def _custom_files(folder: str, race_type: str) -> list[NewFile]:
-    """The example files for a race."""
+def _custom_files(
+    folder: str, race_type: str, files_of_model: Mapping[str, bytes] | None = None
+) -> list[NewFile]:
+    """The files of a model, or the example files for a race."""
+    if files_of_model is not None:
+        return [NewFile(f"{folder}/{name}", files_of_model[name]) for name in CUSTOM_FILES]
     examples = EXAMPLES.get(race_type.upper(), "")
     return [
         NewFile(f"{folder}/{name}", model_file(f"{examples}{name}").read_bytes())

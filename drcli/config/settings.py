@@ -10,6 +10,7 @@ from drcli.base.problems import Place, Problem, few
 from drcli.config.fields import FrozenGroups, Setting, declared
 from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
 from drcli.config.groups.physical_car import PhysicalCarSettings
+from drcli.config.groups.processor import ProcessorSettings
 from drcli.config.groups.race import (
     EpisodeSettings,
     EvaluationSettings,
@@ -208,8 +209,8 @@ class _Places:
     sources: Mapping[str, Place]
 
 
-class TrainConfig(FrozenGroups, TrainSettings):
-    """How to train: workers, goals, evaluations during the training, the trainer's processor."""
+class TrainConfig(FrozenGroups, TrainSettings, ProcessorSettings):
+    """How to train: workers, goals, evaluations during the training, use of the processor."""
 
 
 class EvaluationConfig(FrozenGroups, EvaluationSettings, OpponentSettings):
@@ -281,6 +282,7 @@ class Settings(
     KeySettings,
     BucketSettings,
     EvaluationSettings,
+    ProcessorSettings,
     EpisodeSettings,
     TrainSettings,
     RaceSettings,

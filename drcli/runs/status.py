@@ -105,6 +105,8 @@ class RunReport:
     money_left: float | None = None
     requests: RequestReport | None = None
     watches: list[str] = field(default_factory=list)
+    priority: str = "normal"
+    threads: int = 0
 
     @property
     def dead(self) -> list[str]:
@@ -247,6 +249,8 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         money_left=money_left(spending),
         requests=request_report(folder, record.session, spending),
         watches=WatchRecord.read(folder, record.session).warnings,
+        priority=record.priority,
+        threads=record.threads,
     )
 
 

@@ -44,7 +44,7 @@ from drcli.workers.build_race import (
     load_world,
     sensors_of_model,
 )
-from drcli.workers.cores import cores
+from drcli.workers.cores import usable_cores
 from drcli.workers.driving import Driven, Driver, Plan, Racer
 from drcli.workers.worker_process import Lifeline
 from drsim.car.car import CONTROL_HZ
@@ -149,7 +149,7 @@ def evaluate(job: Job, lifeline: Lifeline, entered: Sequence[Entry]) -> None:
             collision_penalty_s=s.eval_collision_penalty,
             max_steps=int(MAX_LAP_S * CONTROL_HZ) * laps,
         ),
-        num_threads=cores(),
+        num_threads=usable_cores(job.config.train),
         seed=job.seed,
     )
     driven: list[Driven] = []
@@ -183,7 +183,7 @@ def enter(bucket: Bucket, entry: Entry, config: RunConfig) -> tuple[Racer, Model
         SettingsError: It cannot be used, or its file has changed since it was checked.
         NotAvailable: Its engine is not installed here.
     """
-    source, threads = entry.source, min(MOST_ENGINE_THREADS, cores())
+    source, threads = entry.source, min(MOST_ENGINE_THREADS, usable_cores(config.train))
     policy: Policy
     if source.file is not None:
         file = read_policy_file(source.file, source.metadata)

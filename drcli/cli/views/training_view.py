@@ -75,6 +75,8 @@ def run(columns: int, report: "RunReport") -> RenderableType:
         parts.append(indented(f"Try: {report.remedy}"))
     if report.state in ("starting", "running"):
         parts += [indented(_worker(worker)) for worker in report.workers]
+        if limits := _limits(report):
+            parts.append(indented(limits))
     parts += [Text(f"Warning: {text}", style="bold yellow") for text in report.watches]
     if report.history:
         last = report.history[-1]
@@ -93,6 +95,14 @@ def run(columns: int, report: "RunReport") -> RenderableType:
             parts.append(_warning(report))
     parts += [Text(line) for line in (_spent(report), _left(report), _requests(report)) if line]
     return Group(*parts)
+
+
+def _limits(report: "RunReport") -> str:
+    """How much of the processor the run leaves to others; empty where it takes all it can get."""
+    parts = ["low priority (DR_PRIORITY)"] if report.priority == "low" else []
+    if report.threads:
+        parts.append(f"at most {counted(report.threads, 'core')} (DR_THREADS)")
+    return f"processor: {', '.join(parts)}" if parts else ""
 
 
 def _spent(report: "RunReport") -> str:
