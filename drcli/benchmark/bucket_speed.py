@@ -22,6 +22,9 @@ MOST_BYTES = 32 << 20
 
 _LEFTOVER_AGE = timedelta(hours=1)
 
+_SHORTEST_S = 1e-6
+"""What clocks can tell apart."""
+
 
 @dataclass(frozen=True)
 class BucketSpeed:
@@ -63,9 +66,9 @@ def measure_bucket(bucket: Bucket, seconds: float) -> BucketSpeed:
     finally:
         bucket.delete([info.key for info in bucket.list(folder)])
     return BucketSpeed(
-        put_mb_per_s=large.total_bytes / large.put_s / 1e6,
-        get_mb_per_s=large.total_bytes / large.get_s / 1e6,
-        requests_per_s=len(times) / sum(times),
+        put_mb_per_s=large.total_bytes / max(large.put_s, _SHORTEST_S) / 1e6,
+        get_mb_per_s=large.total_bytes / max(large.get_s, _SHORTEST_S) / 1e6,
+        requests_per_s=len(times) / max(sum(times), _SHORTEST_S),
         request_ms=1000 * statistics.median(times),
         requests=len(times) + 1 + 3 * large.objects + 3,  # two lists and a deletion
         sent_bytes=large.total_bytes + (len(times) // 2 + 1) * SMALL_BYTES,

@@ -78,9 +78,7 @@ def first_lap_s(
     return least, median, most
 
 
-def _parts(
-    steps: int, ready: Ready, rates: Rates, bucket: BucketSpeed | None
-) -> dict[Part, float]:
+def _parts(steps: int, ready: Ready, rates: Rates, bucket: BucketSpeed | None) -> dict[Part, float]:
     """Seconds of each part of an iteration."""
     exchange_s = 0.0
     if bucket is not None:

@@ -23,7 +23,6 @@ from drcli.base.problems import ProblemsError
 from drcli.benchmark.bucket_speed import BucketSpeed, measure_bucket
 from drcli.benchmark.estimate import Estimate, estimate, first_lap_s
 from drcli.benchmark.work_order import Rates, Ready, WorkOrder
-from drcli.models.run_metadata import processor_name
 from drcli.checks.machine_rules import TRAINER_BYTES, WORKER_BYTES
 from drcli.config import secret_environment
 from drcli.config.example_files import model_file, settings_file
@@ -33,6 +32,7 @@ from drcli.exchange.job import PROCESS_TUNING, THREAD_VARIABLES
 from drcli.modelfiles.custom_files import local_file
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.models.run_metadata import processor_name
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
@@ -41,8 +41,8 @@ from drcli.store.server import server
 MOST_S = 58.0
 """Of the whole command."""
 
-BUCKET_S = 6.0
-MEASURED_S = 14.0
+BUCKET_S = 5.0
+MEASURED_S = 12.0
 """For simulation, driving and learning together; half of it for each of two works."""
 
 LEAST_PROCESS_S = 12.0
@@ -176,7 +176,9 @@ def measure_machine(
     speed = bucket.speed if bucket else None
     works = 2 if own_order else 1
     on_step("Measuring a training with the shipped files ...")
-    standard = _measured(replace(standard_order, seconds=MEASURED_S / works), left_s() / works, speed)
+    standard = _measured(
+        replace(standard_order, seconds=MEASURED_S / works), left_s() / works, speed
+    )
     own = None
     if own_order is not None:
         on_step("Measuring a training with your files ...")
@@ -231,9 +233,7 @@ def _warnings(report: BenchReport) -> Iterator[str]:
 def _standard(settings: Settings, folder: Path) -> WorkOrder:
     """The shipped files and settings, with the processor settings of the working folder."""
     flags = {"DR_EXPERIMENT_NAME": ""}
-    shipped = load_settings(
-        folder, environ={}, flags=flags, contents=_shipped_settings()
-    ).run
+    shipped = load_settings(folder, environ={}, flags=flags, contents=_shipped_settings()).run
     own = settings.run.train
     train = shipped.train.replaced(
         priority=own.priority,
@@ -322,7 +322,9 @@ def _measured(order: WorkOrder, most_s: float, bucket: BucketSpeed | None) -> Wo
 
 def _ask(order: WorkOrder, most_s: float) -> tuple[Ready, Rates]:
     plain, _ = secret_environment.split(os.environ)
-    limits = dict.fromkeys(THREAD_VARIABLES, str(order.train.threads)) if order.train.threads else {}
+    limits = (
+        dict.fromkeys(THREAD_VARIABLES, str(order.train.threads)) if order.train.threads else {}
+    )
     gpus = order.train.sagemaker_cuda_devices
     chosen = {"CUDA_VISIBLE_DEVICES": gpus} if gpus else {}
     data = json.dumps(asdict(order), default=json_default).encode()

@@ -100,6 +100,7 @@ def main() -> None:
     )
     driver = Driver(simulation, [Racer(DataParallelPolicy(policy, threads), actions)], 0)
     drawn = _DrawnActions(simulation, actions)
+    drawn.begin()
     drawn.step()  # compiles what is not in the cache
     rounds = _Rounds(driver, count)
     rounds.drive()
@@ -122,6 +123,7 @@ def main() -> None:
     _say(answers, ready)
     seconds = min(order.seconds, max(LEAST_S, order.most_seconds - prepared_s))
     bare_s, driving_s, learning_s = (share * seconds for share in SHARES)
+    drawn.begin()
     bare = _repeated(drawn.step, bare_s)
     clock = _Clock()
     steps = 0
@@ -188,8 +190,11 @@ class _DrawnActions:
             steering, speeds = zip(*actions.choices, strict=True)
             low, high, slow, fast = min(steering), max(steering), min(speeds), max(speeds)
         self._least, self._most = (low, slow), (high, fast)
-        everybody = np.arange(simulation.num_cars)
-        simulation.reset(everybody, self._random.random(len(everybody)))
+
+    def begin(self) -> None:
+        """Put all cars somewhere on the track."""
+        everybody = np.arange(self._simulation.num_cars)
+        self._simulation.reset(everybody, self._random.random(len(everybody)))
 
     def step(self) -> int:
         """One step of all cars; those that have left the track start again. Returns the steps."""

@@ -55,9 +55,9 @@ def experiments() -> list[str]:
 
 def ready_made_models() -> list[str]:
     """Models that come with drcli."""
-    from drcli.config.example_files import READY_MADE
+    from drcli.config.example_files import ready_made
 
-    return list(READY_MADE)
+    return list(ready_made())
 
 
 def workers() -> list[str]:

@@ -4,7 +4,7 @@ from importlib import resources
 from pathlib import Path
 
 READY_MADE = ("safe", "fast", "car")
-"""Names of the ready-made models."""
+"""Names of the models that `scripts/models` can make."""
 
 
 def settings_file(name: str) -> Path:
@@ -15,6 +15,11 @@ def settings_file(name: str) -> Path:
 def model_file(name: str) -> Path:
     """One of the three files of a model: an example, as `rewards/speed/reward_function.py`."""
     return _found(name, "defaults")
+
+
+def ready_made() -> tuple[str, ...]:
+    """Names of the ready-made models that are shipped: those whose card was written."""
+    return tuple(name for name in READY_MADE if model_file(f"models/{name}/card.json").is_file())
 
 
 def activate_script() -> Path:

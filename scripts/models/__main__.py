@@ -9,10 +9,10 @@ number of cores and the same versions; `card.json` names all of them. Trainings 
 priority, one after the other. `--folder` keeps the working folders there. `--finished` takes a
 training that has ended in such a folder.
 
-The best checkpoint, or the last one if the recipe says so, is rounded to half precision, put into a
-fresh working folder by `dr-init --model`, and driven there by `dr-evaluate`: three laps in each
-direction on the tracks of the recipe, without disturbances, and on the first one with those of the
-training. So the card describes exactly what racers get.
+The best checkpoint, or the last one if the recipe says so, is rounded to half precision. Then it is
+driven as by `dr-evaluate`: three laps in each direction on the tracks of the recipe, without
+disturbances, and on the first one with those of the training. So the card describes exactly what
+racers get.
 """
 
 import argparse
@@ -31,9 +31,9 @@ from pathlib import Path
 from typing import Any
 
 import psutil
+from drive_laps import drive_laps
 
 from drcli.base.json_record import json_default
-from drcli.models.run_metadata import processor_name
 from drcli.config.example_files import READY_MADE
 from drcli.exchange.checkpoint import CheckpointRecord
 from drcli.exchange.iteration import decode_history
@@ -47,8 +47,10 @@ from drcli.models.ready_made import (
     Card,
     DrivenLaps,
     Recipe,
+    read_ready_made,
     read_recipe,
 )
+from drcli.models.run_metadata import processor_name
 
 PROJECT = Path(__file__).resolve().parents[2]
 MODELS = PROJECT / "defaults" / "models"
@@ -84,10 +86,11 @@ def main() -> None:
             if not options.finished:
                 train(name, recipe, folder)
             card = take_model(name, recipe, folder)
-            write_card(name, card)  # `dr-init --model` reads it
-            laps = measure(name, recipe, kept / f"{name}-driven")
+            write_card(name, card)  # to read the model as everybody does
+            laps = measure(name, recipe)
             write_card(name, replace(card, laps=laps))
-            print(f"{name}: {card.checkpoint}, {[(l.world, l.completed, l.lap_s) for l in laps]}")
+            for measured in laps:
+                print(f"{name}: {measured}")
 
 
 def train(name: str, recipe: Recipe, folder: Path) -> None:
@@ -192,40 +195,17 @@ def take_model(name: str, recipe: Recipe, folder: Path) -> Card:
     )
 
 
-def measure(name: str, recipe: Recipe, folder: Path) -> list[DrivenLaps]:
-    """Drive the shipped model as a racer would."""
-    dr("init", str(folder), "--force", "--model", name, cwd=PROJECT)
-    try:
-        drives = [(world, reverse) for world in recipe.drives for reverse in (False, True)]
-        laps = [drive(folder, world, reverse, disturbed=False) for world, reverse in drives]
-        if any(key.startswith("DR_SIM_") for key in recipe.settings):
-            laps.append(drive(folder, recipe.drives[0], False, disturbed=True))
-    finally:
-        dr("stop-all", cwd=folder)
+def measure(name: str, recipe: Recipe) -> list[DrivenLaps]:
+    """Drive the shipped model as `dr-evaluate` does in a folder of `dr-init --model`."""
+    model = read_ready_made(name)
+    laps = [
+        drive_laps(model, world, reverse=reverse, disturbed=False)
+        for world in recipe.drives
+        for reverse in (False, True)
+    ]
+    if any(key.startswith("DR_SIM_") for key in recipe.settings):
+        laps.append(drive_laps(model, recipe.drives[0], reverse=False, disturbed=True))
     return laps
-
-
-def drive(folder: Path, world: str, reverse: bool, *, disturbed: bool) -> DrivenLaps:
-    """Three laps in one race; without disturbances, or with those of the working folder."""
-    settings = {
-        "DR_WORLD_NAME": world,
-        "DR_EVAL_REVERSE_DIRECTION": str(reverse),
-        "DR_SIM_EXTRAS_IN": "both" if disturbed else "training",
-        "DR_EVAL_NUMBER_OF_TRIALS": "3",
-        "DR_EVAL_IS_CONTINUOUS": "True",
-    }
-    if not disturbed:
-        settings["DR_ENABLE_DOMAIN_RANDOMIZATION"] = "False"
-    report = json.loads(dr("evaluate", "--json", cwd=folder, settings=settings).splitlines()[-1])
-    trials = report["trials"]
-    return DrivenLaps(
-        world,
-        reverse,
-        disturbed,
-        [trial["status"] for trial in trials],
-        [round(trial["lap_s"], 3) for trial in trials],
-        sum(trial["off_track"] for trial in trials),
-    )
 
 
 def write_card(name: str, card: Card) -> None:
@@ -237,9 +217,7 @@ def write_card(name: str, card: Card) -> None:
 def hashes(name: str) -> dict[str, str]:
     """SHA-256 of the files of a model that the card describes."""
     files = (*MODEL_FILES, TRAINING_FILE, WEIGHTS_FILE)
-    return {
-        file: hashlib.sha256((MODELS / name / file).read_bytes()).hexdigest() for file in files
-    }
+    return {file: hashlib.sha256((MODELS / name / file).read_bytes()).hexdigest() for file in files}
 
 
 def commit() -> str:

@@ -11,17 +11,15 @@ from drcli.cli.working_folder import working_folder
 
 
 def bench(
-    no_bucket: Annotated[
-        bool, typer.Option("--no-bucket", help="Leave the bucket out.")
-    ] = False,
+    no_bucket: Annotated[bool, typer.Option("--no-bucket", help="Leave the bucket out.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Measure how fast this machine trains, in about a minute.
 
     Measures simulation, learner, memory and bucket, estimates the time to the first lap, says which
     part limits, and gives a number to compare with docs/bench.md. Needs no run.env. With one, it
-    measures the bucket and the files of that folder too: at most 32 MB in each direction, in objects
-    that are deleted again. Nothing is left behind, and a running training is not touched, but both
+    measures the bucket and the files of that folder too. The bucket gets at most 32 MB, in objects
+    that are deleted again, and nothing is left behind. A running training is not touched, but both
     are slower meanwhile.
 
     Example: dr-bench

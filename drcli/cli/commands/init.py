@@ -96,7 +96,7 @@ def init(
         typer.Option(
             "--model",
             metavar="NAME",
-            help="Begin with a ready-made model: safe, fast or car.",
+            help="Begin with a trained model, such as safe (docs/ready-made-models.md).",
             autocompletion=candidates.ready_made_models,
         ),
     ] = None,
@@ -113,8 +113,7 @@ def init(
 
     On a terminal it asks for every value that is not given as an option; otherwise it uses the
     shipped values. No file is replaced unless you agree. With --model, the bucket gets a trained
-    model too, which drives, trains on and goes to the car at once: `safe` is slow and robust, `fast`
-    is quick on reinvent_base, `car` was trained with disturbances for the physical car.
+    model too, which can be evaluated, trained on, exported and sent to the car at once.
 
     Example: dr-init my-racer --world reinvent_base --prefix first-model
     """
@@ -179,12 +178,13 @@ _AFTER_MODEL = (
 
 def _ready_made(name: str) -> "ReadyMadeModel":
     """Read and check a ready-made model, before anything is written."""
-    from drcli.config.example_files import READY_MADE
+    from drcli.config.example_files import ready_made
     from drcli.models.ready_made import read_ready_made
 
-    if name not in READY_MADE:
+    names = ready_made()
+    if name not in names:
         raise typer.BadParameter(
-            f"--model {shown(name)}: there is no such ready-made model. {one_of(READY_MADE, name)}"
+            f"--model {shown(name)}: there is no such ready-made model. {one_of(names, name)}"
         )
     return read_ready_made(name)
 
