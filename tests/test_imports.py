@@ -31,7 +31,7 @@ FLOORS = {
         {"formats"},
         {"models", "workers"},
         {"checks", "remote", "spot"},
-        {"rewards"},
+        {"rewards", "benchmark"},
         {"runs"},
         {"cli"},
     ),
@@ -61,6 +61,7 @@ FORBIDDEN = {
     "drcli.checks": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
     "drcli.remote": {*SIMULATION, *LEARNING, *SCREEN, "numpy"},
     "drcli.spot": {*SIMULATION, *LEARNING, *SCREEN, "numpy"},
+    "drcli.benchmark": {*STORAGE, *SCREEN},
     "drcli.rewards": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
     "drcli.runs": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
     "drcli.cli": {*SIMULATION, *LEARNING, *STORAGE, "numpy"},
@@ -90,6 +91,7 @@ UNIMPORTED = {
     "drcli.workers.evaluate_many",
     "drcli.workers.try_cars",
     "drcli.workers.library_facts",
+    "drcli.benchmark.measure_process",
     "drsim.replay",
 }
 """Modules that are started by name, as programs or processes."""

@@ -62,6 +62,13 @@ def experiments() -> list[str]:
     return sorted(path.parent.name for path in working_folder().glob("experiments/*/run.env"))
 
 
+def ready_made_models() -> list[str]:
+    """Models that come with drcli."""
+    from drcli.config.example_files import ready_made
+
+    return list(ready_made())
+
+
 def workers() -> list[str]:
     """Processes that have a log."""
     count = _settings().get("DR_WORKERS", "1")

@@ -129,6 +129,7 @@ COMMANDS: tuple[Command, ...] = (
         Command("config", "Show, check and change settings.", function="app"),
         Command("validate", "Check everything that a training needs."),
         Command("doctor", "Examine the installation, this machine and the bucket."),
+        Command("bench", "Measure how fast this machine trains."),
         Command("support-bundle", "Pack what helps others to help you, without secrets."),
         Command("upload-custom-files", "Copy custom_files/ to the bucket.", "custom_files"),
         Command("download-custom-files", "Copy custom_files/ from the bucket.", "custom_files"),

@@ -3,6 +3,9 @@
 from importlib import resources
 from pathlib import Path
 
+READY_MADE = ("safe", "fast", "car")
+"""Names of the models that `scripts/models` can make."""
+
 
 def settings_file(name: str) -> Path:
     """The commented example of run.env or system.env."""
@@ -17,6 +20,11 @@ def model_file(name: str) -> Path:
 def presets_folder() -> Path:
     """The folder with a folder for each preset."""
     return _found("presets", "defaults")
+
+
+def ready_made() -> tuple[str, ...]:
+    """Names of the ready-made models that are shipped: those whose card was written."""
+    return tuple(name for name in READY_MADE if model_file(f"models/{name}/card.json").is_file())
 
 
 def activate_script() -> Path:

@@ -43,7 +43,10 @@ _DR_PROGRAMS=%s && . %s "$@"
 
 
 def plan_folder(
-    folder: Path, values: Mapping[str, str], preset: Preset | None = None
+    folder: Path,
+    values: Mapping[str, str],
+    preset: Preset | None = None,
+    files_of_model: Mapping[str, bytes] | None = None,
 ) -> FolderPlan:
     """Work out a working folder; nothing is written yet.
 
@@ -51,6 +54,7 @@ def plan_folder(
         folder: The folder; it need not exist.
         values: Texts of settings by DR_ name that replace those of the example files.
         preset: Settings and files that replace them too, unless `values` say otherwise.
+        files_of_model: The three files of a model by name; without them, those of the preset.
 
     Raises:
         ProblemsError: A value is wrong.
@@ -66,7 +70,7 @@ def plan_folder(
     files = [
         NewFile("run.env", run),
         NewFile("system.env", system),
-        *_custom_files("custom_files", values.get("DR_RACE_TYPE", ""), preset),
+        *_custom_files("custom_files", values.get("DR_RACE_TYPE", ""), preset, files_of_model),
         NewFile("bin/activate.sh", _activate().encode()),
         NewFile(".gitignore", _gitignore(folder / ".gitignore")),
     ]
@@ -87,7 +91,11 @@ def with_curriculum(plan: FolderPlan) -> FolderPlan:
 
 
 def plan_experiment(
-    folder: Path, name: str, values: Mapping[str, str], preset: Preset | None = None
+    folder: Path,
+    name: str,
+    values: Mapping[str, str],
+    preset: Preset | None = None,
+    files_of_model: Mapping[str, bytes] | None = None,
 ) -> FolderPlan:
     """Work out experiments/<name>/, as a copy of what the working folder has now.
 
@@ -99,6 +107,7 @@ def plan_experiment(
         name: Name of the experiment.
         values: Texts of settings by DR_ name that differ from those of the working folder.
         preset: Settings and files that replace its, unless `values` say otherwise.
+        files_of_model: The three files of a model by name; without them, those of the folder.
 
     Raises:
         ProblemsError: A value is wrong, or belongs in system.env, which experiments share.
@@ -137,12 +146,14 @@ def plan_experiment(
         for file in CUSTOM_FILES
         if (folder / "custom_files" / file).is_file() and "DR_RACE_TYPE" not in values
     ]
-    others = _custom_files(f"{here}/custom_files", values.get("DR_RACE_TYPE", ""), preset)
+    others = _custom_files(
+        f"{here}/custom_files", values.get("DR_RACE_TYPE", ""), preset, files_of_model
+    )
     if mine and preset is not None:  # what the preset does not have stays the racer's own
         own = {f"{here}/custom_files/{file}" for file in preset.files}
         kept = [file for file in mine if file.name not in own]
         mine = [*kept, *(file for file in others if file.name in own)]
-    custom = mine or others
+    custom = others if files_of_model is not None else mine or others
     workers = [
         NewFile(f"{here}/{path.name}", content_of(path, path.name))
         for path in sorted(folder.glob("worker-*.env"))
@@ -211,11 +222,18 @@ def _with_preset(data: bytes, preset: Preset | None, values: Mapping[str, str]) 
     return filled + preset.section(there | set(values))
 
 
-def _custom_files(folder: str, race_type: str, preset: Preset | None = None) -> list[NewFile]:
-    """The example files for a race, or those of a preset.
+def _custom_files(
+    folder: str,
+    race_type: str,
+    preset: Preset | None,
+    files_of_model: Mapping[str, bytes] | None,
+) -> list[NewFile]:
+    """The files of a model, those of a preset, or the example files for a race.
 
     The reward function of a preset is for a car alone, so that of a race with others wins.
     """
+    if files_of_model is not None:
+        return [NewFile(f"{folder}/{name}", files_of_model[name]) for name in CUSTOM_FILES]
     examples = EXAMPLES.get(race_type.upper(), "")
     mine = {} if preset is None else dict(preset.files)
     if examples:

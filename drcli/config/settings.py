@@ -12,6 +12,7 @@ from drcli.config.fields import FrozenGroups, Setting, declared
 from drcli.config.groups.failures import FailureSettings
 from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
 from drcli.config.groups.physical_car import PhysicalCarSettings
+from drcli.config.groups.processor import ProcessorSettings
 from drcli.config.groups.race import (
     EpisodeSettings,
     EvaluationSettings,
@@ -216,7 +217,7 @@ class _Places:
     sources: Mapping[str, Place]
 
 
-class TrainConfig(FrozenGroups, TrainSettings, FailureSettings):
+class TrainConfig(FrozenGroups, TrainSettings, FailureSettings, ProcessorSettings):
     """How to train: workers, goals, evaluations during the training, failures, the processor."""
 
 
@@ -296,6 +297,7 @@ class Settings(
     KeySettings,
     BucketSettings,
     EvaluationSettings,
+    ProcessorSettings,
     EpisodeSettings,
     FailureSettings,
     TrainSettings,

@@ -54,6 +54,8 @@ class FolderReport:
         unchanged: Files that were as they should be.
         backups: Copies of files that were replaced.
         warnings: Things that are allowed but may surprise you.
+        model: Address in the bucket of the ready-made model; empty without one.
+        checkpoint: Name of its checkpoint.
     """
 
     folder: str
@@ -61,6 +63,8 @@ class FolderReport:
     unchanged: list[str]
     backups: list[str]
     warnings: list[str]
+    model: str = ""
+    checkpoint: str = ""
 
 
 def write(plan: FolderPlan) -> FolderReport:

@@ -40,6 +40,15 @@ PROCESS_TUNING = {
 }
 """Environment of the worker processes, unless the user's own says otherwise."""
 
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)
+"""What limits the threads of the libraries that compute: torch, NumPy, SciPy, numba."""
+
 LOG_ENCODING = {"PYTHONIOENCODING": "utf-8:backslashreplace"}
 """Logs are UTF-8 in every locale; nothing that a reward function prints can end a worker."""
 
@@ -116,7 +125,15 @@ class Job:
         secrets = secret_environment.all_secrets()
         if secrets:
             secret_environment.hide_process()
-        options["env"] = {**PROCESS_TUNING, **plain, **LOG_ENCODING, **options.get("env", {})}
+        limits = dict.fromkeys(THREAD_VARIABLES, str(self.config.train.threads))
+        limits = limits if self.config.train.threads else {}
+        options["env"] = {
+            **PROCESS_TUNING,
+            **plain,
+            **limits,
+            **LOG_ENCODING,
+            **options.get("env", {}),
+        }
         secrets = secrets if with_secrets else {}
         job = self if private else self._without_addresses()
         sent = {"version": VERSION, "job": asdict(job), "secrets": secrets}

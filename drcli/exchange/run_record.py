@@ -88,6 +88,8 @@ class RunRecord:
         pid_started: From `process_identity.started_s`, because process numbers are reused.
         exit_code: Of the supervisor, when it has ended.
         storage: Of its bucket; None in the record of an early version.
+        priority: DR_PRIORITY at its start.
+        threads: DR_THREADS at its start; 0 for all cores.
     """
 
     run_id: int
@@ -105,6 +107,8 @@ class RunRecord:
     remedy: str = ""
     workers: list[WorkerRecord] = field(default_factory=list)
     storage: StorageRecord | None = None
+    priority: str = "normal"
+    threads: int = 0
 
     def storage_at_start(self, now: StorageConfig, directory: Path) -> StorageConfig:
         """The settings of the run's bucket, which may differ from those of now."""

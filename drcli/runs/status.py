@@ -155,6 +155,8 @@ class RunReport:
     notes: list[str] = field(default_factory=list)
     stage: StageMark | None = None
     budget: DayBudget | None = None
+    priority: str = "normal"
+    threads: int = 0
 
     @property
     def dead(self) -> list[str]:
@@ -321,6 +323,8 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         ],
         stage=stage,
         budget=_budget(config),
+        priority=record.priority,
+        threads=record.threads,
     )
 
 

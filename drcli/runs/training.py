@@ -9,6 +9,7 @@ from drcli.base.backoff import wait_until
 from drcli.base.errors import DrError, WorkerDied
 from drcli.base.file_lock import only_writer
 from drcli.base.log import LogFile, get_logger
+from drcli.base.low_priority import lower_priority
 from drcli.base.process_identity import started_s
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, StorageRecord
@@ -90,6 +91,10 @@ def supervise_job(job: Job) -> int:
     """
     path = log_file(job.directory, job.config.model.prefix, "supervisor")
     log = LogFile(path, job.config.log_max_mb << 20)
+    if job.config.train.priority == "low":
+        get_logger(__name__).info("DR_PRIORITY=low: %s.", lower_priority())
+    if job.config.train.threads:
+        get_logger(__name__).info("DR_THREADS=%d limits the cores.", job.config.train.threads)
     try:
         return _supervise(job)
     except DrError as error:
@@ -121,6 +126,8 @@ def _supervise(job: Job) -> int:
         pid_started=started_s(os.getpid()) or 0.0,
         started_at=time.time(),
         storage=StorageRecord.of(storage, job.directory),
+        priority=job.config.train.priority,
+        threads=job.config.train.threads,
     )
     with only_writer(job.directory):  # of two starts at the same time, one trains
         refuse_second_run(job.config.run_id, job.folder)

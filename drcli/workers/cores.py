@@ -25,22 +25,29 @@ def cores(root: Path = ROOT) -> int:
     return max(1, min([allowed, *(math.ceil(limit) for limit in _limits(root))]))
 
 
+def usable_cores(train: TrainConfig) -> int:
+    """Processor cores that a run may use: those of this process, at most DR_THREADS."""
+    return min(cores(), train.threads or cores())
+
+
 def overlaps(train: TrainConfig) -> bool:
     """Whether the next iteration is driven while the last one is learned from."""
     if train.train_overlap == "auto":
-        return cores() >= OVERLAP_CORES
+        return usable_cores(train) >= OVERLAP_CORES
     return train.train_overlap == "on"
 
 
 def driving_threads(train: TrainConfig) -> int:
     """Threads of one simulation worker; the workers share the cores that the trainer leaves."""
-    mine = cores() - learning_threads(train) if overlaps(train) else cores()
+    mine = usable_cores(train)
+    if overlaps(train):
+        mine -= learning_threads(train)
     return max(1, mine // train.workers)
 
 
 def learning_threads(train: TrainConfig) -> int:
     """Threads of the trainer: half of the cores if driving and learning overlap, else all."""
-    return max(1, cores() // 2) if overlaps(train) else cores()
+    return max(1, usable_cores(train) // 2) if overlaps(train) else usable_cores(train)
 
 
 def _limits(root: Path) -> Iterator[float]:

@@ -46,7 +46,7 @@ from drcli.workers.build_race import (
     load_world,
     sensors_of_model,
 )
-from drcli.workers.cores import cores
+from drcli.workers.cores import usable_cores
 from drcli.workers.driving import Driven, Driver, Plan, Racer
 from drcli.workers.reward_failures import RewardFailures
 from drcli.workers.worker_process import Lifeline
@@ -172,7 +172,7 @@ def evaluate(
             max_steps=lap_steps * laps + 1,
             max_lap_steps=lap_steps,
         ),
-        num_threads=threads or cores(),
+        num_threads=threads or usable_cores(job.config.train),
         seed=job.seed,
         on_reward_error=RewardFailures(job.config.train).handle,
     )
@@ -229,7 +229,7 @@ def enter(bucket: Bucket, entry: Entry, config: RunConfig) -> tuple[Racer, Model
         SettingsError: It cannot be used, or its file has changed since it was checked.
         NotAvailable: Its engine is not installed here.
     """
-    source, threads = entry.source, min(MOST_ENGINE_THREADS, cores())
+    source, threads = entry.source, min(MOST_ENGINE_THREADS, usable_cores(config.train))
     policy: Policy
     if source.file is not None:
         file = read_policy_file(source.file, source.metadata)

@@ -20,7 +20,7 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.workers import worker_process
 from drcli.workers.build_race import actions_of, load_world, longest_episode, sensors_of_model
-from drcli.workers.cores import cores
+from drcli.workers.cores import usable_cores
 from drcli.workers.driving import Driven, Driver, Plan, Racer
 from drcli.workers.worker_process import Lifeline
 from drsim.car.car_sets import CAR_SETS
@@ -38,6 +38,7 @@ def drive_car(
     policy: Policy,
     metadata: ModelMetadata,
     starts: int,
+    num_threads: int,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> CarTrial:
     """Drive one episode from each of the starts, which are spread evenly over the lap.
@@ -50,7 +51,7 @@ def drive_car(
         num_cars=starts,
         reward_function=centre_line_reward,
         rules=EpisodeRules(max_steps=longest_episode(track, actions)),
-        num_threads=cores(),
+        num_threads=num_threads,
         scene=scene,
         car_parameters=CAR_SETS[car].parameters,
         sensors=sensors_of_model(metadata),
@@ -81,9 +82,12 @@ def main(job: Job, lifeline: Lifeline) -> None:
     load_weights(model, found.tensors, found.record.name)
     track = load_world(job.config.race())
     scene = build_scene(track)
+    threads = usable_cores(job.config.train)
     trials = []
     for car in CAR_SETS:
-        trial = drive_car(car, track, scene, model, design.metadata, starts, lifeline.should_stop)
+        trial = drive_car(
+            car, track, scene, model, design.metadata, starts, threads, lifeline.should_stop
+        )
         plain.info(f"{car}: {trial.laps} of {starts} laps, {trial.mean_progress:.1f} %")
         trials.append(trial)
     (job.folder / TRIALS_FILE).write_bytes(encode_trials(trials))

@@ -14,6 +14,7 @@ from types import FrameType
 
 from drcli.base import log, log_files, notices
 from drcli.base.errors import DrError
+from drcli.base.low_priority import lower_priority
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_state import ActivityRecord
 from drcli.store import keys
@@ -120,6 +121,8 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     if path := os.environ.get(log_files.VARIABLE):
         log.LogFile(Path(path), job.config.log_max_mb << 20)
     _logger.info("%s started as process %d.", name, os.getpid())
+    if job.config.train.priority == "low":
+        _logger.info("DR_PRIORITY=low: %s.", lower_priority())
     requests = CountFile(job.folder, name, job.session)
     requests.start()
     lifeline.pulse.start(job.folder, name)

@@ -87,6 +87,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "config.editing:Edit": ("config set",),
     "checks.check_report:Report": ("validate",),
     "checks.doctor.findings:DoctorReport": ("doctor",),
+    "benchmark.machine_benchmark:BenchReport": ("bench",),
     "runs.support_bundle:BundleReport": ("support-bundle",),
     "cli.commands.validate:Checked": ("update", "update-env", "reload"),
     "runs.addresses:Addresses": ("url",),

@@ -3,16 +3,22 @@
 import os
 import shlex
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drcli.base.problems import BadValue, ProblemsError, shown
+from drcli.base.problems import BadValue, ProblemsError, one_of, shown
 from drcli.cli import candidates, console, prompts
 from drcli.cli.options import AsJson, in_options
 from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import current_folder, working_folder
+
+if TYPE_CHECKING:
+    from drcli.config.write_folder import FolderPlan, FolderReport
+    from drcli.models.ready_made import ReadyMadeModel
 
 OPTIONS = {
     "DR_WORLD_NAME": "--world",
@@ -101,6 +107,15 @@ def init(
             autocompletion=candidates.presets,
         ),
     ] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model",
+            metavar="NAME",
+            help="Begin with a trained model, such as safe (docs/ready-made-models.md).",
+            autocompletion=candidates.ready_made_models,
+        ),
+    ] = None,
     force: Annotated[
         bool,
         typer.Option("-f", "--force", "--yes", help="Do not ask; replaced files are kept as .bak."),
@@ -114,6 +129,8 @@ def init(
 
     On a terminal it asks for every value that is not given as an option; otherwise it uses the
     shipped values. No file is replaced unless you agree. `dr config preset` explains the presets.
+    With --model, the bucket gets a trained model too, which can be evaluated, trained on, exported
+    and sent to the car at once.
 
     Example: dr-init my-racer --world reinvent_base --prefix first-model
     """
@@ -136,13 +153,21 @@ def init(
     pairs = zip(OPTIONS, given, strict=False)  # all but the experiment
     values = {name: str(value) for name, value in pairs if value is not None}
     chosen = None if preset is None else preset_of(preset)
+    ready_made = None if model is None else _ready_made(model)
+    files = None
+    if ready_made is not None:
+        values = {"DR_LOCAL_S3_MODEL_PREFIX": ready_made.name, **ready_made.settings, **values}
+        files = ready_made.files
     try:
         if experiment is not None:
-            plan = plan_experiment(Path(folder or working_folder()), experiment, values, chosen)
+            values = _for_experiment(values, experiment, prefix) if ready_made else values
+            plan = plan_experiment(
+                Path(folder or working_folder()), experiment, values, chosen, files
+            )
         else:
             if prompts.may_ask() and not force:
                 values = with_answers(values, prompts.ask, console.warn)
-            plan = plan_folder(Path(folder or current_folder()), values, chosen)
+            plan = plan_folder(Path(folder or current_folder()), values, chosen, files)
         if curriculum:
             plan = with_curriculum(plan)
     except ProblemsError as error:
@@ -152,7 +177,11 @@ def init(
         if not prompts.may_ask():
             raise typer.BadParameter(f"{there} Add --force to replace them; they are kept as .bak.")
         prompts.agree(f"{there} Replace them, and keep the old ones as .bak?", yes=False)
+    if ready_made is not None:
+        _check_bucket(plan, experiment)
     report = write(plan)
+    if ready_made is not None:
+        report = _with_model(report, plan, experiment, ready_made)
     console.warn(*report.warnings)
     if report.backups:
         console.warn(f"The old files are kept as {', '.join(report.backups)}.")
@@ -160,8 +189,85 @@ def init(
     kept = f"; {counted(len(report.unchanged), 'file')} kept" if report.unchanged else ""
     console.say(f"{counted(len(report.written), 'file')} written to {report.folder}{kept}.")
     sourced = has_activate_script(plan.folder)
+    if ready_made is not None:
+        console.say(f"{report.model} is the ready-made model {ready_made.name}.")
     steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
+    if ready_made is not None:
+        steps = [*steps[:-2], *_AFTER_MODEL]
     console.suggest(steps, elsewhere=True)
+
+
+_AFTER_MODEL = (
+    ("dr-evaluate", "drive it"),
+    ("dr-increment-training && dr-start-training", "train on, as a new model"),
+    ("dr-export car", "make the archive for the physical car"),
+)
+
+
+def _ready_made(name: str) -> "ReadyMadeModel":
+    """Read and check a ready-made model, before anything is written."""
+    from drcli.config.example_files import ready_made
+    from drcli.models.ready_made import read_ready_made
+
+    names = ready_made()
+    if name not in names:
+        raise typer.BadParameter(
+            f"--model {shown(name)}: there is no such ready-made model. {one_of(names, name)}"
+        )
+    return read_ready_made(name)
+
+
+def _for_experiment(values: Mapping[str, str], name: str, prefix: str | None) -> dict[str, str]:
+    """The values without the name of the ready-made model: an experiment has a name already."""
+    return {**values, "DR_LOCAL_S3_MODEL_PREFIX": prefix or name}
+
+
+def _check_bucket(plan: "FolderPlan", experiment: str | None) -> None:
+    """Refuse a bucket that cannot take the model, before anything is written.
+
+    A bucket on this machine that does not exist yet can: to ask would create it.
+
+    Raises:
+        DrError: It cannot be reached or written, or has a model of that name.
+    """
+    from drcli.config.loading import load_settings
+    from drcli.models.ready_made import place_of
+
+    here = f"experiments/{experiment}/" if experiment else ""
+    contents = {
+        file.name.removeprefix(here): file.data
+        for file in plan.files
+        if file.name in (f"{here}run.env", "system.env")
+    }
+    flags = {"DR_EXPERIMENT_NAME": ""}  # the file of the experiment stands for run.env
+    settings = load_settings(plan.folder, environ={}, flags=flags, contents=contents)
+    if settings.cloud != "local" or settings.storage.data_dir.exists():
+        with console.waiting("Looking at the bucket ...", only_live=True):
+            place_of(settings, settings.model_prefix)
+
+
+def _with_model(
+    report: "FolderReport", plan: "FolderPlan", experiment: str | None, model: "ReadyMadeModel"
+) -> "FolderReport":
+    """Put a ready-made model into the bucket of the new folder.
+
+    Raises:
+        DrError: It is not there; the folder is, and the command can be repeated.
+    """
+    from drcli.base.errors import DrError
+    from drcli.config.loading import load_settings
+    from drcli.models.ready_made import put_ready_made
+
+    try:
+        flags = {"DR_EXPERIMENT_NAME": experiment or ""}
+        settings = load_settings(plan.folder, environ={}, flags=flags)
+        prefix = settings.model_prefix
+        progress = partial(console.progress, unit="bytes")
+        put = put_ready_made(model, settings, prefix, progress)
+    except DrError as error:
+        error.args = (f"The files are written, but the model is not in the bucket: {error}",)
+        raise
+    return replace(report, model=put.target, checkpoint=put.checkpoint)
 
 
 def with_answers(

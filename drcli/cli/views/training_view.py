@@ -79,6 +79,8 @@ def run(columns: int, report: "RunReport") -> RenderableType:
         parts.append(indented(f"Try: {report.remedy}"))
     if report.state in ("starting", "running"):
         parts += [indented(_worker(worker)) for worker in report.workers]
+        if limits := _limits(report):
+            parts.append(indented(limits))
     parts += [Text(f"Warning: {text}", style="bold yellow") for text in report.watches]
     parts += [Text(line) for line in (_stage(report), _second(report)) if line]
     if report.history:
@@ -145,6 +147,14 @@ def _second(report: "RunReport") -> str:
 def _budget(report: "RunReport") -> str:
     text = "" if report.budget is None else str(report.budget)
     return f"{text[:1].upper()}{text[1:]}." if text else ""
+
+
+def _limits(report: "RunReport") -> str:
+    """How much of the processor the run leaves to others; empty where it takes all it can get."""
+    parts = ["low priority (DR_PRIORITY)"] if report.priority == "low" else []
+    if report.threads:
+        parts.append(f"at most {counted(report.threads, 'core')} (DR_THREADS)")
+    return f"processor: {', '.join(parts)}" if parts else ""
 
 
 def _spent(report: "RunReport") -> str:

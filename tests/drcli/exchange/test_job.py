@@ -10,13 +10,13 @@ import pytest
 
 from drcli.config.loading import load_settings
 from drcli.exchange import job as jobs
-from drcli.exchange.job import Job, WorkerExit
+from drcli.exchange.job import THREAD_VARIABLES, Job, WorkerExit
 
 EXIT = WorkerExit("The bucket is gone.", "Start it.", 4)
 
 READS = """
 from drcli.base.errors import SettingsError
-from drcli.exchange.job import Job
+from drcli.exchange.job import THREAD_VARIABLES, Job
 try:
     print(repr(Job.received()))
 except SettingsError as error:
@@ -139,3 +139,21 @@ def test_a_full_disk_keeps_the_failure_itself_from_being_replaced(tmp_path, monk
     EXIT.write(tmp_path, "sim-0")
 
     assert list(tmp_path.iterdir()) == []
+
+
+LIBRARIES = "import os; print(*(os.environ.get(name) for name in {names!r}))"
+
+
+@pytest.mark.parametrize(("threads", "limit"), [(0, "None"), (3, "3")])
+def test_a_limit_of_threads_reaches_the_libraries_that_compute(job, monkeypatch, threads, limit):
+    for name in THREAD_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    limited = replace(
+        job, config=replace(job.config, train=job.config.train.replaced(threads=threads))
+    )
+
+    process = limited.spawn(
+        [sys.executable, "-c", LIBRARIES.format(names=THREAD_VARIABLES)], stdout=subprocess.PIPE
+    )
+
+    assert process.communicate(timeout=60)[0].decode().split() == [limit] * len(THREAD_VARIABLES)

@@ -5,7 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from drcli.workers.cores import cores
+from drcli.config.loading import load_settings
+from drcli.workers.cores import (
+    cores,
+    driving_threads,
+    learning_threads,
+    overlaps,
+    usable_cores,
+)
 
 
 @pytest.fixture
@@ -71,3 +78,20 @@ def test_files_that_say_something_else_limit_nothing(machine, text):
     root = machine(**{"proc/self/cgroup": "0::/\n", "sys/fs/cgroup/cpu.max": text})
 
     assert cores(root) == 8
+
+
+@pytest.mark.parametrize(
+    ("threads", "usable", "overlap", "learning", "driving"),
+    [("0", 8, True, 4, 4), ("2", 2, False, 2, 2), ("4", 4, True, 2, 2), ("16", 8, True, 4, 4)],
+)
+def test_a_limit_of_the_racer_counts_for_trainer_and_workers(
+    machine, tmp_path, monkeypatch, threads, usable, overlap, learning, driving
+):
+    # 001-51, 001-52
+    monkeypatch.setattr("drcli.workers.cores.ROOT", machine())
+    (tmp_path / "run.env").write_text(f"DR_THREADS={threads}\n")
+    train = load_settings(tmp_path, environ={}).run.train
+
+    assert usable_cores(train) == usable
+    assert overlaps(train) is overlap
+    assert (learning_threads(train), driving_threads(train)) == (learning, driving)

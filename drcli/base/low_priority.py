@@ -1,0 +1,68 @@
+"""Lowers the priority of this process, and of all processes that it starts."""
+
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+from drcli.base.backoff import wait_until
+
+NICE = 10
+"""How nice a process of low priority is, from -20 to 19; a program of normal priority has 0 and
+gets nine times as much of a core that both want. Source: man 7 sched."""
+
+_GROUP = Path("/proc/self/autogroup")
+
+_GROUP_PATIENCE_S = 1.0
+"""The kernel accepts one change of any group in a tenth of a second."""
+
+
+def lower_priority(group: Path = _GROUP) -> str:
+    """Let other programs have processor and disk first, for good; returns what was done.
+
+    Needs no privileges. Call it before this process starts threads: on Linux, priority belongs to
+    threads, and new ones inherit it. Calling it again, here or in a child, changes nothing.
+
+    Where the kernel puts sessions into groups (`sched_autogroup`, on most desktops), priority
+    counts within a session only, and each of our processes has one of its own. So the group of the
+    session gets the same priority, unless this process shares the session with others, such as the
+    shell that started it. `group` is the kernel's file.
+    """
+    done = []
+    with suppress(OSError):
+        if os.getpriority(os.PRIO_PROCESS, 0) < NICE:
+            os.setpriority(os.PRIO_PROCESS, 0, NICE)
+        done.append(f"nice {os.getpriority(os.PRIO_PROCESS, 0)}")
+    if os.getsid(0) == os.getpid() and group.exists() and _lower_group(group):
+        done.append("its session too")
+    if _lower_disk():
+        done.append("disk last of its class")
+    return ", ".join(done) or "this system allows no other priority"
+
+
+def _lower_group(group: Path) -> bool:
+    def lowered() -> bool:
+        try:
+            if int(group.read_text("ascii").rpartition(" ")[2]) < NICE:
+                group.write_text(str(NICE), "ascii")
+        except BlockingIOError:  # another group was changed just now
+            return False
+        return True
+
+    try:
+        return wait_until(lowered, patience_s=_GROUP_PATIENCE_S, last_s=0.2)
+    except (OSError, ValueError):
+        return False
+
+
+def _lower_disk() -> bool:
+    """The lowest level of the usual class of input and output, where the system has levels."""
+    if sys.platform != "linux":
+        return False
+    import psutil
+
+    try:
+        psutil.Process().ionice(psutil.IOPRIO_CLASS_BE, 7)
+    except (psutil.Error, OSError, ValueError):
+        return False
+    return True

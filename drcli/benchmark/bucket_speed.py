@@ -1,0 +1,136 @@
+"""Measures requests and transfers of a bucket, with little traffic, and removes every trace."""
+
+import os
+import statistics
+import time
+import uuid
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+
+SMALL_BYTES = 1024
+"""About the size of a pointer, record or lease."""
+
+LARGE_BYTES = (1 << 18, 1 << 20, 1 << 22)
+"""Sizes that are tried one after the other; a slow network gets no further than the first."""
+
+MOST_REQUESTS = 120
+MOST_BYTES = 32 << 20
+"""In each direction, so that a remote bucket costs nothing worth mentioning."""
+
+_LEFTOVER_AGE = timedelta(hours=1)
+
+_SHORTEST_S = 1e-6
+"""What clocks can tell apart."""
+
+
+@dataclass(frozen=True)
+class BucketSpeed:
+    """How fast a bucket is.
+
+    Attributes:
+        put_mb_per_s: Written, millions of bytes per second.
+        get_mb_per_s: Read.
+        requests_per_s: Small objects written and read one after the other.
+        request_ms: Median time of one of them, milliseconds.
+        requests: How many requests were sent in all.
+        sent_bytes: What was written.
+        received_bytes: What was read.
+    """
+
+    put_mb_per_s: float
+    get_mb_per_s: float
+    requests_per_s: float
+    request_ms: float
+    requests: int
+    sent_bytes: int
+    received_bytes: int
+
+
+def measure_bucket(bucket: Bucket, seconds: float) -> BucketSpeed:
+    """Write, read and delete objects for about so many seconds.
+
+    A measurement that was killed leaves its objects behind; the next one deletes those of the
+    same bucket that are older than an hour.
+
+    Raises:
+        StorageError: The bucket cannot be written or read.
+    """
+    folder = f"{_PLACE}{uuid.uuid4().hex}/"
+    _delete_leftovers(bucket)
+    try:
+        times = _small(bucket, folder, seconds / 3)
+        large = _large(bucket, folder, seconds * 2 / 3)
+    finally:
+        bucket.delete([info.key for info in bucket.list(folder)])
+    return BucketSpeed(
+        put_mb_per_s=large.total_bytes / max(large.put_s, _SHORTEST_S) / 1e6,
+        get_mb_per_s=large.total_bytes / max(large.get_s, _SHORTEST_S) / 1e6,
+        requests_per_s=len(times) / max(sum(times), _SHORTEST_S),
+        request_ms=1000 * statistics.median(times),
+        requests=len(times) + 1 + 3 * large.objects + 3,  # two lists and a deletion
+        sent_bytes=large.total_bytes + (len(times) // 2 + 1) * SMALL_BYTES,
+        received_bytes=large.total_bytes + len(times) // 2 * SMALL_BYTES,
+    )
+
+
+_PLACE = f"{keys.TEST_FOLDER}-bench/"
+
+
+def _small(bucket: Bucket, folder: str, seconds: float) -> list[float]:
+    """Times of requests for small objects, one after the other, seconds."""
+    times: list[float] = []
+    data = os.urandom(SMALL_BYTES)
+    key = f"{folder}small"
+    bucket.put(key, data)  # opens the connection
+    began_s = time.perf_counter()
+    while len(times) < 2 or (
+        len(times) < MOST_REQUESTS and time.perf_counter() - began_s < seconds
+    ):
+        before_s = time.perf_counter()
+        bucket.put(key, data)
+        between_s = time.perf_counter()
+        bucket.get(key)
+        times += [between_s - before_s, time.perf_counter() - between_s]
+    return times
+
+
+@dataclass(frozen=True)
+class _Large:
+    """Large objects that were written and read: how many bytes in each direction, and how long."""
+
+    objects: int
+    total_bytes: int
+    put_s: float
+    get_s: float
+
+
+def _large(bucket: Bucket, folder: str, seconds: float) -> _Large:
+    """Write and read large objects for about so many seconds, one at least."""
+    total = count = 0
+    put_s = get_s = 0.0
+    began_s = time.perf_counter()
+    for number in range(MOST_BYTES // LARGE_BYTES[0]):
+        size = LARGE_BYTES[min(number, len(LARGE_BYTES) - 1)]
+        left_s = began_s + seconds - time.perf_counter()
+        # The next object must fit into the time that is left, at the speed so far.
+        if count and (total + size > MOST_BYTES or (put_s + get_s) / total * size > left_s):
+            break
+        key, data = f"{folder}{number}", os.urandom(size)
+        before_s = time.perf_counter()
+        bucket.put(key, data)
+        put_s += time.perf_counter() - before_s
+        before_s = time.perf_counter()
+        bucket.get(key)
+        get_s += time.perf_counter() - before_s
+        bucket.delete([key])
+        total += size
+        count += 1
+    return _Large(count, total, put_s, get_s)
+
+
+def _delete_leftovers(bucket: Bucket) -> None:
+    latest = datetime.now(UTC) - _LEFTOVER_AGE
+    bucket.delete([info.key for info in bucket.list(_PLACE) if info.modified < latest])

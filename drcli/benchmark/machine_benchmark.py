@@ -1,0 +1,427 @@
+"""Measures this machine: simulation, learner, bucket, memory; and what else it is busy with."""
+
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+
+import psutil
+
+from drcli.base.errors import SettingsError, StorageError, WorkerDied
+from drcli.base.json_record import RecordError, from_json, json_default, parse_json
+from drcli.base.memory_state import read_memory
+from drcli.base.problems import ProblemsError
+from drcli.benchmark.bucket_speed import BucketSpeed, measure_bucket
+from drcli.benchmark.estimate import Estimate, estimate, first_lap_s
+from drcli.benchmark.work_order import Rates, Ready, WorkOrder
+from drcli.checks.machine_rules import TRAINER_BYTES, WORKER_BYTES
+from drcli.config import secret_environment
+from drcli.config.example_files import model_file, settings_file
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings, StorageConfig
+from drcli.exchange.job import PROCESS_TUNING, THREAD_VARIABLES
+from drcli.modelfiles.custom_files import local_file
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.models.run_metadata import processor_name
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.server import server
+
+MOST_S = 58.0
+"""Of the whole command."""
+
+BUCKET_S = 5.0
+MEASURED_S = 12.0
+"""For simulation, driving and learning together; half of it for each of two works."""
+
+LEAST_PROCESS_S = 12.0
+"""Time that a measuring process gets even if everything before it took too long."""
+
+BUSY_SHARE = 0.1
+"""Other programs that use more of the processor than this make the numbers too low."""
+
+_FOLDER = ".dr-bench-"
+
+_FILES = (keys.REWARD_FUNCTION_FILE, keys.HYPERPARAMETERS_FILE, keys.MODEL_METADATA_FILE)
+
+
+@dataclass(frozen=True)
+class WorkSpeed:
+    """A measured training.
+
+    Attributes:
+        world: The track.
+        race_type: DR_RACE_TYPE.
+        network: neural_network of model_metadata.json.
+        algorithm: training_algorithm of model_metadata.json.
+        ready: What it uses here.
+        rates: What was measured.
+        estimate: What a training would do.
+    """
+
+    world: str
+    race_type: str
+    network: str
+    algorithm: str
+    ready: Ready
+    rates: Rates
+    estimate: Estimate
+
+
+@dataclass(frozen=True)
+class BucketReport:
+    """A measured bucket.
+
+    Attributes:
+        place: Its kind and address.
+        speed: What was measured.
+    """
+
+    place: str
+    speed: BucketSpeed
+
+
+@dataclass(frozen=True)
+class BenchReport:
+    """The result of `dr-bench`.
+
+    Attributes:
+        number: Steps per second of the standard training: to compare with the page.
+        folder: The working folder; null without run.env.
+        processor: Its name.
+        cores: Cores of the machine.
+        usable_cores: Cores that a training may use here.
+        threads: DR_THREADS; 0 for all cores.
+        priority: DR_PRIORITY.
+        memory_bytes: Memory of the machine or of its container, swap included.
+        free_memory_bytes: What of it was free before the measurement.
+        needed_memory_bytes: What a training with DR_WORKERS needs, about.
+        versions: Of drcli, Python and the libraries that compute.
+        standard: The shipped files on reinvent_base, measured with every call.
+        own: The files and track of the working folder, if they differ.
+        own_left_out: Why they were not measured; empty otherwise.
+        bucket: The bucket; null if it was left out.
+        first_lap_s: Seconds from the start of the standard training to its first evaluation lap:
+            least, median and most.
+        busy_share: How much of the processor other programs used meanwhile, 0 to 1.
+        stolen_share: How much of it the host of this virtual machine gave to others, 0 to 1.
+        warnings: What makes the numbers uncertain, in sentences.
+        seconds: How long the measurement took.
+    """
+
+    number: float
+    folder: str | None
+    processor: str
+    cores: int
+    usable_cores: int
+    threads: int
+    priority: str
+    memory_bytes: int
+    free_memory_bytes: int
+    needed_memory_bytes: int
+    versions: dict[str, str]
+    standard: WorkSpeed
+    own: WorkSpeed | None
+    own_left_out: str
+    bucket: BucketReport | None
+    first_lap_s: list[float]
+    busy_share: float
+    stolen_share: float
+    warnings: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+
+def measure_machine(
+    folder: Path, *, with_bucket: bool, on_step: Callable[[str], None] = lambda text: None
+) -> BenchReport:
+    """Measure in about a minute at most, and leave nothing behind.
+
+    Args:
+        folder: The working folder. It need not have a run.env.
+        with_bucket: Whether to measure the bucket.
+        on_step: Shows what is measured now.
+
+    Raises:
+        SettingsError: A setting is wrong.
+        StorageError: The bucket cannot be used.
+        WorkerDied: The measuring process failed.
+    """
+    began_s = time.monotonic()
+    has_settings = (folder / "run.env").is_file()
+    settings = load_settings(folder, contents=None if has_settings else _shipped_settings())
+    memory = read_memory()
+    usage = _Usage()
+    bucket: BucketReport | None = None
+    if with_bucket:
+        on_step("Measuring the bucket ...")
+        with _opened(settings, temporary=not has_settings) as (place, opened):
+            bucket = BucketReport(place, measure_bucket(opened, BUCKET_S))
+    standard_order = _standard(settings, folder)
+    own_order, left_out = _own(settings, standard_order) if has_settings else (None, "")
+
+    def left_s() -> float:
+        return max(LEAST_PROCESS_S, began_s + MOST_S - time.monotonic())
+
+    speed = bucket.speed if bucket else None
+    works = 2 if own_order else 1
+    on_step("Measuring a training with the shipped files ...")
+    standard = _measured(
+        replace(standard_order, seconds=MEASURED_S / works), left_s() / works, speed
+    )
+    own = None
+    if own_order is not None:
+        on_step("Measuring a training with your files ...")
+        try:
+            own = _measured(replace(own_order, seconds=MEASURED_S / works), left_s(), speed)
+        except (SettingsError, WorkerDied) as error:
+            left_out = f"{error} {error.remedy}"
+    busy, stolen = usage.of_others()
+    report = BenchReport(
+        number=round(standard.estimate.training_steps_per_s, 1),
+        folder=str(folder) if has_settings else None,
+        processor=processor_name(),
+        cores=os.cpu_count() or 1,
+        usable_cores=max(standard.ready.driving_threads, standard.ready.learning_threads),
+        threads=settings.threads,
+        priority=settings.priority,
+        memory_bytes=memory.total_bytes,
+        free_memory_bytes=memory.available_bytes,
+        needed_memory_bytes=settings.workers * WORKER_BYTES + TRAINER_BYTES,
+        versions={"python": platform.python_version()}
+        | {name: version(name) for name in ("drcli", "torch", "numpy", "mujoco")},
+        standard=standard,
+        own=own,
+        own_left_out=left_out,
+        bucket=bucket,
+        first_lap_s=[round(s, 1) for s in first_lap_s(standard.ready, standard.rates, speed)],
+        busy_share=round(busy, 3),
+        stolen_share=round(stolen, 3),
+        seconds=round(time.monotonic() - began_s, 1),
+    )
+    return replace(report, warnings=list(_warnings(report)))
+
+
+def _warnings(report: BenchReport) -> Iterator[str]:
+    if report.busy_share > BUSY_SHARE:
+        yield (
+            f"The machine is busy: other programs used {100 * report.busy_share:.0f} % of its "
+            "processor meanwhile, so the numbers are too low. Stop them and measure again."
+        )
+    if report.stolen_share > BUSY_SHARE:
+        yield (
+            f"The host of this virtual machine gave {100 * report.stolen_share:.0f} % of its "
+            "processor to others."
+        )
+    if report.free_memory_bytes < report.needed_memory_bytes:
+        yield (
+            f"Only {report.free_memory_bytes / 1e9:.1f} GB of memory are free; a training needs "
+            f"about {report.needed_memory_bytes / 1e9:.1f} GB."
+        )
+
+
+def _standard(settings: Settings, folder: Path) -> WorkOrder:
+    """The shipped files and settings, with the processor settings of the working folder."""
+    flags = {"DR_EXPERIMENT_NAME": ""}
+    shipped = load_settings(folder, environ={}, flags=flags, contents=_shipped_settings()).run
+    own = settings.run.train
+    train = shipped.train.replaced(
+        priority=own.priority,
+        threads=own.threads,
+        torch_precision=own.torch_precision,
+        sagemaker_cuda_devices=own.sagemaker_cuda_devices,
+    )
+    files = {name: model_file(name).read_text("utf-8") for name in _FILES[1:]}
+    return WorkOrder(
+        race=shipped.race(),
+        train=train,
+        hyperparameters=files[keys.HYPERPARAMETERS_FILE],
+        metadata=files[keys.MODEL_METADATA_FILE],
+        reward_file=str(model_file(keys.REWARD_FUNCTION_FILE)),
+        seconds=MEASURED_S,
+        most_seconds=MOST_S,
+    )
+
+
+def _shipped_settings() -> dict[str, bytes]:
+    return {name: settings_file(name).read_bytes() for name in ("run.env", "system.env")}
+
+
+def _own(settings: Settings, standard: WorkOrder) -> tuple[WorkOrder | None, str]:
+    """The racer's own training if it differs from the standard one; else why it is left out."""
+    folder = settings.custom_files_dir
+    texts = {
+        keys.HYPERPARAMETERS_FILE: standard.hyperparameters,
+        keys.MODEL_METADATA_FILE: standard.metadata,
+    }
+    reward = Path(standard.reward_file)
+    if settings.untrainable is not None:
+        return None, str(settings.untrainable)
+    try:
+        for name in texts:
+            found = local_file(folder, name)
+            if found is not None:
+                texts[name] = found.data.decode("utf-8-sig")
+        Hyperparameters.from_bytes(texts[keys.HYPERPARAMETERS_FILE].encode())
+        ModelMetadata.from_bytes(texts[keys.MODEL_METADATA_FILE].encode())
+    except (ProblemsError, SettingsError, UnicodeDecodeError) as error:
+        return None, str(error).splitlines()[0]
+    if (folder / keys.REWARD_FUNCTION_FILE).is_file():
+        reward = folder / keys.REWARD_FUNCTION_FILE
+    order = replace(
+        standard,
+        race=settings.race,
+        train=settings.run.train,
+        hyperparameters=texts[keys.HYPERPARAMETERS_FILE],
+        metadata=texts[keys.MODEL_METADATA_FILE],
+        reward_file=str(reward),
+    )
+    same_reward = reward.read_bytes() == Path(standard.reward_file).read_bytes()
+    return (None if same_reward and _same_work(order, standard) else order), ""
+
+
+def _same_work(one: WorkOrder, other: WorkOrder) -> bool:
+    """Whether two orders take the same work, however their files are written."""
+
+    def facts(order: WorkOrder) -> tuple[object, ...]:
+        race = {k: v for k, v in order.race.to_json().items() if k not in ("directory", "sources")}
+        return race, json.loads(order.hyperparameters), json.loads(order.metadata)
+
+    return facts(one) == facts(other)
+
+
+def _measured(order: WorkOrder, most_s: float, bucket: BucketSpeed | None) -> WorkSpeed:
+    """Measure in a process like those of a training.
+
+    Raises:
+        WorkerDied: It failed, or was not ready in time.
+        SettingsError: The track or the reward function cannot be used.
+    """
+    metadata = ModelMetadata.from_bytes(order.metadata.encode())
+    ready, rates = _ask(replace(order, most_seconds=most_s), most_s)
+    return WorkSpeed(
+        world=order.race.world_name,
+        race_type=order.race.race_type,
+        network=metadata.neural_network,
+        algorithm=metadata.training_algorithm,
+        ready=ready,
+        rates=rates,
+        estimate=estimate(ready, rates, bucket),
+    )
+
+
+def _ask(order: WorkOrder, most_s: float) -> tuple[Ready, Rates]:
+    plain, _ = secret_environment.split(os.environ)
+    limits = (
+        dict.fromkeys(THREAD_VARIABLES, str(order.train.threads)) if order.train.threads else {}
+    )
+    gpus = order.train.sagemaker_cuda_devices
+    chosen = {"CUDA_VISIBLE_DEVICES": gpus} if gpus else {}
+    data = json.dumps(asdict(order), default=json_default).encode()
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", "drcli.benchmark.measure_process"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**PROCESS_TUNING, **plain, **limits, **chosen},
+        start_new_session=True,
+    )
+    try:
+        out, err = process.communicate(data, timeout=most_s + LEAST_PROCESS_S)
+    except subprocess.TimeoutExpired:
+        raise WorkerDied(
+            f"The measurement was not done after {most_s + LEAST_PROCESS_S:.0f} s.",
+            remedy="Run `dr-bench` again when the machine is less busy.",
+        ) from None
+    finally:
+        process.kill()
+        process.wait()
+    answers: dict[str, object] = {}
+    with suppress(RecordError):
+        for line in out.splitlines():
+            said = parse_json(line)
+            answers |= said if isinstance(said, dict) else {}
+    try:
+        return from_json(Ready, answers["Ready"]), from_json(Rates, answers["Rates"])
+    except (KeyError, RecordError):
+        lines = err.decode("utf-8", "replace").strip().splitlines()
+        why = lines[-1] if lines else f"it ended with exit code {process.returncode}"
+        raise WorkerDied(
+            f"The measuring process failed: {why}",
+            remedy="Run `dr-doctor`, which examines the installation; `dr-validate` checks your "
+            "files.",
+        ) from None
+
+
+@contextmanager
+def _opened(settings: Settings, *, temporary: bool) -> Iterator[tuple[str, Bucket]]:
+    """The bucket to measure, and what to call it.
+
+    For a bucket on this machine, this is another server with other files on the same disk: the
+    racer's own server and objects are not touched.
+    """
+    storage = settings.storage
+    if storage.cloud != "local":
+        bucket = open_bucket(storage, patience_s=COMMAND_PATIENCE_S)
+        where = storage.endpoint_url or "Amazon S3"
+        yield f"{storage.cloud}: s3://{storage.bucket} at {where}", bucket
+        return
+    above = Path(tempfile.gettempdir())
+    if not temporary:
+        near = next(p for p in (storage.data_dir, *storage.data_dir.parents) if p.is_dir())
+        above = near if os.access(near, os.W_OK | os.X_OK) else above
+    _sweep(above)
+    folder = above / f"{_FOLDER}{os.getpid()}"
+    own = StorageConfig("local", "bench", folder, storage.engine, region=storage.region)
+    try:
+        yield f"local: {storage.engine}, files in {above}", open_bucket(own)
+    finally:
+        with suppress(StorageError):
+            server.stop(own)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _sweep(above: Path) -> None:
+    """Remove what measurements that were killed have left behind."""
+    for folder in above.glob(f"{_FOLDER}*"):
+        number = folder.name.removeprefix(_FOLDER)
+        if number.isdigit() and not psutil.pid_exists(int(number)):
+            with suppress(StorageError):
+                server.stop(StorageConfig("local", "bench", folder))
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+class _Usage:
+    """Use of the processor since this object was made."""
+
+    def __init__(self) -> None:
+        self._all, self._own_s = self._read()
+
+    def of_others(self) -> tuple[float, float]:
+        """Shares of all cores that other programs used, and that the host took away."""
+        now, own_s = self._read()
+        passed = {name: now[name] - self._all[name] for name in now}
+        total_s = max(1e-9, sum(passed.values()))
+        idle_s = passed.get("idle", 0.0) + passed.get("iowait", 0.0)
+        stolen_s = passed.get("steal", 0.0)
+        others_s = total_s - idle_s - stolen_s - (own_s - self._own_s)
+        return max(0.0, others_s / total_s), max(0.0, stolen_s / total_s)
+
+    @staticmethod
+    def _read() -> tuple[Mapping[str, float], float]:
+        times = psutil.cpu_times()._asdict()
+        for part in ("guest", "guest_nice"):  # counted in user and nice already
+            times.pop(part, None)
+        spent = os.times()
+        own_s = spent.user + spent.system + spent.children_user + spent.children_system
+        return times, own_s

@@ -1,0 +1,31 @@
+"""`dr bench`."""
+
+from typing import Annotated
+
+import typer
+
+from drcli.cli import console
+from drcli.cli.options import AsJson
+from drcli.cli.views import bench_view
+from drcli.cli.working_folder import working_folder
+
+
+def bench(
+    no_bucket: Annotated[bool, typer.Option("--no-bucket", help="Leave the bucket out.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Measure how fast this machine trains, in about a minute.
+
+    Measures simulation, learner, memory and bucket, estimates the time to the first lap, says which
+    part limits, and gives a number to compare with docs/bench.md. Needs no run.env. With one, it
+    measures the bucket and the files of that folder too. The bucket gets at most 32 MB, in objects
+    that are deleted again, and nothing is left behind. A running training is not touched, but both
+    are slower meanwhile.
+
+    Example: dr-bench
+    """
+    from drcli.benchmark.machine_benchmark import measure_machine
+
+    report = measure_machine(working_folder(), with_bucket=not no_bucket, on_step=console.say)
+    console.warn(*report.warnings)
+    console.emit(report, bench_view.measured(report), as_json=as_json)

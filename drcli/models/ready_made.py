@@ -1,0 +1,269 @@
+"""The ready-made models: what is known about each, and how one gets into a bucket."""
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from drcli.base.errors import SettingsError
+from drcli.base.fingerprint import Fingerprint
+from drcli.base.json_record import JsonRecord, RecordError
+from drcli.base.problems import one_of, shown
+from drcli.config.example_files import READY_MADE, model_file
+from drcli.config.settings import Settings
+from drcli.exchange.checkpoint import CheckpointRecord, Counters, checkpoint_name
+from drcli.exchange.episode_metrics import encode_metrics
+from drcli.exchange.scores import Score
+from drcli.modelfiles.params_yaml import training_parameters
+from drcli.models.checkpoint_files import HYPERPARAMETERS, METADATA, Item
+from drcli.models.put_model import POINTERS, Delivery, Progress, TransferReport
+from drcli.models.transfer_buckets import COPY_PATIENCE_S, refuse_nesting, refuse_training
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.write_probe import prove_writing
+
+WEIGHTS_FILE, CARD_FILE, TRAINING_FILE = "model.safetensors", "card.json", "training.json"
+
+MODEL_FILES = (keys.REWARD_FUNCTION_FILE, keys.HYPERPARAMETERS_FILE, keys.MODEL_METADATA_FILE)
+
+
+@dataclass(frozen=True)
+class DrivenLaps:
+    """Laps of a race that was measured when the model was made, by `dr-evaluate`.
+
+    Attributes:
+        world: The track.
+        reverse: Whether it was driven in the opposite direction.
+        disturbed: Whether the disturbances of the training applied.
+        status: How each lap ended, such as "Lap complete".
+        lap_s: Time of each lap, simulated seconds, penalties included.
+        off_track: How often the car left the track.
+    """
+
+    world: str
+    reverse: bool
+    disturbed: bool
+    status: list[str]
+    lap_s: list[float]
+    off_track: int
+
+    @property
+    def completed(self) -> int:
+        """Laps that were completed."""
+        return sum(text == "Lap complete" for text in self.status)
+
+
+@dataclass(frozen=True)
+class Recipe(JsonRecord):
+    """How a ready-made model is trained: `training.json`.
+
+    Attributes:
+        summary: What the model is good for, in a line.
+        seed: Of the training.
+        iterations: Updates of the policy.
+        settings: What differs from the shipped settings, as texts by DR_ name.
+        worker_settings: The same for the files of the second and further workers.
+        hyperparameters: What differs from the model's hyperparameters.json, which is for those who
+            go on with the finished model.
+        starts_from: The ready-made model whose weights it begins with; empty for fresh weights.
+        checkpoint: Which checkpoint becomes the model: "best" by its evaluation, or "last".
+        drives: Tracks on which the finished model is measured.
+    """
+
+    summary: str
+    seed: int
+    iterations: int
+    settings: dict[str, str]
+    worker_settings: list[dict[str, str]] = field(default_factory=list)
+    hyperparameters: dict[str, Any] = field(default_factory=dict)
+    starts_from: str = ""
+    checkpoint: str = "best"
+    drives: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Card(JsonRecord):
+    """How a ready-made model was made, and how it drives: `card.json`.
+
+    Attributes:
+        checkpoint: Name of the checkpoint that it was.
+        episodes: Training episodes that it has learned from.
+        sha256: Of every file of the model besides this one.
+        commit: Of the program that trained it.
+        versions: Of drcli, Python and torch.
+        processor: That trained it; another one rounds differently.
+        number_format: Of the trainer.
+        processor_minutes: Processor time of trainer and simulation workers.
+        laps: What was measured with the shipped weights.
+    """
+
+    checkpoint: str
+    episodes: int
+    sha256: dict[str, str]
+    commit: str
+    versions: dict[str, str]
+    processor: str
+    number_format: str
+    processor_minutes: float
+    laps: list[DrivenLaps]
+
+
+@dataclass(frozen=True)
+class ReadyMadeModel:
+    """A ready-made model that was read and checked.
+
+    Attributes:
+        files: Its three files, by name.
+        tensors: Its weights, a safetensors file of float32.
+    """
+
+    name: str
+    recipe: Recipe
+    card: Card
+    files: dict[str, bytes]
+    tensors: bytes
+
+    @property
+    def settings(self) -> dict[str, str]:
+        """The settings of a working folder in which it is at home: its track and disturbances."""
+        skipped = ("DR_TRAIN_", "DR_WORKERS")
+        return {
+            name: text
+            for name, text in self.recipe.settings.items()
+            if not name.startswith(skipped)
+        }
+
+
+def read_recipe(name: str) -> Recipe:
+    """How one of the models in `READY_MADE` is trained.
+
+    Raises:
+        SettingsError: There is no such model, or its file is damaged.
+    """
+    if name not in READY_MADE:
+        raise SettingsError(
+            f"There is no ready-made model called {shown(name)}.", remedy=one_of(READY_MADE, name)
+        )
+    path = _file(name, TRAINING_FILE)
+    try:
+        return Recipe.decode(_read(path))
+    except RecordError as error:
+        raise _damaged(path, str(error)) from error
+
+
+def read_ready_made(name: str) -> ReadyMadeModel:
+    """Read a ready-made model, and check all its files against its card.
+
+    Raises:
+        SettingsError: There is no such model, or one of its files is damaged.
+    """
+    from drcli.formats.half_weights import restored
+
+    recipe = read_recipe(name)
+    path = _file(name, CARD_FILE)
+    try:
+        card = Card.decode(_read(path))
+        checkpoint_name(card.checkpoint)
+    except RecordError as error:
+        raise _damaged(path, str(error)) from error
+    content = {}
+    for file in (*MODEL_FILES, TRAINING_FILE, WEIGHTS_FILE):
+        content[file] = _read(_file(name, file))
+        if hashlib.sha256(content[file]).hexdigest() != card.sha256.get(file):
+            raise _damaged(_file(name, file), f"it is not the one that {CARD_FILE} describes")
+    tensors = restored(content[WEIGHTS_FILE], str(_file(name, WEIGHTS_FILE)))
+    return ReadyMadeModel(name, recipe, card, {f: content[f] for f in MODEL_FILES}, tensors)
+
+
+def place_of(settings: Settings, name: str) -> Bucket:
+    """The bucket for a model of this name, which can be written and has no such model.
+
+    Raises:
+        DrError: It cannot be reached or written, or there is a model already.
+    """
+    bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    refuse_nesting(bucket, name, settings.custom_files_prefix, flag="--prefix")
+    refuse_training(bucket, name)
+    there = {info.key.removeprefix(keys.folder(name)) for info in bucket.list(keys.folder(name))}
+    if there & set(POINTERS):
+        raise SettingsError(
+            f"s3://{bucket.name}/{name} already contains a model.",
+            remedy="Choose another name with --prefix.",
+        )
+    prove_writing(bucket, name, deletes=True)
+    return bucket
+
+
+def put_ready_made(
+    model: ReadyMadeModel, settings: Settings, prefix: str, progress: Progress
+) -> TransferReport:
+    """Write a ready-made model to a prefix; without its pointers, nobody can use half of one.
+
+    Raises:
+        DrError: It failed; it can be repeated.
+    """
+    bucket = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
+    items = _items(model, settings)
+    with progress("Writing model", sum(len(item.data) for item in items)) as watch:
+        delivery = Delivery(bucket, prefix, watch)
+        delivery.withdraw()
+        for folder in (keys.rollouts_folder(prefix), keys.run_folder(prefix)):
+            bucket.delete([info.key for info in bucket.list(folder)])
+        delivery.send(items)
+        delivery.delete_strays("model/")
+        delivery.publish(_score(model))
+        delivery.confirm([item.name for item in items])
+    target = f"s3://{bucket.name}/{prefix}"
+    return delivery.complete(TransferReport(model.name, target, model.card.checkpoint))
+
+
+def _score(model: ReadyMadeModel) -> Score:
+    """Its evaluation: the share of its first measured laps that were completed."""
+    first = model.card.laps[0] if model.card.laps else None
+    if first is None or not first.status:
+        return Score(model.card.checkpoint)
+    return Score(model.card.checkpoint, 100.0 * first.completed / len(first.status))
+
+
+def _items(model: ReadyMadeModel, settings: Settings) -> list[Item]:
+    """All files but the pointers."""
+    files, name = model.files, model.card.checkpoint
+    inputs = {
+        file: files[file].decode() for file in (keys.MODEL_METADATA_FILE, keys.HYPERPARAMETERS_FILE)
+    }
+    counters = Counters(
+        episodes=model.card.episodes,
+        seed=model.recipe.seed,
+        inputs=inputs,
+    )
+    record = CheckpointRecord(name, Fingerprint.of(model.tensors), counters=counters)
+    return [
+        Item(f"model/{name}.safetensors", model.tensors),
+        Item(f"model/{name}.json", record.encode()),
+        Item(METADATA, files[keys.MODEL_METADATA_FILE]),
+        Item(HYPERPARAMETERS, files[keys.HYPERPARAMETERS_FILE]),
+        Item(keys.REWARD_FUNCTION_FILE, files[keys.REWARD_FUNCTION_FILE]),
+        Item(settings.model.parameters_file, training_parameters(settings)),
+        Item(
+            keys.training_metrics("metrics"), encode_metrics([], settings.train_best_model_metric)
+        ),
+    ]
+
+
+def _file(name: str, file: str) -> Path:
+    return model_file(f"models/{name}/{file}")
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise _damaged(path, error.strerror or str(error)) from error
+
+
+def _damaged(path: Path, why: str) -> SettingsError:
+    return SettingsError(
+        f"{path}: this file of a ready-made model cannot be used: {why}.",
+        remedy="Install drcli again, or get that file again with `git checkout`.",
+    )
