@@ -46,14 +46,18 @@ def sources() -> list[Path]:
 def test_only_one_module_calls_the_system_directly():
     native, linux = set(), set()
     for path in sources():
-        place = path.relative_to(ROOT).as_posix()
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        place, text = path.relative_to(ROOT).as_posix(), path.read_text("utf-8")
+        if not any(word in text for word in NATIVE_MODULES | LINUX_ONLY):
+            continue
+        for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.Import):
                 names = {alias.name.split(".")[0] for alias in node.names}
             else:
                 names = {node.module} if isinstance(node, ast.ImportFrom) else set()
             native |= {place} if names & NATIVE_MODULES else set()
-            linux |= {place} if isinstance(node, ast.Attribute) and node.attr in LINUX_ONLY else set()
+            linux |= (
+                {place} if isinstance(node, ast.Attribute) and node.attr in LINUX_ONLY else set()
+            )
 
     assert native == {"drcli/base/system_calls.py"}
     assert linux <= ALLOWED
@@ -157,36 +161,32 @@ def test_the_wait_for_a_process_ends_with_it_or_with_the_time(monkeypatch, linux
     process.wait()
 
 
-def test_commands_run_where_python_has_nothing_of_linux(tmp_path):
-    # What a machine with macOS meets first: settings, folder, doctor, reward functions in their
-    # sandbox. Trainings were tried by hand in the same way: docs/platforms.md.
-    environment = {**os.environ, "PYTHONPATH": str(OTHER_SYSTEM), "HOME": str(tmp_path)}
-    command = [sys.executable, "-m", "drcli.cli.program"]
+def test_a_command_runs_where_python_has_nothing_of_linux(tmp_path):
+    # Whole trainings were tried by hand in the same way: docs/platforms.md.
     probe = (
         "import os, pathlib, sys\n"
         "assert not hasattr(os, 'sched_getaffinity') and not pathlib.Path('/proc').exists()\n"
+        "from drcli.base import elapsed, memory_state, process_identity, system_calls\n"
+        "assert process_identity.this_machine().startswith('booted ')\n"
+        "assert process_identity.exists(os.getpid()) and memory_state.read_memory().total_bytes\n"
+        "assert system_calls.open_files() and system_calls.usable_cores() and elapsed.elapsed_s()\n"
         "from drcli.cli.program import main\n"
-        "sys.argv[0] = 'dr'\n"
+        "sys.argv = ['dr', 'init', '-f', '--json']\n"
         "main()\n"
     )
-    command = [sys.executable, "-c", probe]
 
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [*command, *arguments],
-            cwd=tmp_path,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+    answer = subprocess.run(
+        [sys.executable, "-c", probe],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(OTHER_SYSTEM), "HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
-    made = run("init", "-f", "-q")
-    check = run("reward", "check", "--json")
-
-    assert (made.returncode, made.stderr) == (0, "")
-    assert check.returncode == 0, check.stderr
-    assert json.loads(check.stdout.splitlines()[-1])["calls"] > 1_000
+    assert answer.returncode == 0, answer.stderr
+    assert json.loads(answer.stdout.splitlines()[-1])
+    assert (tmp_path / "run.env").exists()
 
 
 def test_native_windows_is_told_about_wsl_in_one_sentence():
