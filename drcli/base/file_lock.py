@@ -1,6 +1,5 @@
 """Locks between processes of one machine. The system releases them when their process ends."""
 
-import fcntl
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,6 +7,7 @@ from pathlib import Path
 
 from drcli.base.backoff import wait_until
 from drcli.base.errors import DrError, SettingsError, StorageError
+from drcli.base.system_calls import try_lock
 
 PATIENCE_S = 30.0
 """How long to wait for another command that writes to the folder; each takes only a moment."""
@@ -47,17 +47,9 @@ def only_writer(directory: Path) -> Iterator[None]:
 @contextmanager
 def _held(descriptor: int, what: str, patience_s: float, failure: type[DrError]) -> Iterator[None]:
     """Lock an open file or folder; it is closed afterwards."""
-
-    def take() -> bool:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        return True
-
     try:
         if not wait_until(
-            take,
+            lambda: try_lock(descriptor),
             patience_s=patience_s,
             first_s=0.01,
             last_s=0.2,

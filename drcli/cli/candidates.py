@@ -93,6 +93,13 @@ def setting_names() -> list[str]:
     return sorted(catalogue())
 
 
+def explained_words() -> list[str]:
+    """What `dr-explain` knows, except error texts."""
+    from drcli.explain.lookup import every_entry
+
+    return sorted({entry.name for entry in every_entry() if entry.kind != "error text"})
+
+
 def assignments(incomplete: str) -> list[str]:
     """`NAME=` for every setting; once that is typed, `NAME=VALUE` where the values are known."""
     name, is_typed, _ = incomplete.partition("=")

@@ -136,6 +136,7 @@ COMMANDS: tuple[Command, ...] = (
         Command("update", "Check whether the settings are right.", "validate"),
         Command("update-env", "Same as update.", "validate", "update"),
         Command("reload", "Same as update.", "validate", "update"),
+        Command("explain", "Explain a hyperparameter, setting, word, exit code or error."),
         Command("url", "Show the addresses of bucket and model."),
         Command("local-aws", "Run the aws command on the bucket.", takes_any=True),
         Command("completion", "Install shell completion (Tab).", function="app"),

@@ -12,6 +12,12 @@ def main() -> None:
     Raises:
         SystemExit: Always, with the exit code.
     """
+    if os.name == "nt":
+        from drcli.base.system_calls import no_such_system
+
+        refusal = no_such_system()
+        sys.stderr.write(f"{refusal}\n{refusal.remedy}\n")
+        raise SystemExit(refusal.code)
     try:
         from drcli.cli.app import main as run  # takes a while; Ctrl-C may interrupt it
 

@@ -1,8 +1,8 @@
 """Names a worker that opens more and more files, before it may open no more."""
 
-import resource
 from collections.abc import Callable
 
+from drcli.base.system_calls import soft_limit
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.outcome import Outcome
 from drcli.runs.seen_pulses import SeenPulses
@@ -13,8 +13,8 @@ MOST_OPEN = 0.7
 
 
 def open_files_limit() -> int:
-    """How many files a process of this run may have open."""
-    return resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    """How many files a process of this run may have open; 0 for any number."""
+    return soft_limit("open_files") or 0
 
 
 class OpenFilesWatch(Duty):

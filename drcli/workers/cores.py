@@ -1,11 +1,11 @@
 """Divides the processor cores of this machine between the workers of a run."""
 
 import math
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 from drcli.base.control_groups import ROOT, group_folders
+from drcli.base.system_calls import usable_cores
 from drcli.config.settings import TrainConfig
 
 OVERLAP_CORES = 4
@@ -18,11 +18,7 @@ def cores(root: Path = ROOT) -> int:
     These are the cores that it may run on (`taskset`), or fewer if a container or service limits
     them (`docker run --cpus`). Such a limit is rounded up.
     """
-    if hasattr(os, "sched_getaffinity"):
-        allowed = len(os.sched_getaffinity(0))
-    else:
-        allowed = os.cpu_count() or 1
-    return max(1, min([allowed, *(math.ceil(limit) for limit in _limits(root))]))
+    return max(1, min([usable_cores(), *(math.ceil(limit) for limit in _limits(root))]))
 
 
 def usable_cores(train: TrainConfig) -> int:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from drcli.base.elapsed import elapsed_s
 from drcli.base.log import get_logger
+from drcli.base.system_calls import open_files
 from drcli.exchange.pulse_record import PulseRecord, open_pulse_file, short_activity
 
 BEAT_S = 2.0
@@ -82,7 +83,7 @@ class Pulse:
             worked_s=self._worked_s,
             turned_s=self._turned_s,
             memory_bytes=own_memory_bytes(),
-            open_files=own_open_files(),
+            open_files=open_files(),
         )
 
     def _beat(self, descriptor: int, end: threading.Event) -> None:
@@ -102,11 +103,3 @@ def own_memory_bytes() -> int:
         import psutil  # not needed on Linux
 
         return int(psutil.Process().memory_info().rss)
-
-
-def own_open_files() -> int:
-    """Number of files that this process has open; 0 if unknown."""
-    try:
-        return len(os.listdir(_PROC / "fd"))  # noqa: PTH208  pathlib would make objects of them
-    except OSError:
-        return 0

@@ -19,6 +19,7 @@ NAMES = (
     "fidelity",
     "memory",
     "reference",
+    "guide_values",
     "rewards",
     "runtimes",
     "startup",

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import commands_page
 import errors_page
+import explained_pages
 import settings_page
 
 FOLDER = Path(__file__).resolve().parent
@@ -24,7 +25,10 @@ DOCS = FOLDER.parents[1] / "docs"
 PAGES: Mapping[str, Callable[[], str]] = {
     "commands.md": commands_page.document,
     "errors.md": errors_page.document,
+    "glossary.md": explained_pages.glossary,
+    "hyperparameters.md": explained_pages.hyperparameters,
     "settings.md": settings_page.document,
+    "troubleshooting.md": explained_pages.troubleshooting,
 }
 """Name of each page, and the function that returns its text."""
 

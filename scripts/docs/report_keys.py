@@ -26,6 +26,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
         "stop-loganalysis",
     ),
     "runs.journal_reader:JournalReport": ("journal",),
+    "explain.explanation:Explanation": ("explain",),
     "runs.foreign_watch:WatchReport": ("spot watch",),
     "cli.commands.spot_create:BaseReport": ("spot create-base",),
     "spot.creation:CreatedStack": ("spot create",),

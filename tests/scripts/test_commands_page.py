@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 from commands_page import document
-from commands_texts import EXIT_CODES
 from drfc_commands import REFERENCE, SCRIPTS, missing
 
 from drcli.cli.command_line import EPILOG
 from drcli.cli.command_table import program_names
+from drcli.explain.exit_code_texts import EXIT_CODES
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -2,7 +2,6 @@
 
 import locale
 import os
-import resource
 import time
 import urllib.request
 from collections.abc import Iterator, Mapping
@@ -10,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from zoneinfo import TZPATH
 
+from drcli.base.system_calls import Limit, soft_limit
 from drcli.checks.doctor.findings import Finding
 
 METADATA_PATIENCE_S = 1.0
@@ -125,11 +125,11 @@ def is_spot(cloud: str, environ: Mapping[str, str]) -> bool | None:
 
 def examine_limits(root: Path = _ROOT) -> Iterator[Finding]:
     """Limits of this process that trainings have met."""
-    files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    files = soft_limit("open_files")
     threads = _threads(root)
-    facts = {"open_files": _known(files), "processes": threads}
+    facts = {"open_files": files, "processes": threads}
     wrong = False
-    if files != resource.RLIM_INFINITY and files < LEAST_OPEN_FILES:
+    if files is not None and files < LEAST_OPEN_FILES:
         wrong = True
         text = f"this shell allows only {files:,} open files."
         yield Finding("limits", "warning", text, "Run `ulimit -n 4096` before the start.", facts)
@@ -138,16 +138,17 @@ def examine_limits(root: Path = _ROOT) -> Iterator[Finding]:
         text = f"only {threads:,} processes and threads are allowed here."
         remedy = "Raise `ulimit -u`, or the limit of the container (`--pids-limit`)."
         yield Finding("limits", "warning", text, remedy, facts)
-    for name, limit, option in (
-        ("memory of a process", resource.RLIMIT_AS, "-v"),
-        ("size of a file", resource.RLIMIT_FSIZE, "-f"),
-    ):
-        if resource.getrlimit(limit)[0] != resource.RLIM_INFINITY:
+    others: tuple[tuple[str, Limit, str], ...] = (
+        ("memory of a process", "memory", "-v"),
+        ("size of a file", "file_size", "-f"),
+    )
+    for name, limit, option in others:
+        if soft_limit(limit) is not None:
             wrong = True
             text = f"the {name} is limited, which may end a training."
             yield Finding("limits", "warning", text, f"Run `ulimit {option} unlimited`.", facts)
     if not wrong:
-        count = "any number of" if facts["open_files"] is None else f"{files:,}"
+        count = "any number of" if files is None else f"{files:,}"
         yield Finding("limits", "ok", f"{count} open files", facts=facts)
 
 
@@ -209,8 +210,8 @@ def _threads(root: Path) -> int | None:
     """How many processes and threads may exist; None for any number."""
     limits = []
     if os.getuid() != 0:  # root may have any number
-        soft = resource.getrlimit(resource.RLIMIT_NPROC)[0]
-        limits += [] if soft == resource.RLIM_INFINITY else [soft]
+        soft = soft_limit("processes")
+        limits += [] if soft is None else [soft]
     for file in ("sys/fs/cgroup/pids.max", "sys/fs/cgroup/pids/pids.max"):
         text = _text(root / file)
         limits += [int(text)] if text.isdigit() else []
@@ -222,10 +223,6 @@ def _is_zone(zone: str) -> bool:
     if any(character.isdigit() or character in ",<" for character in name):
         return True  # such as CET-1CEST
     return any((Path(folder) / name).is_file() for folder in ("/", *TZPATH))
-
-
-def _known(limit: int) -> int | None:
-    return None if limit == resource.RLIM_INFINITY else limit
 
 
 def _text(file: Path) -> str:

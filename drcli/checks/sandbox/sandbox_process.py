@@ -8,7 +8,6 @@ before the racer's code is loaded, and again at the end. Needs neither torch nor
 import contextlib
 import faulthandler
 import os
-import resource
 import signal
 import statistics
 import sys
@@ -25,6 +24,7 @@ from typing import Any, NoReturn, TextIO
 
 from drcli.base import signal_guard
 from drcli.base.problems import Problem
+from drcli.base.system_calls import limit_data
 from drcli.checks.sandbox.sample_calls import sample_races
 from drcli.checks.sandbox.sandbox_records import (
     FAULTS_FILE,
@@ -304,9 +304,7 @@ def main(folder: Path, parent_pid: int) -> None:
     os._exit = tell_and_end
     # The simulation's own timer would end this process before the watch, which tells the line.
     signal.signal(signal.SIGPROF, signal.SIG_IGN)
-    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    limit = _MEMORY_BYTES if hard == resource.RLIM_INFINITY else min(_MEMORY_BYTES, hard)
-    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+    limit_data(_MEMORY_BYTES)
     request = SandboxRequest.read(folder)
     calls, problems = calls_of(request)
     file = folder / REWARD_FUNCTION_FILE

@@ -8,9 +8,7 @@ There are two signs of use. Our commands and workers lock a file next to the buc
 deepracer-utils, change the number of bytes that the server reads and writes.
 """
 
-import fcntl
 import os
-import select
 import sys
 import time
 from collections.abc import Callable
@@ -18,6 +16,7 @@ from pathlib import Path
 
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive, leads_to
+from drcli.base.system_calls import ExitWait, try_lock
 from drcli.store.server import server_process
 from drcli.store.server.state import ServerState, own_file, trim_log
 
@@ -41,7 +40,7 @@ def in_use(folder: Path) -> None:
         return
     not_in_use(folder)
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
-    fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    try_lock(descriptor, shared=True)
     _held[path] = descriptor
 
 
@@ -111,14 +110,13 @@ class IdleWatcher:
     def _end_if_unused(self) -> bool:
         descriptor = os.open(own_file(self._folder, "users"), os.O_RDWR | os.O_CREAT, 0o600)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if not try_lock(descriptor):
+                return False
             if self._was_used():
                 self._used_s = self._clock()
                 return False
             # Its id stays in the state, so that a start waits until the port is free.
             server_process.end(self._pid, self._mark)
-        except BlockingIOError:
-            return False
         finally:
             os.close(descriptor)
         return True
@@ -127,12 +125,9 @@ class IdleWatcher:
 def watch(folder: Path, port: int, pid: int) -> None:
     """Watch a server until it has ended."""
     watcher = IdleWatcher(folder, port, pid)
-    try:
-        waited_for = [os.pidfd_open(pid)]
-    except (AttributeError, OSError):  # not Linux, or the process has ended
-        waited_for = []
+    end = ExitWait(pid)
     while not watcher.look():
-        select.select(waited_for, [], [], LOOK_S)  # returns at once when the process ends
+        end.wait(LOOK_S)
 
 
 if __name__ == "__main__":

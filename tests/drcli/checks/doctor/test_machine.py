@@ -198,7 +198,7 @@ def test_a_folder_that_cannot_be_written_is_a_problem(machine, monkeypatch):
 
 def test_small_limits_are_warnings(machine, monkeypatch):
     root = machine(**{"sys/fs/cgroup/pids.max": "100\n"})
-    monkeypatch.setattr(surroundings.resource, "getrlimit", lambda kind: (256, 256))
+    monkeypatch.setattr(surroundings, "soft_limit", lambda kind: 256)
 
     said = " ".join(found.text for found in examine_limits(root))
 

@@ -26,6 +26,7 @@ CALLS = {
     "start-evaluation": "laps",
     "status": "full training laps",
     "journal": "(restart 1)",
+    "explain lr": "Shipped value: 0.001",
     "spot watch --once": "terminate",
     "spot create-base racing -y": "Made racing in",
     "spot create my-run --bucket a-bucket -y": "Started my-run in",

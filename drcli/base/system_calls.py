@@ -1,0 +1,135 @@
+"""Calls to the system that Linux, macOS and others do not all have in the same way.
+
+Only this module imports `fcntl` and `resource`, and only this one uses calls of Linux alone. Each
+function says what happens on a system without the call. Two places have conditions of their own:
+`drcli.base.elapsed` chooses a clock, and `drsim`, which does not import drcli, sets its timers.
+
+Windows itself has neither these modules nor signals and sessions; there, drcli runs inside WSL,
+which is Linux.
+"""
+
+import os
+import select
+from contextlib import suppress
+from pathlib import Path
+from types import ModuleType
+from typing import Literal
+
+from drcli.base.errors import NotAvailable
+
+fcntl: ModuleType | None
+resource: ModuleType | None
+try:
+    import fcntl
+    import resource
+except ImportError:  # Windows
+    fcntl = resource = None
+
+_DESCRIPTORS = (Path("/proc/self/fd"), Path("/dev/fd"))
+"""Where Linux lists the open files of a process, and where macOS and the BSDs do."""
+
+Limit = Literal["open_files", "processes", "memory", "file_size"]
+
+_LIMITS: dict[Limit, str] = {
+    "open_files": "RLIMIT_NOFILE",
+    "processes": "RLIMIT_NPROC",
+    "memory": "RLIMIT_AS",
+    "file_size": "RLIMIT_FSIZE",
+}
+
+_MANY_FILES = 1 << 40
+"""macOS writes a number near 2**63 where a process may open any number of files."""
+
+
+def try_lock(descriptor: int, *, shared: bool = False) -> bool:
+    """Lock an open file or folder until it is closed or the process ends.
+
+    Args:
+        descriptor: Of the file or folder.
+        shared: Whether other processes may hold it in the same way at the same time.
+
+    Returns:
+        Whether it worked; False if another process holds a lock that excludes this one.
+
+    Raises:
+        NotAvailable: The system has no such locks.
+        OSError: The file system has none.
+    """
+    if fcntl is None:
+        raise no_such_system()
+    with suppress(BlockingIOError):
+        fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+        return True
+    return False
+
+
+def no_such_system() -> NotAvailable:
+    """The refusal on a system that drcli cannot run on."""
+    return NotAvailable(
+        "drcli does not run on Windows itself, but inside of WSL.",
+        remedy="Run `wsl --install`, and install drcli there: docs/platforms.md.",
+    )
+
+
+def soft_limit(limit: Limit) -> int | None:
+    """How much of something this process may use; None for any amount, and where unknown."""
+    if resource is None or not hasattr(resource, _LIMITS[limit]):
+        return None
+    found = int(resource.getrlimit(getattr(resource, _LIMITS[limit]))[0])
+    unlimited = found < 0 or found == resource.RLIM_INFINITY
+    if limit == "open_files":
+        unlimited = unlimited or found > _MANY_FILES
+    return None if unlimited else found
+
+
+def limit_data(most_bytes: int) -> bool:
+    """Let this process use no more memory than this for its data.
+
+    Returns:
+        Whether the limit is set. Linux keeps to it. macOS may refuse it, and does not keep to it;
+        then a process that fills the memory ends like any other on that system.
+    """
+    if resource is None or not hasattr(resource, "RLIMIT_DATA"):
+        return False
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    unlimited = hard < 0 or hard == resource.RLIM_INFINITY
+    limit = most_bytes if unlimited else min(most_bytes, hard)
+    try:
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+    except (OSError, ValueError):
+        return False
+    return True
+
+
+def usable_cores() -> int:
+    """Processor cores that this process may run on (`taskset`); elsewhere those of the machine."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def open_files() -> int:
+    """Number of files that this process has open; 0 if the system does not tell."""
+    for folder in _DESCRIPTORS:
+        with suppress(OSError):
+            return len(os.listdir(folder))  # noqa: PTH208  pathlib would make objects of them
+    return 0
+
+
+class ExitWait:
+    """Waits for the end of a process that need not be a child of this one."""
+
+    def __init__(self, pid: int) -> None:
+        """Prepare; on systems other than Linux, `wait` only lets the time pass."""
+        self._descriptors: list[int] = []
+        with suppress(AttributeError, OSError):  # not Linux, or the process has ended
+            self._descriptors.append(os.pidfd_open(pid))
+
+    def wait(self, seconds: float) -> None:
+        """Return when the process has ended, at the latest after so many seconds."""
+        select.select(self._descriptors, [], [], seconds)
+
+    def close(self) -> None:
+        """Give the descriptor back."""
+        while self._descriptors:
+            os.close(self._descriptors.pop())

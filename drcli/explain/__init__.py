@@ -1,0 +1,1 @@
+"""Explains words: hyperparameters, settings, terms, parameters, trace columns, codes and errors."""

@@ -1,0 +1,215 @@
+"""Finds what is known about a word, however it is written."""
+
+import difflib
+import re
+from collections.abc import Iterator, Mapping
+from functools import cache
+
+from drcli.base.errors import SettingsError
+from drcli.config.settings import catalogue
+from drcli.exchange.trace import CSV_HEADER
+from drcli.explain.entry import Detail, Entry
+from drcli.explain.error_texts import ERROR_TEXTS, ErrorText
+from drcli.explain.exit_code_texts import EXIT_CODES
+from drcli.explain.glossary_texts import GLOSSARY
+from drcli.explain.hyperparameter_texts import HYPERPARAMETER_TEXTS
+from drcli.explain.reward_parameter_texts import REWARD_PARAMETERS
+from drcli.explain.trace_texts import TRACE_COLUMNS
+
+SHORTEST_PART = 4
+"""Letters of a part of an error text or name that are searched for."""
+
+MOST_FOUND = 12
+"""Entries that a part of a word may find; with more, it is too short to mean something."""
+
+LONGEST = 500
+"""Letters of a question that are compared; comparing more takes long and finds no more."""
+
+CLOSE = 0.7
+"""Likeness from 0 to 1 of a name that is offered instead."""
+
+_LINK = re.compile(r"\[([^]]*)\]\([^)]*\)")
+"""A link of Markdown, of which a terminal shows the words."""
+
+
+def explain(question: str) -> list[Entry]:
+    """What is known about a word or an error text.
+
+    Args:
+        question: A hyperparameter, a setting with or without `DR_`, a term, a parameter of reward
+            functions, a column of a trace, an exit code, or a piece of an error text. Case, `_`,
+            `-` and spaces do not matter.
+
+    Returns:
+        All entries of this name, as `progress` has several; else those that contain it.
+
+    Raises:
+        SettingsError: Nothing is known; the remedy names words that look alike.
+    """
+    wanted = _plain(question[:LONGEST])
+    if not wanted:
+        raise _unknown(question, [])
+    exact = [entry for name, entry in _by_name() if name == wanted]
+    if exact:
+        return exact
+    errors = [_error(text) for text in ERROR_TEXTS if _is_about(text, question[:LONGEST])]
+    if errors:
+        return errors
+    parts = [entry for name, entry in _by_name() if wanted in name]
+    if len(wanted) >= SHORTEST_PART and 0 < len(parts) <= MOST_FOUND:
+        return list(dict.fromkeys(parts))
+    names = {name: entry.name for name, entry in _by_name()}
+    close = difflib.get_close_matches(wanted, names, n=3, cutoff=CLOSE)
+    raise _unknown(question, [names[name] for name in close])
+
+
+def every_entry() -> tuple[Entry, ...]:
+    """Everything that is known, by kind."""
+    return (
+        *map(_hyperparameter, _keys()),
+        *(Entry("term", name, text, page="glossary.md") for name, text in GLOSSARY.items()),
+        *map(_parameter, REWARD_PARAMETERS),
+        *(
+            Entry("trace column", name, TRACE_COLUMNS[name], page="glossary.md")
+            for name in CSV_HEADER.split(",")
+        ),
+        *(
+            Entry("exit code", str(code), _sentence(text), page="commands.md")
+            for code, text in EXIT_CODES.items()
+        ),
+        *map(_setting, catalogue()),
+        *map(_error, ERROR_TEXTS),
+    )
+
+
+@cache
+def _by_name() -> tuple[tuple[str, Entry], ...]:
+    """Every entry under each name by which it is found."""
+    return tuple((name, entry) for entry in every_entry() for name in _names(entry))
+
+
+def _names(entry: Entry) -> Iterator[str]:
+    yield _plain(entry.name)
+    if entry.kind == "setting":
+        yield _plain(entry.name.removeprefix("DR_"))
+    if entry.kind == "exit code":
+        yield f"exit code {entry.name}"
+        yield f"code {entry.name}"
+
+
+def _plain(text: str) -> str:
+    """A word without case and signs that are written in several ways."""
+    return " ".join(re.sub(r"[_\-\s]+", " ", text.strip("`'\" .,:;?!$")).casefold().split())
+
+
+def _is_about(text: ErrorText, question: str) -> bool:
+    """Whether a question is a piece of an error text, or a line of a log that has it."""
+    wanted, whole = _letters(question), _letters(text.text)
+    if len(wanted) < SHORTEST_PART:
+        return False
+    pieces = [_letters(piece) for piece in text.text.split("...")]
+    long = [piece for piece in pieces if len(piece) >= SHORTEST_PART]
+    return wanted in whole or _in_order(long, wanted)
+
+
+def _in_order(pieces: list[str], text: str) -> bool:
+    """Whether all pieces stand in a text, one after the other."""
+    at = 0
+    for piece in pieces:
+        at = text.find(piece, at)
+        if at < 0:
+            return False
+        at += len(piece)
+    return bool(pieces)
+
+
+def _letters(text: str) -> str:
+    return " ".join(re.sub(r"[^\w/]+", " ", text.casefold()).split())
+
+
+def _keys() -> list[str]:
+    """The hyperparameters that this version reads."""
+    from drcli.modelfiles.hyperparameters import KEYS
+
+    return [key for key in HYPERPARAMETER_TEXTS if key in KEYS]
+
+
+def _hyperparameter(key: str) -> Entry:
+    text = HYPERPARAMETER_TEXTS[key]
+    without, shipped = default_of(key), shipped_values().get(key)
+    details = [
+        *_details(("Higher" if text.lower else "Effect", text.higher), ("Lower", text.lower)),
+        *_details(("Advice", text.advice), ("Shipped value", _value(shipped))),
+        Detail("If left out", _value(without) or "off"),
+    ]
+    return Entry("hyperparameter", key, text.meaning, tuple(details), "hyperparameters.md")
+
+
+def _details(*pairs: tuple[str, str]) -> Iterator[Detail]:
+    return (Detail(label, text) for label, text in pairs if text)
+
+
+def default_of(key: str) -> object:
+    """What a hyperparameter is that the file leaves out; None if it is off or depends."""
+    from drcli.modelfiles.hyperparameters import Hyperparameters
+
+    return Hyperparameters.model_fields[key].default
+
+
+@cache
+def shipped_values() -> Mapping[str, object]:
+    """The shipped hyperparameters.json."""
+    import json
+
+    from drcli.config.example_files import model_file
+
+    return dict(json.loads(model_file("hyperparameters.json").read_text("utf-8")))
+
+
+def _value(value: object) -> str:
+    if value is None:
+        return ""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _setting(name: str) -> Entry:
+    setting = catalogue()[name]
+    if setting.effect != "used":
+        details = _details(("Here", f"No effect: {setting.reason}"))
+    else:
+        default = setting.default_text
+        details = _details(
+            ("Default", default or "none"),
+            ("Allowed", setting.expected),
+            ("File", setting.file),
+            ("Old name", ", ".join(setting.old_names)),
+        )
+    return Entry("setting", name, _sentence(setting.meaning), tuple(details), "settings.md")
+
+
+def _parameter(name: str) -> Entry:
+    text = REWARD_PARAMETERS[name]
+    meaning = _sentence(_LINK.sub(r"\1", text.meaning).replace("**", ""))
+    details = _details(("Type", text.kind), ("Unit", text.unit.replace("**", "")))
+    return Entry("reward parameter", name, meaning, tuple(details), "reward-functions.md")
+
+
+def _error(text: ErrorText) -> Entry:
+    details = (Detail("With drcli", _sentence(_LINK.sub(r"docs/\1", text.here))),)
+    return Entry("error text", text.text, _sentence(text.reason), details, "troubleshooting.md")
+
+
+def _sentence(text: str) -> str:
+    """Text of a table cell as a sentence."""
+    text = text.strip()
+    begin = text[:1] if text.startswith(("`", "drcli")) else text[:1].upper()
+    return f"{begin}{text[1:]}" + ("" if text.endswith((".", "!", "?", ")")) else ".")
+
+
+def _unknown(question: str, close: list[str]) -> SettingsError:
+    shown = question if len(question) <= 60 else f"{question[:57]}..."
+    offer = f"Did you mean {', '.join(close)}? " if close else ""
+    return SettingsError(
+        f"Nothing is known about '{shown}'.",
+        remedy=f"{offer}`dr-explain` without a name lists all words.",
+    )

@@ -1,0 +1,156 @@
+"""Shipped hyperparameters compared with those of the guides: steps until the first full lap.
+
+    python scripts/bench guide_values [--case NAME ...] [--seeds 1 2 3] [--results FILE]
+        [--cap 30000] [--threads 1] [--precision fp32] [--json]
+
+The shipped files are trained as they are, and with the values that guides for DeepRacer recommend:
+each of CASES. Each training drives and learns in this process as the workers do. Every checkpoint
+drives five evaluation laps; the training ends when all five are completed, or at --cap steps. Only
+steps count, so other programs make it slower and change nothing.
+
+With --results each finished training is appended to a file, one JSON object a line. A training that
+is already in the file is not repeated.
+
+With --json the last line of stdout is one object: for each case
+
+    first_lap    steps by seed until a checkpoint completed one of five evaluation laps, or null
+    all_laps     steps by seed until a checkpoint completed all five, or null
+    cpu_s        processor time of a training, mean, seconds
+"""
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from learn_runs import SHIPPED_FILES, MemoryTraining, Work
+
+from drcli.exchange.job import PROCESS_TUNING
+from drcli.learn.compute import flush_denormals
+
+CASES: Mapping[str, Mapping[str, Any]] = {
+    "shipped": {},
+    "discount 0.99": {"discount_factor": 0.99},
+    "discount 0.999": {"discount_factor": 0.999},
+    "lr 0.0003": {"lr": 0.0003},
+    "epochs 10": {"num_epochs": 10},
+    "guides": {"discount_factor": 0.99, "lr": 0.0003},
+    "guides, 10 epochs": {"discount_factor": 0.99, "lr": 0.0003, "num_epochs": 10},
+}
+"""What differs from the shipped hyperparameters.json, by the name of the case."""
+
+TRIALS = 5
+"""Evaluation laps of each checkpoint."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """One training.
+
+    Attributes:
+        case: Its name in `CASES`.
+        seed: Of the training.
+        first_lap: Steps learned from by the first checkpoint that completed an evaluation lap.
+        all_laps: The same for all evaluation laps. None: not before the limit.
+        cpu_s: Processor time, seconds.
+    """
+
+    case: str
+    seed: int
+    first_lap: int | None
+    all_laps: int | None
+    cpu_s: float
+
+
+def main() -> None:
+    """Train, and report."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--case", nargs="+", default=list(CASES), choices=CASES, metavar="NAME")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
+    parser.add_argument("--results", type=Path, help="file to append to and to go on from")
+    parser.add_argument("--cap", type=int, default=30_000, help="most steps of a training")
+    parser.add_argument("--world", default="reinvent_base")
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--precision", choices=["auto", "fp32", "bf16"], default="fp32")
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    if any(name not in os.environ for name in PROCESS_TUNING):
+        # Read by the C library and OpenMP before the first line of Python.
+        os.execve(sys.executable, sys.orig_argv, {**PROCESS_TUNING, **os.environ})
+
+    flush_denormals()
+    results = read(options.results)
+    for seed in options.seeds:
+        for case in options.case:
+            if any((done.case, done.seed) == (case, seed) for done in results):
+                continue
+            results.append(train(case, seed, options))
+            append(options.results, results[-1])
+            print(results[-1], file=sys.stderr, flush=True)
+    if options.json:
+        print(json.dumps(report(results)))
+
+
+def changed(work: Work, change: Mapping[str, Any]) -> Work:
+    """The same work with other hyperparameters."""
+    return replace(work, parameters=work.parameters.model_copy(update=dict(change)))
+
+
+def train(case: str, seed: int, options: argparse.Namespace) -> Result:
+    """Train until a checkpoint completes all evaluation laps, or until the limit."""
+    environment = {
+        "DR_WORLD_NAME": options.world,
+        "DR_TRACKS_DIR": "",
+        "DR_TORCH_PRECISION": options.precision,
+    }
+    metadata = json.loads((SHIPPED_FILES / "model_metadata.json").read_text("utf-8"))
+    work = Work.load(environment, metadata["neural_network"], options.threads)
+    started_s = time.process_time()
+    training = MemoryTraining(changed(work, CASES[case]), seed, TRIALS)
+    first = every = None
+    try:
+        while training.steps < options.cap and every is None:
+            before = training.steps
+            training.iterate()
+            completed = [episode.completed for episode in training.evaluation]
+            first = before if first is None and any(completed) else first
+            every = before if all(completed) else None
+    finally:
+        training.close()
+    return Result(case, seed, first, every, round(time.process_time() - started_s, 1))
+
+
+def report(results: Sequence[Result]) -> dict[str, Any]:
+    """Steps by seed, and mean processor time, of each case."""
+    figures: dict[str, Any] = {}
+    for case in dict.fromkeys(result.case for result in results):
+        own = sorted((r for r in results if r.case == case), key=lambda result: result.seed)
+        figures[case] = {
+            "first_lap": {result.seed: result.first_lap for result in own},
+            "all_laps": {result.seed: result.all_laps for result in own},
+            "cpu_s": round(sum(result.cpu_s for result in own) / len(own), 1),
+        }
+    return figures
+
+
+def read(path: Path | None) -> list[Result]:
+    """What was measured before."""
+    if path is None or not path.exists():
+        return []
+    return [Result(**json.loads(line)) for line in path.read_text("utf-8").splitlines()]
+
+
+def append(path: Path | None, result: Result) -> None:
+    """Write a result down at once: the benchmark may be stopped."""
+    if path is not None:
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(asdict(result)) + "\n")
+
+
+if __name__ == "__main__":
+    main()
