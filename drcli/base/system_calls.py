@@ -101,7 +101,7 @@ def limit_data(most_bytes: int) -> bool:
     return True
 
 
-def usable_cores() -> int:
+def cores_of_process() -> int:
     """Processor cores that this process may run on (`taskset`); elsewhere those of the machine."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drcli.base.control_groups import ROOT, group_folders
-from drcli.base.system_calls import usable_cores
+from drcli.base.system_calls import cores_of_process
 from drcli.config.settings import TrainConfig
 
 OVERLAP_CORES = 4
@@ -18,7 +18,7 @@ def cores(root: Path = ROOT) -> int:
     These are the cores that it may run on (`taskset`), or fewer if a container or service limits
     them (`docker run --cpus`). Such a limit is rounded up.
     """
-    return max(1, min([usable_cores(), *(math.ceil(limit) for limit in _limits(root))]))
+    return max(1, min([cores_of_process(), *(math.ceil(limit) for limit in _limits(root))]))
 
 
 def usable_cores(train: TrainConfig) -> int:

@@ -43,10 +43,10 @@ class Scoring:
         checkpoints: CheckpointStore,
         history: History,
         metric: str,
-        rollbacks: Rollbacks = NO_ROLLBACKS,
         world: JudgedWorld = "training",
         *,
         second: bool = False,
+        rollbacks: Rollbacks = NO_ROLLBACKS,
     ) -> None:
         self._rollbacks = rollbacks
         self._bucket = bucket

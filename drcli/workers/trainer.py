@@ -100,9 +100,9 @@ class Trainer:
             self._checkpoints,
             self._history,
             model.metric,
-            self._rollbacks.known,
             train.train_best_model_world if train.train_eval_world else "training",
             second=bool(train.train_eval_world),
+            rollbacks=self._rollbacks.known,
         )
         self._graphs = GraphWriter(
             self._checkpoints,

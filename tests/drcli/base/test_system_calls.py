@@ -121,7 +121,7 @@ def test_cores_open_files_and_clock_have_another_source_elsewhere(monkeypatch, t
     monkeypatch.delattr(time, "CLOCK_BOOTTIME", raising=False)
     monkeypatch.setattr(system_calls, "_DESCRIPTORS", (tmp_path / "absent", Path("/dev/fd")))
 
-    assert system_calls.usable_cores() == os.cpu_count()
+    assert system_calls.cores_of_process() == os.cpu_count()
     assert system_calls.open_files() >= 3
     assert elapsed.elapsed_s() == pytest.approx(time.monotonic(), abs=1.0)
     monkeypatch.setattr(system_calls, "_DESCRIPTORS", (tmp_path / "absent",))
@@ -169,7 +169,7 @@ def test_a_command_runs_where_python_has_nothing_of_linux(tmp_path):
         "from drcli.base import elapsed, memory_state, process_identity, system_calls\n"
         "assert process_identity.this_machine().startswith('booted ')\n"
         "assert process_identity.exists(os.getpid()) and memory_state.read_memory().total_bytes\n"
-        "assert system_calls.open_files() and system_calls.usable_cores() and elapsed.elapsed_s()\n"
+        "assert system_calls.open_files() and system_calls.cores_of_process() and elapsed.elapsed_s()\n"
         "from drcli.cli.program import main\n"
         "sys.argv = ['dr', 'init', '-f', '--json']\n"
         "main()\n"
