@@ -109,28 +109,20 @@ def test_a_file_of_version_0_1_0_gets_the_numbers_that_tools_count_with(bucket):
     assert [r["episode"] for r in records] == [1, 3, 5]
 
 
-class DyingBucket(MemoryBucket):
-    """The process that writes is killed at its n-th write, before or after it has taken effect."""
+def dying(bucket: MemoryBucket, at_write: int) -> MemoryBucket:
+    """The bucket as a process sees it that is killed just before its n-th write.
 
-    def __init__(self, fatal: int, *, takes_effect: bool) -> None:
-        super().__init__()
-        self.fatal = fatal
-        self._takes_effect = takes_effect
-        self.writes = 0
+    None of its threads writes anything afterwards.
+    """
+    writes = 0
 
-    def put(self, key, data, *, watch=None):
-        self._write(lambda: super(DyingBucket, self).put(key, data, watch=watch))
-
-    def delete(self, keys):
-        self._write(lambda: super(DyingBucket, self).delete(keys))
-
-    def _write(self, act):
-        self.writes += 1
-        fatal = self.writes == self.fatal
-        if self._takes_effect or not fatal:
-            act()
-        if fatal:
+    def check(_key: str) -> None:
+        nonlocal writes
+        writes += 1
+        if writes >= at_write:
             raise KeyboardInterrupt
+
+    return bucket.fenced(check)
 
 
 def _train(bucket: MemoryBucket, first: int) -> int:
@@ -156,22 +148,21 @@ def in_parts(request, monkeypatch):
 
 
 @pytest.mark.usefixtures("in_parts")
-@pytest.mark.parametrize("takes_effect", [False, True])
-def test_whenever_a_worker_is_killed_no_episode_is_lost_or_doubled(takes_effect):
+@pytest.mark.parametrize("first", [1, 2, 3])
+def test_whenever_a_worker_is_killed_no_episode_is_lost_or_doubled(first):
     undisturbed = MemoryBucket()
     assert _train(undisturbed, 0) == 40
     assert list_parts(undisturbed, KEY) == []
 
-    fatal = 0
+    at_write = first
     killed_at = 0
     while killed_at < 40:
-        fatal += 3
-        bucket = DyingBucket(fatal, takes_effect=takes_effect)
-        killed_at = _train(bucket, 0)
+        bucket = MemoryBucket()
+        killed_at = _train(dying(bucket, at_write), 0)
+        at_write += 3
         if killed_at < 40:
             known = {r.iteration for r in read_all_metrics(bucket, KEY)}
             assert known >= set(range(killed_at))
-        bucket.fatal = 0
         _train(bucket, min(killed_at, 39))
 
         assert bucket.get(KEY) == undisturbed.get(KEY)
