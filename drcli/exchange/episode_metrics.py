@@ -154,7 +154,8 @@ class TrialMetrics(JsonRecord):
         crashes, immobilized = status.count("crashed"), status.count("immobilized")
         off_track, reversed_ = status.count("off_track"), status.count("reversed")
         # The violation that ended the trial did not put the car back.
-        ended_by_violation = episode.rows[-1].done and not completed
+        last = episode.rows[-1]
+        ended_by_violation = last.done and not completed and not episode.discarded
         return TrialMetrics(
             completion_percentage=completion_percentage(episode.progress),
             metric_time=start_ms + elapsed_ms,

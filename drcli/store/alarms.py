@@ -12,7 +12,7 @@ ENTROPY_WINDOW, ENTROPY_PAST = 5, 50
 """Iterations over which the entropy is averaged, and in which its lowest mean is looked for."""
 
 ENTROPY_RISE = 0.2
-"""Nats above the lowest mean. Fifteen healthy trainings here stayed within 0.05."""
+"""Nats above the lowest mean. Fourteen healthy trainings here stayed within 0.05."""
 
 ENTROPY_NEAR = 0.05
 """Nats above the lowest mean that are as good as the lowest."""

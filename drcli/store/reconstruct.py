@@ -30,6 +30,7 @@ from drcli.store.checkpoints import KEEP, CheckpointStore, checkpoint_objects
 from drcli.store.complete_files import combined_history
 from drcli.store.growing_file import list_parts
 from drcli.store.milestones import NO_MILESTONES, with_history, with_results
+from drcli.store.rollbacks import read_rollbacks
 
 _TRACE = re.compile(r"(?:(\d+)/)?training-simtrace/(\d+)-iteration\.csv")
 
@@ -153,8 +154,17 @@ def reconstruct_record(
             episodes=sum(r.episodes for r in past),
             elapsed_s=0.0 if last is None else last.elapsed_s,
             learned=last,
+            rollbacks=_rollbacks(bucket, prefix) or None,
         ),
     )
+
+
+def _rollbacks(bucket: Bucket, prefix: str) -> int:
+    """How often the training went back: a checkpoint without its record was made after that."""
+    try:
+        return read_rollbacks(bucket, prefix).count
+    except ObjectDamaged:
+        return 0
 
 
 def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | None:
@@ -252,7 +262,8 @@ def _traced_history(
             continue
         of_worker = traced.get(iteration, {})
         wanted = of_worker.values() if total is not None else ()
-        episodes = [e for key in wanted for e in read_csv(bucket.get(key))]
+        driven = [e for key in wanted for e in read_csv(bucket.get(key))]
+        episodes = [e for e in driven if e.status != "discarded"]  # nobody learned from the others
         if total is None or not episodes:
             total = None  # it is unknown after a gap, until the next known iteration
             continue
@@ -275,6 +286,7 @@ def _traced_history(
             best_lap_s=min(laps, default=None),
             drive_s=end_s - begin_s,
             elapsed_s=end_s - began_s,
+            discarded=len(driven) - len(episodes),
         )
         found.append(record)
     return found

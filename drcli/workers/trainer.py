@@ -441,7 +441,8 @@ class Trainer:
         """The failure of a training whose loss is NaN."""
         remedy = (
             "Lower `lr` to a third, or set `max_grad_norm` to 0.5, in hyperparameters.json, then "
-            "continue with `dr-start-training --resume`."
+            "continue with `dr-start-training --resume`. DR_TRAIN_MAX_ROLLBACKS=2 does it "
+            "without you."
         )
         best = CheckpointName.parse(self._checkpoints.best_name() or "")
         if best is not None:

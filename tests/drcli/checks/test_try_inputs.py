@@ -12,8 +12,8 @@ from threading import Event
 import pytest
 
 from drcli.checks.before_start import examine
-from drcli.checks.sandbox.sandbox_records import SandboxRequest
-from drcli.checks.try_inputs import request_of, try_inputs
+from drcli.checks.sandbox.sandbox_records import Failure, SandboxRequest, SandboxResult
+from drcli.checks.try_inputs import problems_of, request_of, try_inputs
 from drcli.config.loading import load_settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile
@@ -167,3 +167,24 @@ from shapely.geometry import LineString, Point
 
     assert tried(before, body) == []
     assert {"numpy", "scipy", "shapely"} <= needed
+
+
+@pytest.mark.parametrize(
+    ("kind", "tolerated", "severity"),
+    [
+        ("raises", 0.0, "error"),
+        ("raises", 0.03, "error"),
+        ("raises", 0.05, "warning"),
+        ("range", 0.05, "warning"),
+        ("endless", 1.0, "error"),
+        ("load", 1.0, "error"),
+    ],
+)
+def test_failures_that_a_training_counts_are_warnings_within_its_share(kind, tolerated, severity):
+    failures = [Failure(kind, "KeyError: 'x'", 3, params="{}", times=4)]  # 001-17
+    result = SandboxResult(failures=failures, calls=100)
+
+    [problem] = problems_of(result, "reward_function.py", tolerated)
+
+    assert problem.severity == severity
+    assert problem.line == 3

@@ -241,3 +241,17 @@ def test_changed_parameters_do_no_harm(found):
 
     assert result.failures == []
     assert result.memory is None
+
+
+DISCARDS = "class DiscardEpisode(Exception):\n    pass\n\n"
+
+
+def test_an_episode_declared_broken_is_no_failure_unless_all_are(found):  # 001-17
+    some = found(
+        function("if params['steps'] > 20:\n    raise DiscardEpisode('lost')\nreturn 1.0", DISCARDS)
+    )
+    every = found(function("raise DiscardEpisode('lost')", DISCARDS))
+
+    assert some.failures == []
+    [failure] = every.failures
+    assert (failure.kind, failure.reason) == ("raises", "DiscardEpisode: lost")

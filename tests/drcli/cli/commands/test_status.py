@@ -3,6 +3,10 @@
 import json
 from dataclasses import replace
 
+from drcli.exchange.reward_error_record import RewardCounts, RewardErrorEntry
+from drcli.exchange.rollback_record import Rollback
+from drcli.store.alarms import Convergence
+
 
 def test_status_before_the_first_start_says_how_to_start(dr, run, capsys):
     code = dr("status")
@@ -56,3 +60,33 @@ def test_status_of_a_failed_run_tells_why_and_exits_0(dr, run, make_report, caps
 def _with_dead_worker(report):
     trainer, sim = report.workers
     return replace(report, workers=[trainer, replace(sim, alive=False)])
+
+
+def test_status_tells_of_failures_after_which_the_training_went_on(dr, run, make_report, capsys):
+    entry = RewardErrorEntry(
+        "raises", "KeyError", "KeyError: 'x'", 12, "y = p['x']", "{'a': 1}", 30
+    )
+    back = Rollback(1.0, "nan", "NaN detected", "9_Step-9.ckpt", "7_Step-7.ckpt", 0.003, 1 / 3, 9.0)
+    run.before = replace(
+        make_report("running", 4),
+        reward_errors=RewardCounts(1000, 30, 2, [entry]),
+        rollbacks=[back],
+        convergence=Convergence(60.0, 90.0, reached=False),
+        warning="the entropy rises",
+        advice=["Lower `lr`."],
+    )
+
+    dr("status")
+
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "Rollback: NaN detected. Went back from checkpoint 9 to 7 with a learning" in printed
+    assert "Reward function: 30 of 1,000 calls failed (3 %), 2 episodes declared broken." in printed
+    assert "line 12: KeyError: 'x' (30 times) y = p['x'] params = {'a': 1}" in printed
+    assert "training 60 %, evaluations 90 %: a gap of 30 points." in printed
+    assert "Warning: the entropy rises Try: Lower `lr`." in printed
+
+    dr("status", "--json")
+
+    report = json.loads(capsys.readouterr().out)
+    assert report["reward_errors"]["errors"][0]["line"] == 12
+    assert report["rollbacks"][0]["target"] == "7_Step-7.ckpt"
