@@ -22,6 +22,10 @@ DESCRIPTION = "000-description"
 """Name of the description; it comes before all other notes."""
 
 
+_STAMPED = re.compile(r"\d{18}-")
+"""Begins with the microseconds at which it was written."""
+
+
 @dataclass(frozen=True)
 class StoredNote:
     """A note and its name in the bucket.
@@ -63,7 +67,12 @@ def headline(bucket: Bucket, prefix: str, objects: Mapping[str, ObjectInfo]) -> 
 def add_note(bucket: Bucket, prefix: str, text: str, checkpoint: int | None) -> StoredNote:
     """Write a new note."""
     now = time.time()
-    name = f"{int(now * 1000):015d}-{secrets.token_hex(3)}"
+    listed = bucket.list(keys.notes_folder(prefix))
+    known = [_name_of(prefix, info.key) or "" for info in listed]
+    stamps = [int(name[:18]) for name in known if _STAMPED.match(name)]
+    # Later than all others, also if two are written in one moment or a clock was set back.
+    stamp = max([int(now * 1e6), *(stamp + 1 for stamp in stamps)])
+    name = f"{stamp:018d}-{secrets.token_hex(3)}"
     return _write(bucket, prefix, name, NoteRecord(now, text, socket.gethostname(), checkpoint))
 
 

@@ -39,8 +39,10 @@ _WEIGHTS = """
 ## Starting from another model's weights
 
 With `DR_LOCAL_S3_PRETRAINED=True`, `dr-start-training` starts from the weights of another model
-in the same bucket: a checkpoint (`DR_LOCAL_S3_PRETRAINED_CHECKPOINT`: `last`, `best`, a milestone
-or a number, see [checkpoints.md](checkpoints.md)) of `DR_LOCAL_S3_PRETRAINED_PREFIX` becomes checkpoint 0 of the new model. The other model is not
+in the same bucket: a checkpoint of `DR_LOCAL_S3_PRETRAINED_PREFIX` becomes checkpoint 0 of the new
+model. `DR_LOCAL_S3_PRETRAINED_CHECKPOINT` chooses it by a number or a word such as `best` or
+`first-lap` ([checkpoints.md](checkpoints.md)); `--pretrained` and `--checkpoint` do the same for
+one start. The other model is not
 changed. Steps, episodes, best checkpoint and optimizer start from zero. World, reward function
 and hyperparameters may differ, and also the values of the actions (with a warning). Type and
 number of actions, sensors, network, algorithm, `stack_size` and `critic` must be the same; the

@@ -1,6 +1,7 @@
 """Commands that give the next model or upload a new name, in run.env."""
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -109,8 +110,8 @@ def increment_training(
     step = make_increment(planned, loaded.storage)
     console.emit(step, training_view.increment(step), as_json=as_json)
     for path in step.files:
-        console.say(f"Wrote {path}; the old one, if there was one, is {path}.bak.")
-    _done(step.file, step.backup, "dr-start-training", "train the new model")
+        console.say(f"Wrote {path}")
+    _done(step.file, step.backup, "dr-start-training", "train the new model", step.files)
 
 
 def increment_upload_model(
@@ -184,7 +185,8 @@ def _announce(file: str, before: str, after: str) -> None:
     console.say(f"Incrementing model from {before} to {after}")
 
 
-def _done(file: str, backup: str, command: str, purpose: str) -> None:
+def _done(file: str, backup: str, command: str, purpose: str, files: Sequence[str] = ()) -> None:
     console.say("Done.")
-    undo = shlex.join(["cp", backup, file])
+    kept = [(f"{path}.bak", path) for path in files if Path(f"{path}.bak").is_file()]
+    undo = " && ".join(shlex.join(["cp", *pair]) for pair in [(backup, file), *kept])
     console.suggest([(command, purpose), (undo, "undo this change")])
