@@ -1,4 +1,4 @@
-"""Stages change the settings of every worker, and each problem has its line."""  # 003-04
+"""Stages change the settings of every worker, and each problem has its line."""  # 001-25, 003-11
 
 import pytest
 
