@@ -17,8 +17,8 @@ EXIT_CODES: Mapping[int, str] = {
     8: "another training took over the model while this one did not respond; that one continues",
     9: "another machine or process trains the model, and `--no-wait` was given; nothing was done",
     75: "interrupted, can be resumed: the cloud takes the machine away, or SIGTERM came to a "
-    "training that was started with `--resume-or-start`. The same command continues it, here or "
-    "elsewhere",
+    "training that was started with `--resume-or-start`, or the budget of the day is used up. The "
+    "same command continues it, here or elsewhere",
     130: "interrupted by Ctrl-C; with `--foreground` the training is stopped, and what was learned "
     "is in the bucket",
     143: "stopped by SIGTERM; what was learned is in the bucket, and `--resume` continues it "

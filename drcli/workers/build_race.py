@@ -10,6 +10,7 @@ from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.settings import RaceConfig
 from drcli.config.track_names import remedy, track_problem
+from drcli.exchange.stage import Stage
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -185,16 +186,21 @@ def build_simulation(
 
 
 def load_reward(
-    bucket: Bucket, prefix: str, folder: Path, cars: int, source: bytes | None = None
+    bucket: Bucket, prefix: str, folder: Path, cars: int, stage: Stage | None = None
 ) -> list[RewardFunction]:
-    """The model's copy of the racer's reward function, or this source, loaded once for each car.
+    """The model's copy of the racer's reward function, or a stage's own, loaded once for each car.
 
     Reward functions are written for a single car and keep values in globals from step to step, so
     each car needs its own.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / keys.REWARD_FUNCTION_FILE
-    path.write_bytes(bucket.get(keys.reward_function(prefix)) if source is None else source)
+    if stage is None:
+        path = folder / keys.REWARD_FUNCTION_FILE
+        path.write_bytes(bucket.get(keys.reward_function(prefix)))
+    else:
+        name = Path(stage.reward_name).name  # errors name the file as its author calls it
+        path = folder / (name if name.endswith(".py") else keys.REWARD_FUNCTION_FILE)
+        path.write_text(stage.reward, encoding="utf-8")
     try:
         with print_limit.limited_prints():
             return [load_reward_function(path) for _ in range(cars)]
@@ -204,12 +210,13 @@ def load_reward(
 
 def reward_failure(error: RewardError) -> SettingsError:
     """The failure of a reward function, without the path of our copy of the file."""
-    text = str(error)
+    text, name = str(error), keys.REWARD_FUNCTION_FILE
     if error.file is not None:
-        text = text.replace(str(error.file), error.file.name)
+        name = error.file.name
+        text = text.replace(str(error.file), name)
     return SettingsError(
         f"Reward function error: {text}",
-        remedy="Correct reward_function.py and run the command again; a training continues with "
+        remedy=f"Correct {name} and run the command again; a training continues with "
         "`dr-start-training --resume`, or starts over with `-w`.",
     )
 

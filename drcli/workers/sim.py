@@ -156,9 +156,8 @@ class SimWorker:
         trials = max(1, train.train_min_eval_trials, *wanted)
         self._trials = trials if worker == 0 else 0
         num_cars = -(-(race.train_lanes or share.count + self._trials) // self._divisor)
-        source = None if stage is None else stage.reward.encode()
         folder = job.folder / f"sim-{worker}"
-        reward = load_reward(self._bucket, self._prefix, folder, num_cars, source)
+        reward = load_reward(self._bucket, self._prefix, folder, num_cars, stage)
         self._track = directed(load_world(race), reverse=race.train_reverse_direction)
         actions = actions_of(metadata)
         seed = job.seed + SEED_STRIDE * worker
@@ -199,7 +198,7 @@ class SimWorker:
                 second,
                 metadata,
                 racer,
-                load_reward(self._bucket, self._prefix, folder, trials, source),
+                load_reward(self._bucket, self._prefix, folder, trials, stage),
                 num_threads=self._threads,
                 seed=seed,
             )

@@ -25,7 +25,7 @@ stages:
 
 
 def test_a_training_goes_through_its_stages_even_if_it_is_killed_between_them(workspace):
-    # 003-04, 001-25, 001-47
+    # 001-25, 001-47, 003-10, 003-11
     workspace.write_run_env(
         DR_CURRICULUM_FILE="curriculum.yaml",
         DR_TRAIN_EVAL_WORLD="bean",

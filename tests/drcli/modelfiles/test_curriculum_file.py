@@ -1,4 +1,4 @@
-"""curriculum.yaml: what is read, and what is wrong with it, with its line."""  # 003-04
+"""curriculum.yaml: what is read, and what is wrong with it, with its line."""  # 001-25, 003-11
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A budget for all trainings of a folder together, counted by the day."""  # 000-12, 001-26
+"""A budget for all trainings of a folder together, counted by the day."""
 
 import json
 import time

@@ -1,4 +1,4 @@
-"""In which stage a training is, and when the next one begins."""  # 003-04, 001-25
+"""In which stage a training is, and when the next one begins."""  # 001-25, 003-10, 003-11
 
 import pytest
 
