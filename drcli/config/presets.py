@@ -182,7 +182,7 @@ def _name(line: str) -> str:
 
 def _reasons(text: str) -> dict[str, str]:
     """The comment above each setting."""
-    reasons = {}
+    reasons: dict[str, str] = {}
     for block in _blocks(text):
         comment = " ".join(line.lstrip("# ") for line in block if line.startswith("#"))
         reasons |= {name: comment for line in block if (name := _name(line))}

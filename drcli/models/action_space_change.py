@@ -1,7 +1,6 @@
 """Puts other actions into a model_metadata.json, and tells what that means for a trained model."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from drcli.base.errors import DrError, SettingsError
 from drcli.base.problems import ProblemsError
 from drcli.config.example_files import model_file
 from drcli.config.settings import Settings
+from drcli.modelfiles.action_choice import ChosenAction
 from drcli.modelfiles.action_space import ActionSpace
 from drcli.modelfiles.custom_files import local_file
 from drcli.modelfiles.json_file import read_json_object
@@ -42,6 +42,33 @@ class ActionSpaceChange:
     def backup(self) -> Path | None:
         """Where the present file is kept; None without one, or if nothing changes."""
         return None if self.before is None else self.file.with_name(self.file.name + BACKUP)
+
+
+@dataclass(frozen=True)
+class ActionSpaceReport:
+    """Actions, and what was done with them.
+
+    Attributes:
+        file: The model_metadata.json.
+        actions: The discrete actions; empty if continuous.
+        low: Least steering and speed; None if discrete.
+        high: Greatest steering and speed; None if discrete.
+        notes: Where they come from, and what is allowed but may surprise.
+        changes: Whether the file has other actions.
+        written: Whether they were written into it.
+        backup: The copy of the old file; None without one.
+        picture: The picture; None without one.
+    """
+
+    file: str
+    actions: tuple[ChosenAction, ...]
+    low: tuple[float, float] | None
+    high: tuple[float, float] | None
+    notes: tuple[str, ...]
+    changes: bool
+    written: bool = False
+    backup: str | None = None
+    picture: str | None = None
 
 
 def space_of(file: Path) -> ActionSpace:
@@ -160,14 +187,3 @@ def _indented(key: str, value: Any) -> str:
         inside = (f"    {json.dumps(name)}: {json.dumps(each)}" for name, each in value.items())
         return "{\n" + ",\n".join(inside) + "\n  }"
     return json.dumps(value, ensure_ascii=False)
-
-
-def pairs_of(space: ActionSpace) -> Sequence[tuple[float, float]]:
-    """The actions of a list, or the corners of ranges: steering and speed."""
-    if space.low is None or space.high is None:
-        return space.values
-    return [
-        (angle, speed)
-        for angle in (space.low[0], space.high[0])
-        for speed in (space.low[1], space.high[1])
-    ]

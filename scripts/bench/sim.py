@@ -20,6 +20,9 @@ while; ratios are medians over the rounds. With --json the last line of stdout i
     oa_ratio, h2b_ratio, stereo_ratio, lidar_ratio
                                time of a step with 6 boxes, 3 bots, two eyes, a lidar, over that of
                                a time trial
+    glare_ratio, reflections_ratio, battery_ratio, steering_ratio, noise_ratio, blur_ratio, ...
+                               time of a step with one sim-to-real extra, over that without any;
+                               off_ratio is that of a second run without any
 
 Figures that need OpenGL are null where none works.
 """
@@ -41,6 +44,7 @@ from opengl_scene import OpenGLCamera, choose_opengl
 
 from drsim import CONTROL_HZ, CarBatch, Simulation, Track, centre_line_reward, load_track
 from drsim.car.car import CarParameters, car_model, motor_commands
+from drsim.car.realism import Realism
 from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.sensing.camera import lens_pose, render
 from drsim.sensing.frames import FrameRenderer
@@ -62,6 +66,22 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "lidar": {"sensors": Sensors(("FRONT_FACING_CAMERA", "LIDAR"))},
 }
 
+EXTRAS: dict[str, dict[str, Any]] = {
+    "off": {},
+    "glare": {"realism": Realism(glare=1.0)},
+    "reflections": {"realism": Realism(reflections=1.0)},
+    "battery": {"realism": Realism(battery=0.2)},
+    "steering": {"realism": Realism(steering_trim_deg=3.0, steering_lock=0.1)},
+    "own_car": {"car_parameters": CarParameters(steering_left_deg=25.0, battery=0.9)},
+    "noise": {"realism": Realism(image_noise=4.0)},
+    "blur": {"realism": Realism(blur_px=1.0)},
+    "brightness": {"realism": Realism(brightness=0.2)},
+    "camera": {"realism": Realism(camera_angle_deg=1.0, camera_shift_m=0.005)},
+    "latency": {"realism": Realism(latency_s=0.02, latency_jitter_s=0.05)},
+    "grip": {"realism": Realism(friction=0.15, mass=0.1)},
+}
+"""One disturbance each."""
+
 
 def main() -> None:
     """Measure and print."""
@@ -71,16 +91,47 @@ def main() -> None:
     parser.add_argument("--cars", type=int, default=16, help="cars in the batch")
     parser.add_argument("--threads", type=int, default=2, help="threads, ours and theirs")
     parser.add_argument("--rounds", type=int, default=7, help="how often everything is measured")
+    parser.add_argument("--extras", action="store_true", help="sim-to-real extras only")
     parser.add_argument("--json", action="store_true", help="print JSON")
     options = parser.parse_args()
 
-    opengl = choose_opengl() != "disable"
     track = load_track(options.world, options.tracks_dir)
-    figures = measure(track, options.cars, options.threads, options.rounds, opengl=opengl)
+    if options.extras:
+        figures = measure_extras(track, options.cars, options.threads, options.rounds)
+    else:
+        opengl = choose_opengl() != "disable"
+        figures = measure(track, options.cars, options.threads, options.rounds, opengl=opengl)
     for name, value in figures.items():
         print(f"{name:26} {'-' if value is None else f'{value:,.2f}'}", file=sys.stderr)
     if options.json:
         print(json.dumps(figures))
+
+
+def measure_extras(track: Track, cars: int, threads: int, rounds: int) -> dict[str, float | None]:
+    """Processor time of a step with each sim-to-real extra, over that without any."""
+    scene = build_scene(track)
+    runs = {
+        name: EnvRun(track, scene, cars, threads, **kind)
+        for name, kind in {"env": {}, **EXTRAS}.items()
+    }
+    costs: dict[str, list[float]] = {name: [] for name in runs}
+    for round_number in range(rounds + 1):
+        for name, run in runs.items():
+            before = time.process_time()
+            run.random()
+            if round_number > 0:  # the first one compiles and warms up
+                costs[name].append(time.process_time() - before)
+    for run in runs.values():
+        run.close()
+    return {
+        f"{name}_ratio": round(
+            statistics.median(
+                one / plain for one, plain in zip(costs[name], costs["env"], strict=True)
+            ),
+            3,
+        )
+        for name in EXTRAS
+    }
 
 
 def measure(

@@ -4,6 +4,7 @@
 
     camera-beside-opengl.png   our camera, `mujoco.Renderer` of the same scene, difference times 4
     camera-at-frames.png       our camera at the poses of three frames of the reference simulator
+    glare-and-reflections.png  the same poses: as usual, with glare, with reflections, both
     chase.png, top.png         the cameras for videos, in an object avoidance race
 
 The reference frames are not ours to copy. With --frames, a folder that holds them as
@@ -13,6 +14,7 @@ of them to the right of ours: draw it into a folder outside the project.
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +26,7 @@ from PIL import Image
 from drsim.car.camera_mount import FRONT
 from drsim.race.solids import SHAPES
 from drsim.sensing.camera import render
+from drsim.sensing.lamps import Lamps
 from drsim.sensing.scene import Scene, build_scene
 from drsim.track.appearance import LUMA
 from drsim.track.track import Track
@@ -39,6 +42,9 @@ FRAME_POSES = {
 }
 """Lens x, y and height in metres, yaw, pitch down and roll to the right in degrees, for each frame
 of the reference simulator. Found by search."""
+
+PATTERNS = {1: 3, 2: 45, 3: 21}
+"""Places of lamps of which the glare is seen from these poses."""
 
 COLORS, GREYS = 128, 56
 """Colours left in a coloured picture and in a grey one, to keep them small."""
@@ -56,6 +62,7 @@ def main() -> None:
     track = load_track("reinvent_base")
     scene = build_scene(track)
     pictures = at_frames(scene, arguments.frames) | race_pictures(track)
+    pictures["glare-and-reflections.png"] = disturbed(scene)
     if opengl:
         pictures["camera-beside-opengl.png"] = beside_opengl(track, scene)
     for name, pixels in pictures.items():
@@ -105,6 +112,29 @@ def at_frames(scene: Scene, folder: Path | None) -> dict[str, NDArray[np.uint8]]
     if folder is None:
         return {"camera-at-frames.png": _twice(np.hstack([row[0] for row in rows]))}
     return {"camera-beside-frames.png": _twice(np.vstack([np.hstack(row) for row in rows]))}
+
+
+def disturbed(scene: Scene) -> NDArray[np.uint8]:
+    """Our frames at the poses of the reference frames, and with lamps that disturb them."""
+    rows = []
+    for glare, reflections in ((0.0, 0.0), (0.7, 0.0), (0.0, 0.6), (0.5, 0.4)):
+        row = []
+        for index, (x_m, y_m, z_m, *degrees) in FRAME_POSES.items():
+            lamps = Lamps(scene, 1)
+            pattern = PATTERNS[index]
+            lamps.begin(0, glare=glare, reflections=reflections, pattern=pattern)
+            frame = np.zeros((1, FRONT.rows, FRONT.columns), np.uint8)
+            render(
+                scene,
+                np.array([[x_m, y_m, z_m]]),
+                axes_of(*np.radians(degrees)[:, None]),
+                frame,
+                on_ground=partial(lamps.reflect, slice(0, 1)),
+                over_all=partial(lamps.shine, slice(0, 1)),
+            )
+            row.append(frame[0])
+        rows.append(np.hstack(row))
+    return _twice(np.vstack(rows))
 
 
 def race_pictures(track: Track) -> dict[str, NDArray[np.uint8]]:

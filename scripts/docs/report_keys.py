@@ -9,7 +9,7 @@ from typing import Any, get_args, get_type_hints
 from drcli.base.problems import Problem
 
 REPORTS: Mapping[str, tuple[str, ...]] = {
-    "cli.commands.action_space:ActionSpaceReport": (
+    "models.action_space_change:ActionSpaceReport": (
         "action-space show",
         "action-space generate",
         "action-space from-lap",

@@ -1,7 +1,6 @@
 """`dr action-space`: draws, generates and writes the actions of a model."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -54,33 +53,6 @@ _Prefix = Annotated[
         autocompletion=candidates.model_prefixes,
     ),
 ]
-
-
-@dataclass(frozen=True)
-class ActionSpaceReport:
-    """Actions, and what was done with them.
-
-    Attributes:
-        file: The model_metadata.json.
-        actions: The discrete actions; empty if continuous.
-        low: Least steering and speed; None if discrete.
-        high: Greatest steering and speed; None if discrete.
-        notes: Where they come from, and what is allowed but may surprise.
-        changes: Whether the file has other actions.
-        written: Whether they were written into it.
-        backup: The copy of the old file; None without one.
-        picture: The picture; None without one.
-    """
-
-    file: str
-    actions: tuple["ChosenAction", ...]
-    low: tuple[float, float] | None
-    high: tuple[float, float] | None
-    notes: tuple[str, ...]
-    changes: bool
-    written: bool = False
-    backup: str | None = None
-    picture: str | None = None
 
 
 @app.command()
@@ -297,6 +269,8 @@ def _report(
             prompts.agree(f"{path} {what}. {about} Replace them?".replace("  ", " "), yes=False)
         written = write_change(change)
         backup = str(change.backup) if written and change.backup is not None else None
+    from drcli.models.action_space_change import ActionSpaceReport
+
     report = ActionSpaceReport(
         str(path),
         tuple(actions),

@@ -9,7 +9,7 @@ from rich.text import Text
 from drcli.cli.views.layout import Rows, counted, fitted, indented
 
 if TYPE_CHECKING:
-    from drcli.cli.commands.action_space import ActionSpaceReport
+    from drcli.models.action_space_change import ActionSpaceReport
 
 _WIDEST, _NARROWEST = 61, 31
 _SPREAD = 2.0

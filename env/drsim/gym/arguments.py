@@ -67,13 +67,17 @@ def start_of(
     return fractions, bool(options.get("reverse", reverse))
 
 
-def conditions_of(options: dict[str, Any] | None) -> Conditions | None:
-    """The conditions among the options of `reset`, if any.
+def conditions_of(options: dict[str, Any] | None) -> Conditions | list[Conditions] | None:
+    """The conditions among the options of `reset`, if any: for all cars, or one for each.
 
     Raises:
         ValueError: They are something else than `Conditions`.
     """
-    conditions = (options or {}).get("conditions")
-    if conditions is None or isinstance(conditions, Conditions):
-        return conditions
-    raise ValueError(f"conditions is {conditions!r}; it must be a drsim.Conditions.")
+    given = (options or {}).get("conditions")
+    if given is None or isinstance(given, Conditions):
+        return given
+    if isinstance(given, (list, tuple)) and all(isinstance(each, Conditions) for each in given):
+        return list(given)
+    raise ValueError(
+        f"conditions is {given!r}; it must be drsim.Conditions, or a list with one for each car."
+    )

@@ -532,7 +532,14 @@ def test_conditions_of_an_episode_are_an_option_of_reset(oval):
 
     np.testing.assert_array_equal(first, second)
     np.testing.assert_array_equal(both, np.stack([first, first]))
-    with pytest.raises(ValueError, match="Conditions"):
-        env.reset(options={"conditions": "night"})
+    dark, dim = (drsim.Conditions(brightness=factor) for factor in (0.25, 0.5))
+    each, _ = many.reset(seed=4, options={"conditions": [dark, dim]})
+    np.testing.assert_array_equal(each[0], first)
+    assert each[1].mean() > 1.5 * each[0].mean()
+    for wrong in ("night", ["night"]):
+        with pytest.raises(ValueError, match="Conditions"):
+            env.reset(options={"conditions": wrong})
+    with pytest.raises(ValueError, match="3 conditions for 2 episodes"):
+        many.reset(options={"conditions": [dark] * 3})
     env.close()
     many.close()

@@ -188,6 +188,13 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         f'DR_WORLD_NAME=reinvent_base\nDR_LOCAL_S3_MODEL_PREFIX="{MODEL}"\n'
         "DR_HOST_X=True\nDR_UPLOAD_S3_BUCKET=uploads\n"
     )
+    steps = "".join(f"0,{k % 9},1,{k},in_progress\n" for k in range(1, 100))
+    (folder / "lap.csv").write_text(
+        f"episode,steer,throttle,progress,episode_status\n{steps}0,0,2,100,lap_complete\n"
+    )
+    (folder / "model_metadata.json").write_text(
+        '{"action_space": [{"steering_angle": 0, "speed": 2}], "sensor": ["observation"]}'
+    )
     monkeypatch.setenv("HOME", str(folder / "home"))
     monkeypatch.setattr("drcli.cli.commands.url.settings", _settings)
 
