@@ -13,13 +13,9 @@ from drcli.base.json_record import JsonRecord, RecordError
 from drcli.base.process_identity import started_s
 from drcli.config.settings import Settings
 from drcli.exchange.evaluation_record import EvaluationRecord
-from drcli.runs.evaluation import (
-    EvaluationReport,
-    EvaluationStopped,
-    run_evaluation,
-    until_sigterm,
-)
+from drcli.runs.evaluation import EvaluationStopped, run_evaluation, until_sigterm
 from drcli.runs.evaluation_plan import choose_checkpoint, claim_stamp, prepare_evaluation
+from drcli.runs.evaluation_report import EvaluationReport
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket

@@ -7,8 +7,8 @@ import pytest
 from drcli.base.errors import SettingsError, StorageError
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.runs import evaluation_loop
-from drcli.runs.evaluation import EvaluationReport, TrialReport
 from drcli.runs.evaluation_loop import MOST_ROWS, BestLap, BestLaps, read_best_laps, run_loop
+from drcli.runs.evaluation_report import EvaluationReport, TrialReport
 from drcli.store import keys
 
 TABLE = keys.best_laps("model-1/metrics")
