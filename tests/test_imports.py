@@ -88,7 +88,6 @@ UNIMPORTED = {
     "drcli.store.server.moto_server",
     "drcli.workers.sim",
     "drcli.workers.trainer",
-    "drcli.workers.evaluator",
     "drcli.workers.evaluate_many",
     "drcli.workers.try_cars",
     "drcli.workers.library_facts",

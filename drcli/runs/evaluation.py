@@ -6,9 +6,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from types import FrameType
 from typing import ClassVar
 
@@ -27,18 +27,16 @@ from drcli.base.log import LogFile, get_logger
 from drcli.base.process_identity import started_s
 from drcli.checks.reward_timeout import exit_of_stuck
 from drcli.config.settings import Settings
-from drcli.exchange.episode_metrics import REPORT_FILE, EvaluationTrials, TrialMetrics
+from drcli.exchange.episode_metrics import REPORT_FILE, EvaluationTrials
 from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.policy_source import PolicySource
 from drcli.runs.evaluation_plan import CHECKPOINT, EvaluationPlan, prepare_evaluation
+from drcli.runs.evaluation_report import EvaluationReport, trial_reports
 from drcli.runs.run_logs import log_file
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import keys
 from drcli.store.connect import open_bucket
-
-COMPLETE = "Lap complete"
-"""Status of a trial that completed its lap."""
 
 EXIT_S = 0.6
 """How long the worker may take to exit when its evaluation is stopped."""
@@ -52,95 +50,6 @@ _FAILURES: dict[int, type[DrError]] = {
     kind.code: kind for kind in (SettingsError, StorageError, TrainingFailed, NotAvailable)
 }
 """Failures that are not the worker's fault, by exit code."""
-
-
-@dataclass(frozen=True)
-class TrialReport:
-    """One evaluation lap or trial.
-
-    Attributes:
-        trial: Counted from 1.
-        progress: Percent of the lap.
-        lap_s: Simulated seconds, penalties included.
-        status: "Lap complete", "Off track", ...
-        off_track: How often the car left the track.
-        crashes: How often it crashed.
-        resets: How often it was put back on the track.
-    """
-
-    trial: int
-    progress: float
-    lap_s: float
-    status: str
-    off_track: int
-    crashes: int
-    resets: int
-
-
-@dataclass(frozen=True)
-class EvaluationReport:
-    """The result of `dr-evaluate`.
-
-    Attributes:
-        prefix: Model prefix in the bucket.
-        world: The track.
-        checkpoint: Name of the checkpoint or file that drove.
-        trials: All trials, in order.
-        simtrace: Key of the trace in the bucket.
-        metrics: Key of the metrics in the bucket.
-        runtime: What ran the policy: torch, pb, onnx, openvino or tflite.
-        file: The file that drove; None for a checkpoint of the model.
-        sha256: Of that file.
-        opponent: The report of the other model in a HEAD_TO_MODEL race.
-        average_laps: Number of consecutive laps of which `best_average_s` is the mean.
-        notes: What was driven otherwise than the settings ask, and why.
-    """
-
-    prefix: str
-    world: str
-    checkpoint: str
-    trials: list[TrialReport]
-    simtrace: str
-    metrics: str
-    runtime: str = "torch"
-    file: str | None = None
-    sha256: str | None = None
-    opponent: "EvaluationReport | None" = None
-    average_laps: int = 3
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def completed(self) -> int:
-        """How many trials completed the lap."""
-        return sum(trial.status == COMPLETE for trial in self.trials)
-
-    @property
-    def total_s(self) -> float | None:
-        """Simulated seconds of all trials together; None if a lap was not completed."""
-        if self.completed < len(self.trials):
-            return None
-        return sum(trial.lap_s for trial in self.trials)
-
-    @property
-    def best_lap_s(self) -> float | None:
-        """Fastest completed lap, simulated seconds."""
-        laps = [trial.lap_s for trial in self.trials if trial.status == COMPLETE]
-        return min(laps, default=None)
-
-    @property
-    def best_average_s(self) -> float | None:
-        """Least mean time of `average_laps` completed laps in a row, penalties included.
-
-        None if there are not that many in a row.
-        """
-        return best_average_s(self.trials, self.average_laps)
-
-
-def best_average_s(trials: Sequence[TrialReport], laps: int) -> float | None:
-    """Least mean time of so many completed laps in a row; None without them."""
-    runs = (trials[first : first + laps] for first in range(len(trials) - laps + 1))
-    whole = (run for run in runs if all(trial.status == COMPLETE for trial in run))
-    return min((sum(trial.lap_s for trial in run) / laps for run in whole), default=None)
 
 
 class EvaluationStopped(DrError):
@@ -256,22 +165,6 @@ def _report(plan: EvaluationPlan, driven: EvaluationTrials) -> EvaluationReport:
         metrics=keys.opponent_metrics(theirs.eval_opp_s3_metrics_prefix, plan.stamp),
     )
     return replace(reports[0], opponent=opponent)
-
-
-def trial_reports(records: list[TrialMetrics]) -> list[TrialReport]:
-    """The trials of an evaluation as commands report them."""
-    return [
-        TrialReport(
-            trial=record.trial,
-            progress=record.completion_percentage,
-            lap_s=record.elapsed_time_in_milliseconds / 1000.0,
-            status=record.episode_status,
-            off_track=record.off_track_count,
-            crashes=record.crash_count,
-            resets=record.reset_count,
-        )
-        for record in records
-    ]
 
 
 def _run(plan: EvaluationPlan) -> None:

@@ -13,13 +13,9 @@ from drcli.base.json_record import JsonRecord, RecordError
 from drcli.base.process_identity import started_s
 from drcli.config.settings import Settings
 from drcli.exchange.evaluation_record import EvaluationRecord
-from drcli.runs.evaluation import (
-    EvaluationReport,
-    EvaluationStopped,
-    run_evaluation,
-    until_sigterm,
-)
+from drcli.runs.evaluation import EvaluationStopped, run_evaluation, until_sigterm
 from drcli.runs.evaluation_plan import choose_checkpoint, claim_stamp, prepare_evaluation
+from drcli.runs.evaluation_report import EvaluationReport
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
@@ -101,12 +97,15 @@ def run_loop(
 ) -> LoopReport:
     """Evaluate until Ctrl-C or SIGTERM, which end the loop but are no failures.
 
+    Each round drives the newest checkpoint, whatever DR_EVAL_CHECKPOINT says.
+
     A round that could only repeat the last one waits for a new checkpoint; where lights, traffic
     or disturbances are drawn, each round has the next seed.
 
     Raises:
         DrError: The first round fails; later ones are tried again.
     """
+    settings = settings.replaced(eval_checkpoint="last")
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     loop = _Loop(settings, bucket, settings.train_seed or 0 if seed is None else seed)
     stamp, folder = claim_stamp(settings, bucket, settings.directory)

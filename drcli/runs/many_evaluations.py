@@ -18,14 +18,8 @@ from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.evaluation_task import EvaluationTask, TaskOutcome
 from drcli.exchange.job import WorkerExit
 from drcli.exchange.robust_result import RobustResult
-from drcli.runs.evaluation import (
-    COMPLETE,
-    EXIT_S,
-    best_average_s,
-    failure,
-    trial_reports,
-    until_sigterm,
-)
+from drcli.runs.evaluation import EXIT_S, failure, until_sigterm
+from drcli.runs.evaluation_report import COMPLETE, best_average_s, trial_reports
 from drcli.runs.many_evaluations_plan import ManyPlan
 from drcli.runs.run_logs import log_file
 from drcli.runs.worker_processes import end_process, start_process

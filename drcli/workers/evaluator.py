@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 import torch
 
@@ -53,7 +54,7 @@ from drcli.workers.worker_process import Lifeline
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import centre_line_reward
-from drsim.episode.start_poses import offset_of, start_pose
+from drsim.episode.start_poses import Side, offset_of, start_pose
 from drsim.track.track import Track
 from drsim.track.worlds import directed
 
@@ -210,7 +211,8 @@ def start_of(s: EvaluationConfig, track: Track) -> tuple[Plan, list[str]]:
     `track` is in the driving direction.
     """
     fraction, word = s.eval_start_position, s.eval_start_offset
-    wanted_m = offset_of(track, fraction, word) if word in START_SIDES else float(word)
+    by_word = word in START_SIDES
+    wanted_m = offset_of(track, fraction, cast(Side, word)) if by_word else float(word)
     pose = start_pose(track, fraction, wanted_m, s.eval_start_angle)
     notes = []
     if pose.offset_m != wanted_m:

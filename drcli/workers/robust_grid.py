@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -80,7 +81,8 @@ def with_patterns(cells: list[Cell], seed: int) -> list[Cell]:
 
 def _levels(axis: str, name: str, values: tuple[float, ...], words: str) -> Iterator[Cell]:
     for value in values:
-        yield Cell(axis, words.format(value), replace(NOMINAL, **{name: value}))
+        changed: dict[str, Any] = {name: value}
+        yield Cell(axis, words.format(value), replace(NOMINAL, **changed))
 
 
 def _together(seed: int) -> Iterator[Cell]:

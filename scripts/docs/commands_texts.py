@@ -86,7 +86,9 @@ unchanged:
 ```
 
 A stopped evaluation ends within a second with exit code 143. It leaves nothing in the bucket except
-its description.
+its description. `--loop` is meant to be stopped: it prints its table and exits with 0.
+
+[evaluation.md](evaluation.md) explains starts, averages, `--robust`, `--models` and `--loop`.
 """
 
 _NOTE = """

@@ -38,7 +38,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "spot.stack_end:StoppedStack": ("spot stop", "spot delete"),
     "cli.commands.spot_end:DeletedBase": ("spot delete --keep-bucket",),
     "runs.increment:Increment": ("increment-training",),
-    "runs.evaluation:EvaluationReport": ("evaluate", "start-evaluation"),
+    "runs.evaluation_report:EvaluationReport": ("evaluate", "start-evaluation"),
     "exchange.robust_result:RobustResult": ("evaluate --robust",),
     "runs.many_evaluations:TableReport": ("evaluate --models", "evaluate --worlds"),
     "runs.evaluation_loop:LoopReport": ("evaluate --loop",),

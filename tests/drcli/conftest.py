@@ -11,7 +11,7 @@ from drcli.base.log import LogFile
 from drcli.cli.app import main
 from drcli.exchange.iteration import IterationRecord
 from drcli.models.model_list import CheckpointEntry
-from drcli.runs.evaluation import EvaluationReport, TrialReport
+from drcli.runs.evaluation_report import EvaluationReport, TrialReport
 from drcli.runs.status import RunReport, WorkerReport
 from drcli.store.server import server
 from evaluations import evaluated

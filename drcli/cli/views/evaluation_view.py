@@ -8,7 +8,7 @@ from rich.text import Text
 from drcli.cli.views.layout import Rows
 
 if TYPE_CHECKING:
-    from drcli.runs.evaluation import EvaluationReport
+    from drcli.runs.evaluation_report import EvaluationReport
 
 
 def evaluation(report: "EvaluationReport") -> RenderableType:

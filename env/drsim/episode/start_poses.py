@@ -1,5 +1,6 @@
 """Where an episode begins: beside the centre line, at an angle to it, and never off the road."""
 
+import math
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
@@ -54,17 +55,20 @@ def start_pose(track: Track, fraction: float, offset_m: float, angle_deg: float)
     """
     centre = track.pose_at(np.array([fraction * track.length_m]))[0]
     yaw = centre[2] + np.radians(angle_deg)
-    for tried_m in _towards_centre(offset_m):
+    found = StartPose(np.array([*centre[:2], yaw]), 0.0, False)
+    # Outwards, because a neighbouring stretch of the road may lie further out.
+    for tried_m in _outwards(offset_m):
         pose = np.array([*(centre[:2] + tried_m * _leftwards(centre[2])), yaw])
-        if _all_wheels_on(track, pose):
-            return StartPose(pose, tried_m, True)
-    return StartPose(np.array([*centre[:2], yaw]), 0.0, False)
+        if not _all_wheels_on(track, pose):
+            break
+        found = StartPose(pose, tried_m, True)
+    return found
 
 
-def _towards_centre(offset_m: float) -> Sequence[float]:
-    steps = int(abs(offset_m) / STEP_M)
-    smaller = (np.sign(offset_m) * STEP_M * np.arange(steps, -1, -1)).tolist()
-    return [offset_m, *smaller]
+def _outwards(offset_m: float) -> Sequence[float]:
+    """Offsets from the centre line on to the one that was asked for."""
+    steps = math.ceil(abs(offset_m) / STEP_M)
+    return [math.copysign(STEP_M * step, offset_m) for step in range(steps)] + [offset_m]
 
 
 def _leftwards(yaw_rad: float) -> Floats:

@@ -7,8 +7,8 @@ import pytest
 from drcli.base.errors import SettingsError, StorageError
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.runs import evaluation_loop
-from drcli.runs.evaluation import EvaluationReport, TrialReport
 from drcli.runs.evaluation_loop import MOST_ROWS, BestLap, BestLaps, read_best_laps, run_loop
+from drcli.runs.evaluation_report import EvaluationReport, TrialReport
 from drcli.store import keys
 
 TABLE = keys.best_laps("model-1/metrics")
@@ -35,6 +35,7 @@ class Rounds:
         self.newest = "0_Step-0.ckpt"
 
     def prepare(self, settings, *, seed):
+        assert settings.eval_checkpoint == "last"  # the newest, also where the settings say best
         lap = next(self.laps, KeyboardInterrupt())
         if isinstance(lap, BaseException):
             raise lap
@@ -58,7 +59,7 @@ class Rounds:
 @pytest.fixture
 def loop(racer, monkeypatch):
     """Runs a loop over lap times; every round finds a newer checkpoint."""
-    racer.run_env("DR_LOCAL_S3_MODEL_PREFIX=model-1", "DR_WORLD_NAME=reinvent_base")
+    racer.run_env("DR_LOCAL_S3_MODEL_PREFIX=model-1", "DR_EVAL_CHECKPOINT=best")
 
     def run(*laps, seen=(), **options):
         rounds, left = Rounds(racer.bucket, laps), list(seen)

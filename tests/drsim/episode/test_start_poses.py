@@ -51,7 +51,8 @@ def test_no_wheel_starts_off_the_road(offset_m, angle_deg):
         turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
         assert found.on_road
         assert TRACK.on_road([x, y] + WHEELS_M[:, :2] @ turn.T).all()
-        assert 0.1 < found.offset_m * np.sign(offset_m) <= abs(offset_m)
+        # A neighbouring stretch of the road, some metres away, is not this one.
+        assert 0.1 < found.offset_m * np.sign(offset_m) <= min(abs(offset_m), 0.6)
 
 
 def test_a_road_that_is_narrower_than_the_car_starts_it_on_the_centre_line():

@@ -1,6 +1,7 @@
 """Runs and reports that exist only on paper, in place of processes, buckets and drives."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,6 +14,7 @@ from drcli.checks.check_report import Report, Skipped
 from drcli.checks.doctor.findings import DoctorReport, Finding
 from drcli.exchange.car_trial import CarTrial, CarTrials
 from drcli.exchange.job import Job
+from drcli.exchange.robust_result import RobustCell, RobustResult
 from drcli.exchange.training_start import Pretrained
 from drcli.formats.car_actions import CarAction
 from drcli.modelfiles.custom_files import InputFile, Inputs
@@ -44,11 +46,13 @@ from drcli.rewards.check import (
 )
 from drcli.rewards.compare import ComparisonReport, DriverComparison, PlaceComparison
 from drcli.rewards.plot import PlotReport
-from drcli.runs.evaluation import EvaluationReport
+from drcli.runs.evaluation_loop import BestLap, LoopReport
+from drcli.runs.evaluation_report import EvaluationReport
 from drcli.runs.foreign_watch import WatchReport
 from drcli.runs.increment import Increment
 from drcli.runs.journal_reader import JournalEvent, JournalReport
 from drcli.runs.model_removal import PlannedRemoval, RemovalReport, RemovedModel
+from drcli.runs.many_evaluations import BestStart, TableReport, TableRow, training_command
 from drcli.runs.plan import RunPlan, StartOptions
 from drcli.runs.status import Process, RunReport, SpeedReport
 from drcli.runs.stopping import Stopped, StopReport
@@ -179,7 +183,31 @@ def paper_reports(
     run.looks = [make_report("finished", 12, prefix=MODEL)]
     monkeypatch.setattr("drcli.runs.evaluation.evaluate", lambda *_, **__: evaluation_report)
     _lay_down(run.folder, monkeypatch)
+    _lay_down_evaluations(monkeypatch)
     _lay_down_droa(run.folder, monkeypatch)
+
+
+def _lay_down_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let several evaluations answer: with a table, or with a grid where one was asked for."""
+    cells = [
+        RobustCell("none", "none", 4, 4, 100.0, 13.2),
+        RobustCell("steering trim", "+8 deg", 4, 0, 20.0, None, "Off track"),
+    ]
+    grid = RobustResult(MODEL, "8_Step-4000.ckpt", "reinvent_base", 0, cells, 9.0)
+    row = TableRow(MODEL, "8_Step-4000.ckpt", "reinvent_base", 3, 3, 100.0, 9.5, 9.75)
+    reason = TableRow(MODEL, "", "reinvent_base", reason=f"{URL} has no trained model.")
+    best = BestStart("reinvent_base", MODEL, "8_Step-4000.ckpt", training_command(MODEL, "x"))
+    table = TableReport([row, reason], [best], "comparisons/comparison-20260102030405.json")
+    one = replace(table, rows=[replace(row, robust_score=60.0)], robust=[grid])
+    lap = BestLap("reinvent_base", "8.ckpt", 9.5, None, 2, 3, "2026-01-02T03:04:05", "2" * 14)
+    loop = LoopReport(MODEL, "reinvent_base", 2, 1, [lap, lap], "best-laps.json")
+    monkeypatch.setattr(
+        "drcli.runs.many_evaluations_plan.prepare_many", lambda *_, robust, **__: robust
+    )
+    monkeypatch.setattr(
+        "drcli.runs.many_evaluations.run_many", lambda robust, _: one if robust else table
+    )
+    monkeypatch.setattr("drcli.runs.evaluation_loop.run_loop", lambda *_, **__: loop)
 
 
 def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
