@@ -99,12 +99,12 @@ GLOSSARY: Mapping[str, str] = {
     "real-time factor": "Simulated time divided by real time. drcli simulates fixed steps, so lap "
     "times do not depend on it.",
     "replay buffer": "The last steps that SAC learns from, again and again.",
+    "return": "The sum of all rewards of an episode from a step on, later ones discounted.",
     "reward": "The number that the reward function returns for a step.",
     "reward function": "Your function that says how good a step was. It is only needed to train; "
     "the physical car does not use it.",
     "reward shaping": "Writing a reward function that leads to the goal in small steps, instead of "
     "paying only at the end.",
-    "return": "The sum of all rewards of an episode from a step on, later ones discounted.",
     "rollout": "The recorded episodes of an iteration.",
     "SAC": "Soft actor-critic, the algorithm `sac`: for continuous actions only. It needs fewer "
     "steps and reacts more to its hyperparameters than PPO.",

@@ -45,13 +45,13 @@ compare evaluations. [learning.md](learning.md) shows curves for most of them.
 DEPARTURES = """\
 ## Where the shipped values depart from the guides
 
-Guides for DeepRacer recommend a discount of 0.99 or 0.999 and a learning rate of 0.0003. The shipped
-`hyperparameters.json` has 0.95 and 0.001, because these bring the first lap sooner here.
+Guides for DeepRacer recommend a discount of 0.99 or 0.999 and a learning rate of 0.0003. The
+shipped `hyperparameters.json` has 0.95 and 0.001.
 
-`python scripts/bench guide_values` trains the shipped files with one thing changed (`reinvent_base`,
-20 episodes in an iteration, float32). It counts the steps until a checkpoint completes one of five
-evaluation laps, and until one completes all five. Steps do not depend on the speed of the machine.
-This was an Intel Xeon (model 167, AVX-512), one thread:
+`python scripts/bench guide_values` trains the shipped files with one thing changed, on
+`reinvent_base`, with 20 episodes in an iteration, in float32. It counts the steps until a
+checkpoint completes one of five evaluation laps, and until one completes all five. Steps do not
+depend on the speed of the machine. This was an Intel Xeon (model 167, AVX-512), one thread:
 
 MEASURED
 """

@@ -74,7 +74,7 @@ def per_step(results: Results, driver: str) -> float:
 
 PROMISES: Mapping[int, Mapping[str, Callable[[Results], bool]]] = {
     1: {
-        "the check has no warning": lambda r: rules(r) == [],
+        "the check has one warning: slow laps earn more": lambda r: rules(r) == ["standing"],
         "the steady driver earns more per step than the weaving one": lambda r: (
             per_step(r, "steady") > per_step(r, "weaving")
         ),

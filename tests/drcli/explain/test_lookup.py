@@ -1,0 +1,142 @@
+"""`dr-explain` finds words however they are written (001-45, 001-53, 002-10, 003-07)."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drcli.base.errors import SettingsError
+from drcli.config.settings import catalogue
+from drcli.exchange.trace import CSV_HEADER
+from drcli.explain.exit_code_texts import EXIT_CODES
+from drcli.explain.explanation import Explanation
+from drcli.explain.glossary_texts import GLOSSARY
+from drcli.explain.hyperparameter_texts import HYPERPARAMETER_TEXTS
+from drcli.explain.lookup import every_entry, explain, shipped_values
+from drcli.explain.reward_parameter_texts import REWARD_PARAMETERS
+from drcli.explain.trace_texts import TRACE_COLUMNS
+from drcli.modelfiles.hyperparameters import KEYS
+from drsim.episode.simulation import Simulation
+from drsim.track.worlds import load_track
+
+
+def kinds(question: str) -> list[str]:
+    return [entry.kind for entry in explain(question)]
+
+
+def test_every_hyperparameter_column_code_and_parameter_is_explained():
+    assert set(KEYS) <= set(HYPERPARAMETER_TEXTS)
+    assert set(CSV_HEADER.split(",")) == set(TRACE_COLUMNS)
+    assert {entry.name for entry in every_entry() if entry.kind == "setting"} == set(catalogue())
+    assert {entry.name for entry in every_entry() if entry.kind == "exit code"} == {
+        str(code) for code in EXIT_CODES
+    }
+
+
+def test_every_parameter_that_a_reward_function_gets_is_explained():
+    seen: set[str] = set()
+
+    def note(params: dict[str, Any]) -> float:
+        seen.update(params)
+        return 1.0
+
+    track = load_track("reinvent_base")
+    simulation = Simulation(track, num_cars=1, reward_function=note, num_threads=1)
+    simulation.reset(np.array([0]), np.array([0.0]))
+    simulation.step(np.array([0.0]), np.array([1.0]))
+    simulation.close()
+
+    assert seen == set(REWARD_PARAMETERS)
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_a_hyperparameter_says_what_a_change_costs_and_what_is_shipped(key):
+    entry = explain(key)[0]
+    labels = {detail.label: detail.text for detail in entry.details}
+
+    assert entry.kind == "hyperparameter"
+    assert labels["Advice"]
+    assert (
+        labels.get("Higher")
+        or labels.get("Effect")
+        or key == "term_cond_avg_score"
+        or (key == "term_cond_max_episodes")
+    )
+    if key in shipped_values():
+        assert labels["Shipped value"].casefold() == str(shipped_values()[key]).casefold()
+
+
+@pytest.mark.parametrize(
+    ("question", "name", "kind"),
+    [
+        ("Discount Factor", "discount_factor", "hyperparameter"),
+        ("LR", "lr", "hyperparameter"),
+        ("dr_workers", "DR_WORKERS", "setting"),
+        ("workers", "DR_WORKERS", "setting"),
+        ("experience-buffer", "experience buffer", "term"),
+        ("`ppo`", "PPO", "term"),
+        ("closest waypoints", "closest_waypoints", "reward parameter"),
+        ("tstamp", "tstamp", "trace column"),
+        ("75", "75", "exit code"),
+        ("exit code 75", "75", "exit code"),
+        ("found a LOCK file", "Found a lock file ..., waiting", "error text"),
+        (
+            "2020-01-01 INFO Found a lock file 12_Step-300.ckpt.lock, waiting",
+            "Found a lock file ..., waiting",
+            "error text",
+        ),
+    ],
+)
+def test_case_and_signs_do_not_matter(question, name, kind):
+    assert (name, kind) in [(entry.name, entry.kind) for entry in explain(question)]
+
+
+def test_a_word_with_several_meanings_has_all_of_them():
+    assert kinds("progress") == ["term", "reward parameter", "trace column"]
+
+
+def test_a_part_of_a_name_finds_the_names_that_have_it():
+    assert {entry.name for entry in explain("epsilon")} == {"epsilon_steps"}
+
+
+@pytest.mark.parametrize(
+    ("question", "offer"),
+    [("discont_factor", "discount_factor"), ("entrpy", "entropy"), ("DR_WORKRS", "DR_WORKERS")],
+)
+def test_an_unknown_word_is_refused_with_those_that_look_alike(question, offer):
+    with pytest.raises(SettingsError) as refusal:
+        explain(question)
+
+    assert offer in refusal.value.remedy
+    assert refusal.value.code == 3
+
+
+@pytest.mark.parametrize("question", ["", "  ", "...", "\x00", "?" * 100_000, "a", "\ud800"])
+def test_nonsense_is_refused_in_one_sentence(question):
+    with pytest.raises(SettingsError) as refusal:
+        explain(question)
+
+    assert len(str(refusal.value)) < 120
+
+
+@given(st.text(max_size=40))
+def test_any_text_is_explained_or_refused(question):
+    try:
+        found = explain(question)
+    except SettingsError:
+        return
+    assert found
+
+
+def test_without_a_question_everything_is_listed():
+    names = {entry.name for entry in Explanation.of(" ").entries}
+
+    assert {"lr", "DR_WORKERS", "entropy", "75"} <= names
+
+
+def test_words_are_in_the_order_of_the_alphabet():
+    names = [name.casefold() for name in GLOSSARY]
+
+    assert names == sorted(names)
