@@ -124,6 +124,8 @@ AFTERWARDS = [
     Call("config show DR_WORLD_NAME", "reinvent_base"),
     Call("config check --json", "errors valid rules", 0, UNUSED),
     Call("config check --settings", "Settings:"),
+    Call("bench --no-bucket", "training steps/s"),
+    Call("bench --json --no-bucket", "number standard bucket busy_share"),
     Call("doctor", "s3://bucket"),
     Call("doctor --json", "folder seconds findings problems warnings exit_code"),
     Call("support-bundle bundle.tar.gz", "none is in the archive"),

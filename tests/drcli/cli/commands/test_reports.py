@@ -79,6 +79,7 @@ CALLS = {
     "config set DR_WORKERS=1": "DR_WORKERS=1",
     "validate": "V-21",
     "doctor": "Try: ",
+    "bench": "training steps/s",
     "support-bundle": "Left out: ",
     "upload-custom-files": "copied to",
     "download-custom-files": "copied to",
