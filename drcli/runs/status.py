@@ -111,6 +111,8 @@ class RunReport:
         spending: Machine hours and money of all starts; None before the first count.
         money_left: Until DR_MAX_COST, USD; None without that limit.
         requests: Requests to the bucket of the newest start; None before the first count.
+        priority: DR_PRIORITY at the start.
+        threads: DR_THREADS at the start; 0 for all cores.
         watches: What the watches of the training warn of, a sentence each: memory, disk, stalls.
         reward_errors: Failures of the reward function that all workers have counted, and episodes
             that it declared broken; None if nothing was counted.

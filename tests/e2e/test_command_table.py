@@ -142,6 +142,8 @@ AFTERWARDS = [
     Call("action-space from-histogram", "They cover"),
     Call("action-space from-lap nowhere.csv", "nowhere.csv cannot be read", 3),
     Call("action-space from-lap nowhere.csv --json", "nowhere.csv cannot be read", 3),
+    Call("bench --no-bucket", "training steps/s"),
+    Call("bench --json --no-bucket", "number standard bucket busy_share"),
     Call("doctor", "s3://bucket"),
     Call("doctor --json", "folder seconds findings problems warnings exit_code"),
     Call("support-bundle bundle.tar.gz", "none is in the archive"),

@@ -10,6 +10,7 @@ from drive_laps import drive_laps
 from drcli.base.errors import SettingsError
 from drcli.config import example_files
 from drcli.config.example_files import READY_MADE, model_file, ready_made
+from drcli.config.loading import load_settings
 from drcli.formats.build_network import build_policy, load_weights
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
@@ -23,6 +24,7 @@ from drcli.models.ready_made import (
     read_recipe,
 )
 from drcli.store.folder_bucket import FolderBucket
+from drcli.store.server import server
 
 SLOWER_S = 0.5
 """Another processor rounds differently, so a lap may take a little longer or shorter."""
@@ -88,14 +90,11 @@ def test_a_new_folder_gets_the_model_into_its_bucket(working_folder, dr, capsys)
 
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     folder = working_folder / "racer"
-    from drcli.config.loading import load_settings
-    from drcli.store.server import server
-
     settings = load_settings(folder, environ={})
     server.stop(settings.storage)
     assert code == 0
     assert report["model"] == f"s3://bucket/{name}"
-    bucket = FolderBucket(folder / "data" / "s3", "bucket")
+    bucket = FolderBucket(folder / "data" / "s3" / "bucket")
     place = settings.place("DR_LOCAL_S3_MODEL_PREFIX")
     for choice in ("last", "best"):
         source, found = read_weights(bucket, name, choice, "X", place)

@@ -10,6 +10,10 @@ from typing import Any
 import pytest
 
 from drcli.base.problems import Problem
+from drcli.benchmark.bucket_speed import BucketSpeed
+from drcli.benchmark.estimate import Estimate
+from drcli.benchmark.machine_benchmark import BenchReport, BucketReport, WorkSpeed
+from drcli.benchmark.work_order import Rates, Ready
 from drcli.checks.check_report import Report, Skipped
 from drcli.checks.doctor.findings import DoctorReport, Finding
 from drcli.exchange.car_trial import CarTrial, CarTrials
@@ -51,8 +55,8 @@ from drcli.runs.evaluation_report import EvaluationReport
 from drcli.runs.foreign_watch import WatchReport
 from drcli.runs.increment import Increment
 from drcli.runs.journal_reader import JournalEvent, JournalReport
-from drcli.runs.model_removal import PlannedRemoval, RemovalReport, RemovedModel
 from drcli.runs.many_evaluations import BestStart, TableReport, TableRow, training_command
+from drcli.runs.model_removal import PlannedRemoval, RemovalReport, RemovedModel
 from drcli.runs.plan import RunPlan, StartOptions
 from drcli.runs.status import Process, RunReport, SpeedReport
 from drcli.runs.stopping import Stopped, StopReport
@@ -505,6 +509,34 @@ def _answer_about_machine(folder: Path, answer: Callable[[str, object], None]) -
         Finding("upload bucket", "ok", f"{URL} can be read and written."),
     )
     answer("checks.doctor.diagnose.diagnose", DoctorReport(str(folder), 2.34, findings))
+    ready = Ready(6.2, "cpu", "bf16", 2, 2, False, 20, 20, 3, 64, 2_433_000)
+    rates = Rates(3812.4, 2177.0, 1088.5, 4120.0, 2060.0, 64.4, 31.0, 612_000_000, 7321.0)
+    estimate = Estimate(702.3, 1.0, 1.5, 0.3, "learning", 0.53)
+    network = "COMPACT_CONVOLUTIONAL_NETWORK"
+    work = WorkSpeed("reinvent_base", "TIME_TRIAL", network, "clipped_ppo", ready, rates, estimate)
+    report = BenchReport(
+        702.3,
+        str(folder),
+        "Intel(R) Xeon(R) Processor",
+        16,
+        2,
+        2,
+        "low",
+        25_000_000_000,
+        9_000_000_000,
+        1_500_000_000,
+        {"python": "3.11.7", "torch": "2.13.0"},
+        work,
+        work,
+        "",
+        BucketReport(f"remote: {URL}", BucketSpeed(81.2, 143.9, 212.0, 4.6, 131, 1, 1)),
+        [6.8, 9.1, 12.4],
+        0.31,
+        0.0,
+        ["The machine is busy."],
+        41.0,
+    )
+    answer("benchmark.machine_benchmark.measure_machine", report)
     files = (
         BundledFile("README.txt", 612, 0),
         BundledFile(f"files/data/logs/sagemaker/{MODEL}/trainer.log", 1_048_576, 17),

@@ -96,6 +96,7 @@ CALLS = {
     "action-space show --file model_metadata.json": "2 m/s",
     "validate": "V-21",
     "doctor": "Try: ",
+    "bench": "training steps/s",
     "support-bundle": "Left out: ",
     "upload-custom-files": "copied to",
     "download-custom-files": "copied to",
