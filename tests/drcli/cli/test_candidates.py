@@ -94,7 +94,8 @@ def test_no_server_is_asked_for_models_elsewhere(trained, words):
 
 
 def test_checkpoints_are_numbers_the_newest_first(trained, words):
-    assert words("dr-upload-model -c ") == ["10", "2", "0"]
+    assert words("dr-upload-model -c ")[:4] == ["10", "2", "0", "last"]
+    assert words("dr-upload-model -c f") == ["first-lap"]
 
 
 def test_settings_are_offered_by_name_and_known_ones_with_values(working_folder, words):
