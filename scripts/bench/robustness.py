@@ -43,7 +43,7 @@ BAR = 0.8
 HELD_OUT, LAPS = 12, 2
 """Held-out disturbances, each from every start of the grid, and laps of an episode under them."""
 
-STAGES = {"plain": (5, 10, 16, 20, 24), "random": (8, 16, 26, 32, 40)}
+STAGES = {"plain": (5, 10, 16, 22, 24), "random": (8, 16, 26, 34, 36)}
 """Iterations after which the two trainings are kept as models."""
 
 RANDOMISED = """
@@ -153,7 +153,11 @@ def train(folder: Path) -> None:
             subprocess.run(
                 [programs / "dr-start-training", how, "--foreground", "--seed", "7"],
                 cwd=home,
-                env={**os.environ, "DR_TRAIN_MAX_ITERATIONS": str(stage)},
+                env={
+                    **os.environ,
+                    "DR_TRAIN_MAX_ITERATIONS": str(stage),
+                    "DR_TRAIN_EVAL_SHARE": "0.02",
+                },
                 stdin=subprocess.DEVNULL,
                 check=True,
             )
@@ -167,12 +171,13 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="working folder with the models")
     parser.add_argument("--models", default="plain-*,random-*", help="prefixes with * and ?")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--checkpoint", choices=("best", "last"), default="best")
     parser.add_argument("--train", action="store_true", help="make folder and models first")
     parser.add_argument("--json", type=Path, help="also write the numbers to this file")
     options = parser.parse_args()
     if options.train:
         train(options.folder)
-    settings = load_settings(options.folder)
+    settings = load_settings(options.folder).replaced(eval_checkpoint=options.checkpoint)
     bucket = open_bucket(settings.storage)
     rows = []
     for prefix in matching_models(bucket, options.models.split(",")):
