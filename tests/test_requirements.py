@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from command_lines import problem_of
 from drcli.config.settings import catalogue
+from written_commands import problem_of
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "requirements.md"

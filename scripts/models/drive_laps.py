@@ -12,7 +12,7 @@ from drcli.models.ready_made import DrivenLaps, ReadyMadeModel
 from drcli.store import keys
 from drcli.workers.build_race import actions_of, build_simulation, load_world
 from drcli.workers.driving import Driven, Driver, Plan, Racer
-from drcli.workers.evaluator import MAX_LAP_S, laps_of
+from drcli.workers.evaluator import laps_of
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import centre_line_reward
@@ -86,5 +86,5 @@ def _rules(laps: int) -> EpisodeRules:
         max_resets=s.eval_max_resets,
         off_track_penalty_s=s.eval_off_track_penalty,
         collision_penalty_s=s.eval_collision_penalty,
-        max_steps=int(MAX_LAP_S * CONTROL_HZ) * laps,
+        max_steps=int(s.eval_max_lap_seconds * CONTROL_HZ) * laps,
     )

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from check_wheels import PYTHONS, SYSTEMS
 
-from command_lines import problem_of
+from written_commands import problem_of
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"

@@ -16,12 +16,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from command_lines import problem_of
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drsim.episode.reward import load_reward_function
 from drsim.episode.simulation import Simulation
 from drsim.track.worlds import load_track
+from written_commands import problem_of
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -1,65 +1,92 @@
-"""Checks that a command line in a text is one that our programs understand."""
+"""Command lines for every command of the table: with their own options, and values of any kind."""
 
-import re
-import shlex
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
 
-import typer.main
+import typer
+from hypothesis import strategies as st
 
+import hazards
 from drcli.cli.command_line import application
-from drcli.cli.command_table import program_names
+from drcli.cli.command_table import COMMANDS
 
-ASSIGNMENT = re.compile(r"^[A-Z][A-Z0-9_]*=\S*$")
+WAITING = {"-w", "--wait", "--seconds"}
+"""Options that say how long to wait; a long time is no fault."""
 
 
-def problem_of(line: str) -> str:
-    """Why a line would be refused; empty if it would not, or if it calls no program of ours.
+@dataclass(frozen=True)
+class Form:
+    """A command and the parameters that it takes, as Typer knows them."""
 
-    Looks at the words only: names of commands, options, and how many arguments there are.
-    """
-    words = shlex.split(line, comments=True)
-    while words and ASSIGNMENT.match(words[0]):
-        words.pop(0)
-    if not words:
-        return ""
-    programs = program_names()
-    if words[0] == "dr":
-        words = words[1:]
-    elif words[0] in programs:
-        words = [programs[words[0]], *words[1:]]
-    elif words[0].startswith(("dr-", "droa-")):
-        return f"{words[0]} is not a program"
+    words: tuple[str, ...]
+    parameters: tuple[Any, ...]
+
+    @property
+    def name(self) -> str:
+        """The command as somebody types it."""
+        return " ".join(self.words)
+
+
+@cache
+def forms() -> tuple[Form, ...]:
+    """Every command, and every command of a group."""
+    return tuple(form for command in COMMANDS for form in _forms_of(command.name))
+
+
+def _forms_of(name: str) -> Iterator[Form]:
+    group: Any = typer.main.get_command(application([name]))
+    loaded = group.commands[name]
+    if hasattr(loaded, "commands"):
+        for inner, single in loaded.commands.items():
+            yield Form((name, inner), tuple(single.params))
     else:
-        return ""
-    if not words or words[0].startswith("-"):
-        return ""
-    words = words[
-        : next((k for k, word in enumerate(words) if word in "|&;><" or word == "&&"), None)
-    ]
-    group: Any = typer.main.get_command(application([words[0]]))
-    command = group.commands.get(words[0])
-    if command is None:
-        return f"{words[0]} is not a command"
-    rest = words[1:]
-    while rest and hasattr(command, "commands"):
-        if rest[0] in ("-h", "--help"):
-            return ""
-        if rest[0] not in command.commands:
-            return f"{words[0]} has no command {rest[0]}"
-        command, rest = command.commands[rest[0]], rest[1:]
-    options = {name: each for each in command.params for name in each.opts}
-    return _unknown_option(rest, options, takes_any=bool(command.ignore_unknown_options))
+        yield Form((name,), tuple(loaded.params))
 
 
-def _unknown_option(words: list[str], options: dict[str, Any], *, takes_any: bool) -> str:
-    for word in words:
-        name = word.split("=")[0]
-        if takes_any or not name.startswith("-") or name in ("-", "-h", "--help"):
-            continue
-        if name in options:
-            continue
-        short = not name.startswith("--")
-        if short and all(f"-{letter}" in options for letter in name[1:]):
-            continue
-        return f"there is no option {name}"
-    return ""
+def lines_for(form: Form) -> st.SearchStrategy[list[str]]:
+    """Command lines for one command: mostly its own options, mostly with wrong values."""
+
+    @st.composite
+    def line(draw: st.DrawFn) -> list[str]:
+        words = list(form.words)
+        chosen = (
+            draw(st.lists(st.sampled_from(form.parameters), max_size=4)) if form.parameters else []
+        )
+        options = [p for p in chosen if p.param_type_name == "option"]
+        arguments = [p for p in form.parameters if p.param_type_name == "argument"]
+        for parameter in options:
+            words += draw(_option(parameter))
+        for parameter in arguments:
+            if draw(st.integers(0, 9)):
+                words.append(draw(_value(parameter)))
+        if not draw(st.integers(0, 6)):
+            words.insert(draw(st.integers(1, len(words))), draw(hazards.anything))
+        return words
+
+    return line().filter(lambda words: all(map(hazards.in_environment, words)))
+
+
+def _option(parameter: Any) -> st.SearchStrategy[list[str]]:
+    names = st.sampled_from([*parameter.opts, *parameter.secondary_opts])
+    if getattr(parameter, "is_flag", False):
+        return names.map(lambda name: [name])
+    value = _value(parameter)
+    apart = st.tuples(names, value).map(list)
+    joined = st.tuples(names, value).map(lambda pair: ["=".join(pair)])
+    return st.one_of(apart, apart, joined)
+
+
+def _value(parameter: Any) -> st.SearchStrategy[str]:
+    wanted = parameter.type_descriptor.annotation
+    if WAITING & set(parameter.opts) and wanted is float:
+        return st.sampled_from(["0", "0.1", "-1", "nan", "x", "", "1e-320"])
+    if get_origin(wanted) is Literal:
+        return st.one_of(st.sampled_from(get_args(wanted)), hazards.texts)
+    if wanted in (int, float):
+        return st.one_of(hazards.numbers, hazards.numbers, hazards.texts)
+    if wanted is Path:
+        return st.one_of(hazards.paths, hazards.paths, hazards.texts)
+    return st.one_of(hazards.texts, hazards.texts, hazards.paths, hazards.numbers)
