@@ -146,8 +146,8 @@ def sentence_about(
         return f"{has}, and its own actions cannot be read. {another}"
     if (trained.continuous, trained.num_actions) != (new.continuous, new.num_actions):
         return (
-            f"{has}, trained with {_called(trained)}; with {_called(new)} it cannot be trained "
-            f"on. {another}"
+            f"{has}, trained with {_called(trained)}; with {_called(new)} its training "
+            f"cannot go on. {another}"
         )
     return f"{has}, trained with {_called(trained)} of other values. {another}"
 
