@@ -79,6 +79,8 @@ class RunReport:
         money_left: Until DR_MAX_COST, USD; None without that limit.
         requests: Requests to the bucket of the newest start; None before the first count.
         watches: What the watches of the training warn of, a sentence each: memory, disk, stalls.
+        priority: DR_PRIORITY of this start, normal or low.
+        threads: DR_THREADS of this start; 0 for all cores.
     """
 
     run_id: int
