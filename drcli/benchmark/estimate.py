@@ -31,7 +31,7 @@ EVALUATION_SHARE = 1.1
 
 
 @dataclass(frozen=True)
-class Estimate:
+class TrainingEstimate:
     """What a training with these rates would do, if nothing else runs on the machine.
 
     Attributes:
@@ -51,12 +51,12 @@ class Estimate:
     limiting_share: float
 
 
-def estimate(ready: Ready, rates: Rates, bucket: BucketSpeed | None) -> Estimate:
+def estimate(ready: Ready, rates: Rates, bucket: BucketSpeed | None) -> TrainingEstimate:
     """A training in which iterations have `ITERATION_STEPS` steps."""
     parts = _parts(ITERATION_STEPS, ready, rates, bucket)
     total_s = _total_s(parts, overlaps=ready.overlaps)
     limit = max(parts, key=lambda part: parts[part])
-    return Estimate(
+    return TrainingEstimate(
         training_steps_per_s=ITERATION_STEPS / total_s,
         driving_s=parts["driving"],
         learning_s=parts["learning"],

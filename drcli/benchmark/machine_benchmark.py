@@ -21,7 +21,7 @@ from drcli.base.json_record import RecordError, from_json, json_default, parse_j
 from drcli.base.memory_state import read_memory
 from drcli.base.problems import ProblemsError
 from drcli.benchmark.bucket_speed import BucketSpeed, measure_bucket
-from drcli.benchmark.estimate import Estimate, estimate, first_lap_s
+from drcli.benchmark.estimate import TrainingEstimate, estimate, first_lap_s
 from drcli.benchmark.work_order import Rates, Ready, WorkOrder
 from drcli.checks.machine_rules import TRAINER_BYTES, WORKER_BYTES
 from drcli.config import secret_environment
@@ -76,7 +76,7 @@ class WorkSpeed:
     algorithm: str
     ready: Ready
     rates: Rates
-    estimate: Estimate
+    estimate: TrainingEstimate
 
 
 @dataclass(frozen=True)

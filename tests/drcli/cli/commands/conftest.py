@@ -11,7 +11,7 @@ import pytest
 
 from drcli.base.problems import Problem
 from drcli.benchmark.bucket_speed import BucketSpeed
-from drcli.benchmark.estimate import Estimate as TimeEstimate
+from drcli.benchmark.estimate import TrainingEstimate
 from drcli.benchmark.machine_benchmark import BenchReport, BucketReport, WorkSpeed
 from drcli.benchmark.work_order import Rates, Ready
 from drcli.checks.check_report import Report, Skipped
@@ -511,7 +511,7 @@ def _answer_about_machine(folder: Path, answer: Callable[[str, object], None]) -
     answer("checks.doctor.diagnose.diagnose", DoctorReport(str(folder), 2.34, findings))
     ready = Ready(6.2, "cpu", "bf16", 2, 2, False, 20, 20, 3, 64, 2_433_000)
     rates = Rates(3812.4, 2177.0, 1088.5, 4120.0, 2060.0, 64.4, 31.0, 612_000_000, 7321.0)
-    estimate = TimeEstimate(702.3, 1.0, 1.5, 0.3, "learning", 0.53)
+    estimate = TrainingEstimate(702.3, 1.0, 1.5, 0.3, "learning", 0.53)
     network = "COMPACT_CONVOLUTIONAL_NETWORK"
     work = WorkSpeed("reinvent_base", "TIME_TRIAL", network, "clipped_ppo", ready, rates, estimate)
     report = BenchReport(
