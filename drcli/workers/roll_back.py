@@ -74,7 +74,14 @@ class RollbackControl:
             self._checkpoints.rewrite(replace(found.record, counters=counters))
 
     def decide(
-        self, reason: Reason, text: str, newest: CheckpointName, lr: float, elapsed_s: float
+        self,
+        reason: Reason,
+        text: str,
+        newest: CheckpointName,
+        lr: float,
+        elapsed_s: float,
+        *,
+        first: int = 0,
     ) -> Rollback | None:
         """Go back, if that is allowed and there is a good checkpoint.
 
@@ -84,11 +91,12 @@ class RollbackControl:
             newest: The newest checkpoint.
             lr: Of the hyperparameters.
             elapsed_s: Wall time of training so far.
+            first: Number of the oldest checkpoint to go back to, the first one of a stage.
 
         Returns:
             What was decided, and is stored now; None if the training does not go back.
         """
-        target = self._target(reason, newest) if self.left else None
+        target = self._target(reason, newest, first) if self.left else None
         if target is None:
             return None
         rollback = Rollback(
@@ -106,19 +114,21 @@ class RollbackControl:
         write_rollbacks(self._bucket, self._prefix, self.known)
         return rollback
 
-    def _target(self, reason: Reason, newest: CheckpointName) -> CheckpointName | None:
+    def _target(self, reason: Reason, newest: CheckpointName, first: int) -> CheckpointName | None:
         """The last good checkpoint.
 
         After a collapse, that is the best one. A loss that is NaN announces itself a few updates
         before, so the oldest of the newest checkpoints is taken, but none before the best one.
         """
         best = self._best()
+        if best is not None and best.number < first:
+            best = None  # of another stage
         if reason == "collapse":
             # What was so good just now has not collapsed.
             old_enough = best is not None and best.number <= newest.number - SMOOTH
             return best if best is not None and old_enough and self._is_intact(best) else None
         names = sorted(set(checkpoint_objects(self._bucket, self._prefix).values()))
-        oldest = best.number if best is not None else 0
+        oldest = best.number if best is not None else first
         candidates = [name for name in names if oldest <= name.number <= newest.number]
         recent = candidates[-LOOK_BACK:]
         return next((name for name in recent if self._is_intact(name)), None)

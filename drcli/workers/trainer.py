@@ -427,7 +427,10 @@ class Trainer:
         """
         self._join_uploads()
         lr = self._learner.config.lr
-        done = self._rollbacks.decide(reason, what, self._newest, lr, self._elapsed_s())
+        first = self._stages.first_iteration
+        done = self._rollbacks.decide(
+            reason, what, self._newest, lr, self._elapsed_s(), first=first
+        )
         if done is not None:
             _logger.warning(
                 "%s This is rollback %d of %d (DR_TRAIN_MAX_ROLLBACKS).",

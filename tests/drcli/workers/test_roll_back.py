@@ -22,6 +22,7 @@ from drcli.store.history import read_history
 from drcli.store.repair import read_all_metrics
 from drcli.store.rollbacks import read_rollbacks
 from drcli.workers.collect_rollouts import Collected, Collector
+from drcli.workers.roll_back import RollbackControl
 from drcli.workers.trainer import learn
 from training_in_memory import PREFIX, ProbedBucket, TrainingInMemory, UntilFailure
 
@@ -225,6 +226,23 @@ def test_a_collapse_goes_back_to_the_best_checkpoint(offline, sick, monkeypatch)
     assert driven == [0, 1, 2, 3, 4, 2, 3, 4, 5, 6, 7]
     assert numbers(bucket) == list(range(8))
     assert {r.mean_progress for r in read_history(bucket, PREFIX)} == {60.0}
+
+
+@pytest.mark.parametrize(("first", "target"), [(0, 4), (5, 5), (6, 6)])
+def test_a_rollback_stays_in_its_stage(working_folder, monkeypatch, first, target):
+    limit = {"DR_TRAIN_MAX_ROLLBACKS": 1}
+    training = TrainingInMemory(working_folder, monkeypatch, **limit)
+    job = training.planned()
+    store = CheckpointStore(training.bucket, PREFIX)
+    for number in range(7):
+        store.save(number, 10 * number, b"weights")
+    store.record_evaluation(EvaluationResult("3_Step-30.ckpt", [90.0], [1.0], []), "progress")
+    control = RollbackControl(training.bucket, job, store)
+
+    decided = control.decide("nan", "It is nan", CheckpointName(6, 60), 0.001, 5.0, first=first)
+
+    assert decided is not None
+    assert CheckpointName.parse(decided.target).number == target
 
 
 def test_work_of_weights_that_were_given_up_does_not_count():
