@@ -10,6 +10,7 @@ ROOT = Path(__file__).resolve().parents[1] / "drcli"
 AGES = {
     "store/bucket_trial.py": "the difference between the clocks of this machine and the server",
     "store/folder_bucket.py": "the age of a file, whose time is a time of day",
+    "runs/tidy.py": "the age of files and objects, whose times are times of day",
     "store/lease.py": "the age of a lease where the server tells no time",
 }
 """Where nothing but the time of day is known."""

@@ -10,6 +10,7 @@ which is Linux.
 
 import os
 import select
+import sys
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
@@ -80,6 +81,14 @@ def soft_limit(limit: Limit) -> int | None:
     if limit == "open_files":
         unlimited = unlimited or found > _MANY_FILES
     return None if unlimited else found
+
+
+def peak_memory_bytes() -> int:
+    """The most memory that this process has had in use so far; 0 where nobody counts it."""
+    if resource is None:
+        return 0
+    peak = int(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    return peak if sys.platform == "darwin" else peak * 1024  # others count in KiB
 
 
 def limit_data(most_bytes: int) -> bool:

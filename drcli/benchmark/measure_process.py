@@ -8,7 +8,6 @@ bucket.
 import itertools
 import json
 import os
-import resource
 import sys
 import time
 from collections.abc import Callable
@@ -23,6 +22,7 @@ import torch
 
 from drcli.base.json_record import from_json, parse_json
 from drcli.base.low_priority import lower_priority
+from drcli.base.system_calls import peak_memory_bytes
 from drcli.benchmark.work_order import Rates, Ready, WorkOrder
 from drcli.exchange.rollout import encode_episodes
 from drcli.formats.build_network import build_policy
@@ -134,7 +134,6 @@ def main() -> None:
     step_bytes = len(encode_episodes(episodes)) / max(1, episodes.rollout.steps)
     minibatches, clock = _learn(learner, episodes.rollout, learning, learning_s)
     samples = minibatches * min(parameters.batch_size, episodes.rollout.steps)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     rates = Rates(
         simulation_steps_per_s=bare,
         driving_steps_per_s=driving[0],
@@ -143,7 +142,7 @@ def main() -> None:
         learning_samples_per_core_s=samples / max(clock.core_s, 1e-9),
         gradient_steps_per_s=minibatches / clock.wall_s,
         core_s=time.process_time(),
-        memory_bytes=peak if sys.platform == "darwin" else peak * 1024,
+        memory_bytes=peak_memory_bytes(),
         step_bytes=step_bytes,
     )
     _say(answers, rates)

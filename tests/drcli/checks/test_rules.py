@@ -665,9 +665,9 @@ def test_a_folder_that_breaks_a_rule_is_told_where_and_what_to_do(folder, case):
     assert [text for text in told if all(word in text for word in case.words)], told
 
 
-def test_every_documented_rule_but_the_one_about_the_exit_code_is_tried_here():
+def test_every_documented_rule_is_tried_here_but_those_that_have_tests_of_their_own():
     page = (Path(__file__).resolve().parents[3] / "docs" / "validation.md").read_text("utf-8")
     documented = set(re.findall(r"^\| (V-\d\d)", page, re.MULTILINE))
 
-    assert documented - {case.rule for case in CASES} == {"V-11"}
+    assert documented - {case.rule for case in CASES} == {"V-11", "V-60"}
     assert {case.rule for case in CASES} <= documented

@@ -178,8 +178,11 @@ def test_a_pointer_names_a_checkpoint_and_nothing_else():
             decode_pointer(data)
 
 
-def test_a_manifest_has_the_format_of_version_0_1_0():
-    assert json.loads(RECORDS[5].encode()) == {
+def test_a_manifest_has_the_format_of_version_0_1_0_and_counts():
+    written = json.loads(RECORDS[5].encode())
+    later = written.pop("rollbacks"), written["notes"].pop("reward_errors")
+    assert (*later, written["notes"].pop("discarded")) == (0, 0, 0)
+    assert written == {
         "iteration": 3,
         "worker": 1,
         "checkpoint": "3_Step-300.ckpt",

@@ -27,7 +27,7 @@ def test_a_car_that_always_turns_gets_nowhere_from_any_start():
     policy = ActorCritic(PolicySpec(1, network="COMPACT_CONVOLUTIONAL_NETWORK")).eval()
 
     trial = drive_car(
-        DEFAULT_CAR, track, build_scene(track), policy, ModelMetadata.from_bytes(METADATA), 3
+        DEFAULT_CAR, track, build_scene(track), policy, ModelMetadata.from_bytes(METADATA), 3, 1
     )
 
     assert (trial.car, trial.laps, trial.starts, trial.lap_times_s) == (DEFAULT_CAR, 0, 3, [])
@@ -45,7 +45,7 @@ def test_a_model_of_the_reference_laps_with_the_car_that_suits_it():
     load_arrays(policy, read.weights)
     metadata = ModelMetadata.from_bytes((MODELS / "model_metadata.json").read_bytes())
 
-    trial = drive_car("low-grip", track, build_scene(track), policy, metadata, 2)
+    trial = drive_car("low-grip", track, build_scene(track), policy, metadata, 2, 2)
 
     assert isinstance(trial, CarTrial)
     assert trial.laps == 2

@@ -219,6 +219,7 @@ def test_statuses_carry_the_words_of_traces():
         "immobilized",
         "time_up",
         "reversed",
+        "discarded",
     ]
 
 
