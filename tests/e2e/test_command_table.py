@@ -134,7 +134,7 @@ AFTERWARDS = [
     Call("config check --settings", "Settings:"),
     Call("config preset", "student-league"),
     Call("config preset physical --json", "presets"),
-    Call("action-space show", "7 actions."),
+    Call("action-space show", "3 actions."),
     Call("action-space show --json", "file actions low high notes changes written backup picture"),
     Call("action-space generate --angles 3", "6 actions."),
     Call("action-space generate --continuous --json", "actions low high written"),
