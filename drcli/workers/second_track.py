@@ -9,6 +9,7 @@ from drcli.workers.build_race import build_simulation, load_world, longest_episo
 from drcli.workers.driving import Driven, Driver, Plan, Racer
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import RewardFunction
+from drsim.errors import RewardError
 from drsim.track.worlds import directed
 
 
@@ -22,6 +23,7 @@ class SecondTrack:
         reward: The racer's reward function for each car.
         num_threads: For motion and cameras.
         seed: Of the worker.
+        on_reward_error: What to do when the reward function fails, as in `Simulation`.
 
     Raises:
         ProblemsError: The track is not installed, or there is no room for obstacles or bots.
@@ -36,6 +38,7 @@ class SecondTrack:
         *,
         num_threads: int,
         seed: int,
+        on_reward_error: Callable[[RewardError, int], float] | None = None,
     ) -> None:
         self.world = race.world_name
         self._offset = race.train_start_position_offset
@@ -50,11 +53,14 @@ class SecondTrack:
             rules=EpisodeRules(max_steps=longest_episode(track, racer.actions)),
             num_threads=num_threads,
             seed=seed,
+            on_reward_error=on_reward_error,
         )
         self._driver = Driver(self._simulation, [racer], seed)
 
     def evaluate(self, trials: int, should_stop: Callable[[], bool]) -> SecondEvaluation:
         """Drive so many episodes with the present weights, from starts spread over the lap.
+
+        Episodes that the reward function declares broken count only if there are no others.
 
         Raises:
             StopRequested: `should_stop` returned True.
@@ -66,11 +72,12 @@ class SecondTrack:
         ]
         self._driver.drive(plans, episodes.append, should_stop)
         episodes.sort(key=lambda episode: episode.number)
+        sound = [episode for episode in episodes if not episode.discarded] or episodes
         return SecondEvaluation(
             self.world,
-            [float(e.progress) for e in episodes],
-            [float(e.reward) for e in episodes],
-            [float(e.duration_s) for e in episodes if e.completed],
+            [float(e.progress) for e in sound],
+            [float(e.reward) for e in sound],
+            [float(e.duration_s) for e in sound if e.completed],
         )
 
     def close(self) -> None:

@@ -201,6 +201,8 @@ class SimWorker:
                 load_reward(self._bucket, self._prefix, folder, trials, stage),
                 num_threads=self._threads,
                 seed=seed,
+                # Counted apart: its calls are none of the training.
+                on_reward_error=RewardFailures(train, worker).handle,
             )
 
     def run(self) -> None:

@@ -156,6 +156,7 @@ def test_a_training_counts_failures_and_leaves_broken_episodes_out(working_folde
         DR_REWARD_FALLBACK=0.25,
         DR_REWARD_MAX_ERROR_SHARE=0.5,
         DR_TRAIN_ALTERNATE_DRIVING_DIRECTION=True,
+        DR_TRAIN_EVAL_WORLD="willow",
     )
     training.write("custom_files/reward_function.py", SOMETIMES)
     parameters = {"batch_size": 32, "num_epochs": 1, "num_episodes_between_training": 6}
@@ -180,6 +181,7 @@ def test_a_training_counts_failures_and_leaves_broken_episodes_out(working_folde
     metrics = read_all_metrics(bucket, keys.training_metrics(keys.metrics_prefix(PREFIX)))
     marked = [r for r in metrics if r.episode_status == "Discarded" and r.phase == "training"]
     assert len(marked) == len(broken)
+    assert history[0].second_world == "willow", "failures are counted on the second track, too"
 
 
 def test_a_function_that_breaks_every_episode_ends_the_training(working_folder, monkeypatch):
