@@ -71,7 +71,7 @@ class Bucket(Protocol):
         """All objects below a folder, which ends with a slash or is empty, sorted by key."""
 
 
-_OVERWRITTEN_S = (0.02, 0.1)
+_OVERWRITTEN_S = (0.005, 0.03)
 """Pauses before an object is read again that looked damaged or missing."""
 
 
