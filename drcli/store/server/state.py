@@ -3,7 +3,7 @@
 import json
 import os
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -27,6 +27,8 @@ class ServerState:
         pid: Its process; None if it was not started yet, or was stopped.
         watcher: The process that stops it when it is not used; None if none was started.
         idle_minutes: The server stops after so many minutes without use; 0 for never.
+        inode: Number of the folder that the file was written for. A copy of the folder has another
+            one: its server is another one too, or both folders would fill one bucket.
     """
 
     engine: Engine
@@ -36,16 +38,19 @@ class ServerState:
     pid: int | None = None
     watcher: int | None = None
     idle_minutes: int = 10
+    inode: int | None = None
 
     @classmethod
     def read(cls, path: Path) -> "ServerState | None":
-        """Read the file; None if it does not exist. A damaged file is renamed.
+        """Read the file; None if it does not exist or was copied. A damaged file is renamed.
 
         Raises:
             StorageError: It cannot be read.
         """
         try:
-            return from_json(cls, parse_json(read_regular(path)))
+            state = from_json(cls, parse_json(read_regular(path)))
+            is_copy = state.inode is not None and state.inode != path.parent.stat().st_ino
+            return None if is_copy else state
         except FileNotFoundError:
             return None
         except OSError as e:
@@ -69,7 +74,7 @@ class ServerState:
         fresh.unlink(missing_ok=True)
         try:
             with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as f:
-                json.dump(asdict(self), f)
+                json.dump(asdict(replace(self, inode=path.parent.stat().st_ino)), f)
             fresh.replace(path)
         except OSError:
             fresh.unlink(missing_ok=True)

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 import signal
 import socket
 import stat
@@ -95,6 +96,24 @@ def test_the_state_with_the_keys_is_for_its_owner_alone(local):
     command = Path(f"/proc/{endpoint.pid}/cmdline")
     if command.exists():
         assert str(endpoint.secret_key) not in command.read_text()
+
+
+def test_a_copied_folder_gets_a_server_of_its_own(local, tmp_path):
+    first = server.ensure_running(local)
+    open_bucket(local).put("model/a", b"first")
+    copied = replace(local, data_dir=tmp_path / "copy")
+    shutil.copytree(local.data_dir, copied.data_dir)
+    assert server.stop(copied) is False
+
+    second = server.ensure_running(copied)
+    try:
+        open_bucket(copied).put("model/a", b"second")
+
+        assert (second.url, second.pid) != (first.url, first.pid)
+        assert second.secret_key != first.secret_key
+        assert open_bucket(local).get("model/a") == b"first"
+    finally:
+        server.stop(copied)
 
 
 def test_another_process_finds_the_running_server(local):
