@@ -1,7 +1,7 @@
 """Command lines for every command of the table: with their own options, and values of any kind."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
@@ -15,6 +15,9 @@ from drcli.cli.command_table import COMMANDS
 
 WAITING = {"-w", "--wait", "--seconds"}
 """Options that say how long to wait; a long time is no fault."""
+
+ENDLESS = {"--follow", "--loop"}
+"""Options with which a command goes on until somebody stops it."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,11 @@ class Form:
 @cache
 def forms() -> tuple[Form, ...]:
     """Every command, and every command of a group."""
-    return tuple(form for command in COMMANDS for form in _forms_of(command.name))
+    found = (form for command in COMMANDS for form in _forms_of(command.name))
+    return tuple(
+        replace(form, parameters=tuple(p for p in form.parameters if not ENDLESS & {*p.opts}))
+        for form in found
+    )
 
 
 def _forms_of(name: str) -> Iterator[Form]:

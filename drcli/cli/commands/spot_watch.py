@@ -69,6 +69,8 @@ def watch(
 
     if command and pid is not None:
         raise typer.BadParameter("Give a program or --pid, not both.")
+    if command and not command[0]:
+        raise typer.BadParameter("The name of the program is empty.")
     if once and (command or pid is not None):
         raise typer.BadParameter("--once asks for the notice only: leave out the program.")
     handling = NoticeHandling(
