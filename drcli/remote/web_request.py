@@ -73,6 +73,7 @@ class Web:
             StorageError: There is no answer.
         """
         import requests
+        from urllib3.exceptions import LocationParseError
 
         pauses = delays_s(0.5, 4.0)
         for attempt in range(1, ATTEMPTS + 1):
@@ -82,7 +83,8 @@ class Web:
             request.auth = request.auth or (lambda prepared: prepared)
             try:
                 answer = self._once(request, stream=stream, redirects=redirects)
-            except requests.RequestException as error:
+            except (requests.RequestException, LocationParseError) as error:
+                # The second: a host name that cannot be one passes the checks of requests.
                 self._say(request, type(error).__name__)
                 if last or not _may_pass(error):
                     raise explain(error, str(request.url), self.setting) from error
@@ -116,6 +118,7 @@ class Web:
 def explain(error: Exception, url: str, setting: str) -> StorageError:
     """The error of a request without an answer, as one sentence."""
     import requests
+    from urllib3.exceptions import LocationParseError
 
     host = urlsplit(url).netloc.rpartition("@")[2]
     if isinstance(error, requests.exceptions.SSLError):
@@ -133,7 +136,8 @@ def explain(error: Exception, url: str, setting: str) -> StorageError:
         return StorageError(
             f"{host} does not answer in time.", remedy="Check the network, and try again later."
         )
-    if isinstance(error, requests.exceptions.InvalidURL | requests.exceptions.MissingSchema):
+    wrong = requests.exceptions.InvalidURL, requests.exceptions.MissingSchema, LocationParseError
+    if isinstance(error, wrong):
         return StorageError(
             f"'{hidden('', url)}' is not a web address ({setting}).",
             remedy=f"Correct {setting}, as in https://deepracer.example.com.",

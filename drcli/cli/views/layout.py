@@ -32,7 +32,10 @@ class Fitted:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Draw it."""
-        yield self._draw(options.max_width)
+        drawn = self._draw(options.max_width)
+        yield (
+            Text(drawn) if isinstance(drawn, str) else drawn
+        )  # rich reads [...] in a str as a style
 
 
 def fitted(draw: Callable[Concatenate[int, P], RenderableType]) -> Callable[P, Fitted]:

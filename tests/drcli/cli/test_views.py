@@ -7,9 +7,10 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from drcli.cli.views import evaluation_view, iterations, training_view
+from drcli.cli.views import evaluation_view, iterations, models_view, training_view
 from drcli.exchange.daily_spending import DayBudget
 from drcli.exchange.stage import StageMark
+from drcli.models.model_list import ModelList
 
 NOW_S = 1_000_000.0 + 75.0
 
@@ -20,6 +21,14 @@ def screen(rendered):
     console = Console(file=page, width=80, height=24, color_system=None, legacy_windows=False)
     console.print(rendered)
     return "\n".join(line.rstrip() for line in page.getvalue().splitlines())
+
+
+def test_what_the_racer_typed_is_no_style():
+    nothing = ModelList("bucket", "[/]", [])
+
+    assert screen(models_view.models(nothing)) == (
+        "There is no model in s3://bucket that matches [/]."
+    )
 
 
 def test_the_live_display_of_a_training_under_way(make_report):

@@ -55,6 +55,13 @@ def test_what_a_browser_adds_to_an_address_is_left_out(fake, ending):
     assert site.upload_bucket == "upload-bucket"
 
 
+def test_a_host_name_that_cannot_be_one_is_told(failed):
+    code, error, _ = failed("droa-list-models", "--url", "https://" + 200 * "x" + ".example.com")
+
+    assert code == 4
+    assert "is not a web address" in error
+
+
 def test_a_server_that_does_not_run_is_named(failed, pauses):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
