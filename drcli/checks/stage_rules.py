@@ -10,7 +10,16 @@ from typing import Any
 
 from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError
-from drcli.base.problems import BadValue, Place, Problem, ProblemsError, closest, few, shown
+from drcli.base.problems import (
+    BadValue,
+    Place,
+    Problem,
+    ProblemsError,
+    closest,
+    few,
+    of_severity,
+    shown,
+)
 from drcli.config.loading import WORKER_NAMES, WORKER_STEMS, is_of_worker
 from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Override, Settings, catalogue
@@ -40,6 +49,8 @@ LARGEST_FILE = 1024 * 1024
 @dataclass(frozen=True)
 class PlannedStage:
     """One stage, with everything that it drives and learns.
+
+    What is wrong in it is left out, so that all the rest can be checked too.
 
     Attributes:
         settings: Of the folder, with what the stage changes.
@@ -72,7 +83,7 @@ class StagesReview:
     """The stages of a training.
 
     Attributes:
-        stages: In order; those with an error in the file are left out.
+        stages: In order; none if the file cannot be read.
         frozen: For the copy below the model prefix; None without a curriculum.
         problems: Everything that is wrong or odd.
     """
@@ -196,11 +207,9 @@ class _Reviewer:
         read = CurriculumFile.from_bytes(data, name)
         planned = []
         for index, entry in enumerate(read.stages):
-            wrong = len(self.found)
             settings = self._settings(read, index, entry)
             files = self._files(read, index, entry)
-            if not any(problem.severity == "error" for problem in self.found[wrong:]):
-                planned.append(PlannedStage(entry.name, settings, files, entry.stage_goal))
+            planned.append(PlannedStage(entry.name, settings, files, entry.stage_goal))
         self._compare(read, planned)
         text = data.decode("utf-8-sig")
         frozen = FrozenCurriculum(name, text, dict(self.reader.read))
@@ -311,7 +320,7 @@ class _Reviewer:
                 Problem(each.rule, each.severity, *_place(at), each.message, each.remedy, each.key)
             )
         whole = files.get(keys.HYPERPARAMETERS_FILE)
-        if whole is None:
+        if whole is None or of_severity(problems, "error"):
             return
         with suppress(ValueError):  # another rule tells what is wrong with it
             merged = merged_hyperparameters(whole.data, changes)

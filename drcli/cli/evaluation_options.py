@@ -4,63 +4,56 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from drcli.base.problems import BadValue, Place
+from drcli.base.problems import BadValue, Place, ProblemsError, shown
+from drcli.cli.options import in_options
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
 
-PANEL = "How to drive"
+OPTIONS = {
+    "DR_EVAL_CHECKPOINT": "--checkpoint",
+    "DR_EVAL_OPP_CHECKPOINT": "--opp-checkpoint",
+    "DR_EVAL_START_OFFSET": "--start",
+    "DR_EVAL_START_ANGLE": "--start-angle",
+    "DR_EVAL_START_POSITION": "--start-position",
+    "DR_EVAL_REVERSE_DIRECTION": "--reverse",
+    "DR_EVAL_MAX_LAP_SECONDS": "--max-lap-seconds",
+    "DR_EVAL_AVERAGE_LAPS": "--average-laps",
+}
+"""The option for each setting that can be given here."""
+
+_PANEL = "How to drive"
+
+
+def _option(name: str, metavar: str, text: str) -> Any:
+    return typer.Option(name, metavar=metavar, help=text, rich_help_panel=_PANEL)
+
 
 Start = Annotated[
     str | None,
-    typer.Option(
+    _option(
         "--start",
-        metavar="WHERE",
-        help="Start left, centre, right, or METRES to the left of the centre line.",
-        rich_help_panel=PANEL,
+        "WHERE",
+        "Start left, centre, right, or METRES to the left of the centre line.",
     ),
 ]
 StartAngle = Annotated[
-    str | None,
-    typer.Option(
-        "--start-angle",
-        metavar="DEG",
-        help="Turn the car to the left at its start.",
-        rich_help_panel=PANEL,
-    ),
+    str | None, _option("--start-angle", "DEG", "Turn the car to the left at its start.")
 ]
 StartPosition = Annotated[
-    str | None,
-    typer.Option(
-        "--start-position",
-        metavar="FRACTION",
-        help="Where on the lap to start, 0 to 1.",
-        rich_help_panel=PANEL,
-    ),
+    str | None, _option("--start-position", "FRACTION", "Where on the lap to start, 0 to 1.")
 ]
 Reverse = Annotated[
     bool | None,
     typer.Option(
-        "--reverse/--no-reverse", help="Drive in the opposite direction.", rich_help_panel=PANEL
+        "--reverse/--no-reverse", help="Drive in the opposite direction.", rich_help_panel=_PANEL
     ),
 ]
 MaxLapSeconds = Annotated[
-    str | None,
-    typer.Option(
-        "--max-lap-seconds",
-        metavar="S",
-        help="Give a lap up after this simulated time.",
-        rich_help_panel=PANEL,
-    ),
+    str | None, _option("--max-lap-seconds", "S", "Give a lap up after this simulated time.")
 ]
 AverageLaps = Annotated[
-    str | None,
-    typer.Option(
-        "--average-laps",
-        metavar="N",
-        help="Report the best average of N laps in a row.",
-        rich_help_panel=PANEL,
-    ),
+    str | None, _option("--average-laps", "N", "Report the best average of N laps in a row.")
 ]
 Seed = Annotated[
     int | None,
@@ -70,7 +63,7 @@ Seed = Annotated[
         min=0,
         max=2**32 - 1,
         help="Seed, to repeat an evaluation exactly.",
-        rich_help_panel=PANEL,
+        rich_help_panel=_PANEL,
     ),
 ]
 
@@ -81,10 +74,12 @@ def with_options(settings: "Settings", **given: Any) -> "Settings":
     Raises:
         typer.BadParameter: A value does not fit.
     """
+    from drcli.config.setting_problems import setting_problem
     from drcli.config.settings import catalogue
 
     changes: dict[str, Any] = {}
     sources = dict(settings.sources)
+    place = Place("flag")
     for name, value in given.items():
         if value is None:
             continue
@@ -92,8 +87,10 @@ def with_options(settings: "Settings", **given: Any) -> "Settings":
         try:
             changes[setting.field] = setting.read(str(value))
         except BadValue as error:
-            raise typer.BadParameter(f"{value} {error}. {error.remedy}") from None
-        sources[name] = Place("flag")
+            what = f"{name}={shown(str(value))} {error.reason}."
+            problem = setting_problem(name, place, what, error.remedy)
+            raise in_options(ProblemsError([problem]), OPTIONS, [name]) from None
+        sources[name] = place
     return settings.replaced(**changes, sources=sources) if changes else settings
 
 

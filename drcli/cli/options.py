@@ -54,15 +54,6 @@ KeepModels = Annotated[
 CustomFiles = Annotated[
     bool, typer.Option("-c", "--custom-files", help="Also copy its three files to custom_files/.")
 ]
-World = Annotated[
-    str | None,
-    typer.Option(
-        "--world",
-        metavar="TRACK",
-        help="Name this track instead of the model's.",
-        autocompletion=candidates.worlds,
-    ),
-]
 Delimiter = Annotated[
     str | None,
     typer.Option(
@@ -75,6 +66,16 @@ Delimiter = Annotated[
 ]
 
 
+def force_option(text: str) -> Any:
+    """The option -f, which leaves questions out, with this help."""
+    return typer.Option("-f", "--force", "--yes", help=text)
+
+
+def models_argument(metavar: str, text: str) -> Any:
+    """An argument that takes prefixes of models."""
+    return typer.Argument(metavar=metavar, help=text, autocompletion=candidates.model_prefixes)
+
+
 def wipe_option(text: str) -> Any:
     """The option -w with this help."""
     return typer.Option("-w", "--wipe", help=text)
@@ -85,6 +86,12 @@ def prefix_option(text: str, *names: str) -> Any:
     names = names or ("-p", "--prefix")
     complete = candidates.model_prefixes
     return typer.Option(*names, metavar="PREFIX", help=text, autocompletion=complete)
+
+
+def world_option(text: str, *short: str) -> Any:
+    """The option --world with this help."""
+    names = ("--world", *short)
+    return typer.Option(*names, metavar="TRACK", help=text, autocompletion=candidates.worlds)
 
 
 def best_option(verb: str) -> Any:
@@ -100,6 +107,9 @@ def checkpoint_option(verb: str, *names: str) -> Any:
         help=f"{verb} this one: a number, last, best, first-lap, three-laps or best-lap.",
         autocompletion=candidates.checkpoints,
     )
+
+
+World = Annotated[str | None, world_option("Name this track instead of the model's.")]
 
 
 def parsed_checkpoint(text: str | None, option: str = "--checkpoint") -> "CheckpointChoice | None":

@@ -13,15 +13,13 @@ from drcli.base.problems import Place, ProblemsError, shown
 from drcli.config.editing import with_any_value
 from drcli.config.example_files import activate_script, model_file, settings_file
 from drcli.config.loading import load_settings
-from drcli.config.presets import Preset
+from drcli.config.presets import MODEL_FILES, Preset
 from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Settings
 from drcli.config.settings_files import EXPERIMENT, content_of, parse_env
 from drcli.config.track_names import to_fetch, track_problem
 from drcli.config.value_types import FOLDER_NAME
 from drcli.config.write_folder import FolderPlan, NewFile
-
-CUSTOM_FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
 
 CURRICULUM = "curriculum.yaml"
 """The example of a training in stages."""
@@ -143,7 +141,7 @@ def plan_experiment(
     settings = load_settings(folder, environ={}, flags={EXPERIMENT: ""}, contents={"run.env": run})
     mine = [
         NewFile(f"{here}/custom_files/{file}", content_of(folder / "custom_files" / file, file))
-        for file in CUSTOM_FILES
+        for file in MODEL_FILES
         if (folder / "custom_files" / file).is_file() and "DR_RACE_TYPE" not in values
     ]
     others = _custom_files(
@@ -233,14 +231,14 @@ def _custom_files(
     The reward function of a preset is for a car alone, so that of a race with others wins.
     """
     if files_of_model is not None:
-        return [NewFile(f"{folder}/{name}", files_of_model[name]) for name in CUSTOM_FILES]
+        return [NewFile(f"{folder}/{name}", files_of_model[name]) for name in MODEL_FILES]
     examples = EXAMPLES.get(race_type.upper(), "")
     mine = {} if preset is None else dict(preset.files)
     if examples:
         mine.pop("reward_function.py", None)
     return [
         NewFile(f"{folder}/{name}", mine.get(name) or model_file(f"{examples}{name}").read_bytes())
-        for name in CUSTOM_FILES
+        for name in MODEL_FILES
     ]
 
 

@@ -4,14 +4,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
-from drcli.base.problems import closest, shown
-from drcli.config.example_files import presets_folder
+from drcli.base.problems import one_of, shown
+from drcli.config.example_files import model_file, presets_folder
 from drcli.config.fields import Setting
 from drcli.config.settings import Settings, catalogue
 from drcli.config.settings_files import parse_env
 
 PRESET_SETTINGS = "preset.env"
 MODEL_FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
+
+EXAMPLES = {"virtual": "rewards/speed"}
+"""Presets whose files of a model are those of a shipped example."""
 
 
 @dataclass(frozen=True)
@@ -111,15 +114,12 @@ def preset_of(name: str) -> Preset:
     """
     names = preset_names()
     if name.casefold() not in names:
-        near = closest(name.casefold(), names)
-        hint = f"Did you mean {near}? " if near else ""
         what = f"There is no preset called {shown(name)}."
-        remedy = f"{hint}Choose one of {', '.join(names)}."
-        raise SettingsError(what, remedy=remedy)
+        raise SettingsError(what, remedy=one_of(names, name.casefold()))
     folder = presets_folder() / name.casefold()
-    files = {file: (folder / file).read_bytes() for file in _files(folder) if file in MODEL_FILES}
-    env = folder / PRESET_SETTINGS
-    data = env.read_bytes() if env.is_file() else b""
+    found = {path.name: path.read_bytes() for path in _files(folder)}
+    data = found.get(PRESET_SETTINGS, b"")
+    files = {file: found[file] for file in MODEL_FILES if file in found}
     entries = parse_env(data, PRESET_SETTINGS).last
     return Preset(
         folder.name,
@@ -160,8 +160,12 @@ def _value(setting: Setting, value: str, reason: str, settings: Settings | None)
     )
 
 
-def _files(folder: Path) -> list[str]:
-    return [name for name in (PRESET_SETTINGS, *MODEL_FILES) if (folder / name).is_file()]
+def _files(folder: Path) -> list[Path]:
+    """The files of a preset; those of a model may be elsewhere."""
+    example = EXAMPLES.get(folder.name)
+    model = folder if example is None else model_file(example)
+    paths = (folder / PRESET_SETTINGS, *(model / name for name in MODEL_FILES))
+    return [path for path in paths if path.is_file()]
 
 
 def _summary(text: str, files: list[str]) -> str:

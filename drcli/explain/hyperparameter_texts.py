@@ -110,7 +110,7 @@ HYPERPARAMETER_TEXTS: Mapping[str, HyperparameterText] = {
     ),
     "term_cond_avg_score": HyperparameterText(
         "Mean score at which a training should end. The reference ignores it, and so does drcli.",
-        advice="Use DR_TRAIN_STOP_REWARD.",
+        advice="Use DR_TRAIN_STOP_MEAN_SCORE.",
     ),
     "term_cond_max_episodes": HyperparameterText(
         "Iterations after which the training ends. Despite its name it counts iterations, not "

@@ -92,6 +92,7 @@ def _names(entry: Entry) -> Iterator[str]:
     yield _plain(entry.name)
     if entry.kind == "setting":
         yield _plain(entry.name.removeprefix("DR_"))
+        yield from map(_plain, catalogue()[entry.name].old_names)
     if entry.kind == "exit code":
         yield f"exit code {entry.name}"
         yield f"code {entry.name}"

@@ -115,7 +115,8 @@ def range_problems(file: JsonFile, ranges: Ranges) -> Iterator[Problem]:
 def _beyond_the_car(file: JsonFile, path: KeyPath, value: float, key: str) -> Iterator[Problem]:
     low, high = USUAL[key]
     if not low <= value <= high:
-        what = f"{dotted(path)}={value:g} is more than the car can do ({low:g} to {high:g})."
+        beyond = "less" if 0 <= value < low else "more"
+        what = f"{dotted(path)}={value:g} is {beyond} than the car can do ({low:g} to {high:g})."
         remedy = f"Write a number from {low:g} to {high:g}; others are cut to that."
         yield file.problem("V-32", path, what, remedy, "warning")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.base.errors import DrError, SettingsError
-from drcli.base.problems import ProblemsError
+from drcli.base.problems import ProblemsError, few
 from drcli.config.example_files import model_file
 from drcli.config.settings import Settings
 from drcli.modelfiles.action_choice import ChosenAction
@@ -116,9 +116,8 @@ def plan_change(file: Path, actions: list[dict[str, float]] | dict[str, Any]) ->
             before = ModelMetadata.from_bytes(found.data, str(file)).action_space
         except ProblemsError:
             before = ActionSpace()  # its actions were wrong, and are replaced
-    return ActionSpaceChange(
-        file, new, before, after.action_space, tuple(str(each) for each in after.problems)
-    )
+    warnings = tuple(few(str(each) for each in after.problems))
+    return ActionSpaceChange(file, new, before, after.action_space, warnings)
 
 
 def trained_with(settings: Settings, bucket: Bucket) -> tuple[int, ActionSpace | None]:

@@ -208,7 +208,7 @@ def goals_of(settings: Settings, options: StartOptions, outcome: RunOutcome, buc
     """Everything that would end a training that a start continues, as one sentence.
 
     Raises:
-        SettingsError: hyperparameters.json is wrong.
+        SettingsError: hyperparameters.json or the curriculum is wrong.
     """
     places = resumed_files(settings.custom_files, settings.model_prefix)
     files = find(places, bucket)
@@ -217,6 +217,7 @@ def goals_of(settings: Settings, options: StartOptions, outcome: RunOutcome, buc
         return ""  # a start says which file is missing
     parameters = Hyperparameters.from_bytes(file.data, file.origin)
     staged = plan_stages(settings, files, bucket, resumes=True)
+    refuse(staged.review.problems)
     job = _job(staged.settings, options, 0, outcome.began_at)
     return ending(replace(job, stages=staged.stages), parameters)
 

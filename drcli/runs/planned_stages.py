@@ -51,11 +51,15 @@ def plan_stages(
 ) -> StagesPlan:
     """Read the curriculum, and find the stage of the newest checkpoint.
 
+    Stages may be wrong: `examine_stages` finds these problems together with all others.
+
     Raises:
-        ProblemsError: The curriculum is wrong, or has no longer the stage that the model is in.
+        ProblemsError: The curriculum cannot be read, or has no longer the stage that the model is
+            in.
     """
     review = review_stages(settings, files, bucket, resumes=resumes)
-    refuse(review.problems)
+    if not review.stages:
+        refuse(review.problems)
     mark = None
     if resumes:
         mark = CheckpointStore(bucket, settings.model_prefix).stage_of_newest()
@@ -69,10 +73,7 @@ def plan_stages(
         review.stages[first].settings,
         review,
         first,
-        (
-            *(str(each) for each in review.problems),
-            *(_changed(settings, bucket, review.frozen, mark) if resumes else ()),
-        ),
+        (*(_changed(settings, bucket, review.frozen, mark) if resumes else ()),),
     )
 
 
@@ -104,7 +105,8 @@ def examine_stages(
     review = review_parameters(
         whole.get(keys.HYPERPARAMETERS_FILE), whole.get(keys.MODEL_METADATA_FILE), None
     )
-    found = [*review.problems, *(problem for each in examined for problem in each.problems)]
+    of_stages = (problem for each in examined for problem in each.problems)
+    found = [*plan.review.problems, *review.problems, *of_stages]
     return replace(examined[0], files=whole, review=review, problems=list(dict.fromkeys(found)))
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drcli.base.errors import DrError, SettingsError
-from drcli.cli import candidates, console, prompts
-from drcli.cli.options import AsJson
+from drcli.cli import console, prompts
+from drcli.cli.options import AsJson, force_option, prefix_option
 from drcli.cli.views import action_space_view
 from drcli.cli.working_folder import settings, working_folder
 
@@ -33,9 +33,7 @@ _Out = Annotated[
 _Write = Annotated[
     bool, typer.Option("--write", help="Write them into model_metadata.json, after a question.")
 ]
-_Force = Annotated[
-    bool, typer.Option("-f", "--force", "--yes", help="Do not ask; the old file is kept as .bak.")
-]
+_Force = Annotated[bool, force_option("Do not ask; the old file is kept as .bak.")]
 _Traces = Annotated[
     list[Path] | None,
     typer.Argument(
@@ -45,13 +43,7 @@ _Traces = Annotated[
 ]
 _Prefix = Annotated[
     str | None,
-    typer.Option(
-        "-p",
-        "--prefix",
-        metavar="NAME",
-        help="Model whose traces are read; DR_LOCAL_S3_MODEL_PREFIX if left out.",
-        autocompletion=candidates.model_prefixes,
-    ),
+    prefix_option("Model whose traces are read; DR_LOCAL_S3_MODEL_PREFIX if left out."),
 ]
 
 

@@ -2,11 +2,9 @@
 
 from typing import Annotated
 
-import typer
-
 from drcli.base.errors import SettingsError
-from drcli.cli import candidates, console, prompts
-from drcli.cli.options import AsJson, DryRun, Force, KeepModels
+from drcli.cli import console, prompts
+from drcli.cli.options import AsJson, DryRun, Force, KeepModels, models_argument
 from drcli.cli.views import removal_view
 from drcli.cli.working_folder import settings
 
@@ -14,11 +12,7 @@ from drcli.cli.working_folder import settings
 def delete_model(
     models: Annotated[
         list[str],
-        typer.Argument(
-            metavar="MODEL...",
-            help="Prefixes of models, or patterns with * and ?.",
-            autocompletion=candidates.model_prefixes,
-        ),
+        models_argument("MODEL...", "Prefixes of models, or patterns with * and ?."),
     ],
     keep: KeepModels = None,
     force: Force = False,

@@ -147,22 +147,27 @@ def evaluate(
         raise typer.BadParameter("-c copies a model in the bucket, but --model drives a file.")
     if checkpoint is not None and model is not None:
         raise typer.BadParameter("--checkpoint chooses one of a model, but --model drives a file.")
-    chosen = {
-        "eval_checkpoint": parsed_checkpoint(checkpoint),
-        "eval_opp_checkpoint": parsed_checkpoint(opponent_checkpoint, "--opp-checkpoint"),
-    }
+    chosen = parsed_checkpoint(checkpoint)
+    opponent_chosen = parsed_checkpoint(opponent_checkpoint, "--opp-checkpoint")
     own = _source("", runtime, model, metadata) or PolicySource()
     opponent = _source("opp-", opponent_runtime, opponent_model, opponent_metadata)
     many = robust or models is not None or worlds is not None
-    _check_modes(many=many, loop=loop, clone=clone, opponent=opponent, models=models, own=own)
-    loaded = settings()
-    if chosen["eval_opp_checkpoint"] is not None and loaded.race_type != "HEAD_TO_MODEL":
-        raise typer.BadParameter("--opp-checkpoint needs DR_RACE_TYPE=HEAD_TO_MODEL.")
-    loaded = loaded.replaced(
-        **{name: str(choice) for name, choice in chosen.items() if choice is not None}
+    _check_modes(
+        many=many,
+        loop=loop,
+        clone=clone,
+        opponent=opponent,
+        models=models,
+        worlds=worlds,
+        own=own,
     )
+    loaded = settings()
+    if opponent_chosen is not None and loaded.race_type != "HEAD_TO_MODEL":
+        raise typer.BadParameter("--opp-checkpoint needs DR_RACE_TYPE=HEAD_TO_MODEL.")
     loaded = options.with_options(
         loaded,
+        DR_EVAL_CHECKPOINT=chosen,
+        DR_EVAL_OPP_CHECKPOINT=opponent_chosen,
         DR_EVAL_START_OFFSET=start,
         DR_EVAL_START_ANGLE=start_angle,
         DR_EVAL_START_POSITION=start_position,
@@ -204,6 +209,7 @@ def _check_modes(
     clone: bool,
     opponent: PolicySource | None,
     models: str | None,
+    worlds: str | None,
     own: PolicySource,
 ) -> None:
     """Refuse options that do not fit each other.
@@ -223,6 +229,8 @@ def _check_modes(
         raise typer.BadParameter("--models names models in the bucket, but --model drives a file.")
     if models is not None and not options.listed(models):
         raise typer.BadParameter('--models is empty; name prefixes, as in --models "team/*".')
+    if worlds is not None and not options.listed(worlds):
+        raise typer.BadParameter("--worlds is empty; name tracks, as in --worlds oval,bean.")
 
 
 def _source(

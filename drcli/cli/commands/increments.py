@@ -17,6 +17,7 @@ from drcli.cli.options import (
     parsed_checkpoint,
     prefix_option,
     wipe_option,
+    world_option,
 )
 from drcli.cli.views import models_view, training_view
 from drcli.cli.views.layout import counted
@@ -29,15 +30,7 @@ def increment_training(
     prefix: Annotated[str | None, prefix_option("Name of the new model.")] = None,
     delimiter: Delimiter = None,
     checkpoint: Annotated[str | None, checkpoint_option("Start with", "--checkpoint")] = None,
-    world: Annotated[
-        str | None,
-        typer.Option(
-            "--world",
-            metavar="TRACK",
-            help="Train on this track (DR_WORLD_NAME).",
-            autocompletion=candidates.worlds,
-        ),
-    ] = None,
+    world: Annotated[str | None, world_option("Train on this track (DR_WORLD_NAME).")] = None,
     reward: Annotated[
         Path | None,
         typer.Option("--reward", metavar="FILE", help="Replace reward_function.py by this file."),

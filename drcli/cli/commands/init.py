@@ -12,7 +12,7 @@ import typer
 
 from drcli.base.problems import BadValue, ProblemsError, one_of, shown
 from drcli.cli import candidates, console, prompts
-from drcli.cli.options import AsJson, in_options
+from drcli.cli.options import AsJson, force_option, in_options, world_option
 from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import current_folder, working_folder
 
@@ -39,12 +39,7 @@ def init(
         str | None,
         typer.Argument(metavar="FOLDER", help="The folder; the current one if left out."),
     ] = None,
-    world: Annotated[
-        str | None,
-        typer.Option(
-            "--world", metavar="NAME", help="Name of the track.", autocompletion=candidates.worlds
-        ),
-    ] = None,
+    world: Annotated[str | None, world_option("Name of the track.")] = None,
     race_type: Annotated[
         str | None,
         typer.Option(
@@ -116,10 +111,7 @@ def init(
             autocompletion=candidates.ready_made_models,
         ),
     ] = None,
-    force: Annotated[
-        bool,
-        typer.Option("-f", "--force", "--yes", help="Do not ask; replaced files are kept as .bak."),
-    ] = False,
+    force: Annotated[bool, force_option("Do not ask; replaced files are kept as .bak.")] = False,
     processor: Annotated[str | None, typer.Option("-a", hidden=True)] = None,
     style: Annotated[str | None, typer.Option("-s", hidden=True)] = None,
     mount: Annotated[bool, typer.Option("-m", hidden=True)] = False,
@@ -156,11 +148,12 @@ def init(
     ready_made = None if model is None else _ready_made(model)
     files = None
     if ready_made is not None:
-        values = {"DR_LOCAL_S3_MODEL_PREFIX": ready_made.name, **ready_made.settings, **values}
+        # An experiment names its model after itself.
+        named = {} if experiment is not None else {"DR_LOCAL_S3_MODEL_PREFIX": ready_made.name}
+        values = {**named, **ready_made.settings, **values}
         files = ready_made.files
     try:
         if experiment is not None:
-            values = _for_experiment(values, experiment, prefix) if ready_made else values
             plan = plan_experiment(
                 Path(folder or working_folder()), experiment, values, chosen, files
             )
@@ -192,11 +185,11 @@ def init(
     if ready_made is not None:
         console.say(f"{report.model} is the ready-made model {ready_made.name}.")
     steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
-    if ready_made is not None:
-        steps = [*steps[:-2], *_AFTER_MODEL]
-    console.suggest(steps, elsewhere=True)
+    after = _AFTER_FILES if ready_made is None else _AFTER_MODEL
+    console.suggest([*steps, *after], elsewhere=True)
 
 
+_AFTER_FILES = (("dr-validate", "check everything"), ("dr-start-training", "train"))
 _AFTER_MODEL = (
     ("dr-evaluate", "drive it"),
     ("dr-increment-training && dr-start-training", "train on, as a new model"),
@@ -215,11 +208,6 @@ def _ready_made(name: str) -> "ReadyMadeModel":
             f"--model {shown(name)}: there is no such ready-made model. {one_of(names, name)}"
         )
     return read_ready_made(name)
-
-
-def _for_experiment(values: Mapping[str, str], name: str, prefix: str | None) -> dict[str, str]:
-    """The values without the name of the ready-made model: an experiment has a name already."""
-    return {**values, "DR_LOCAL_S3_MODEL_PREFIX": prefix or name}
 
 
 def _check_bucket(plan: "FolderPlan", experiment: str | None) -> None:
@@ -313,7 +301,10 @@ def with_answers(
 def _next(
     folder: Path, experiment: str | None, missing_track: str | None, *, sourced: bool
 ) -> list[tuple[str, str]]:
-    """The next commands and their purposes; `sourced` if the folder has our bin/activate.sh."""
+    """Commands before the first use, and their purposes.
+
+    `sourced` says that the folder has our bin/activate.sh.
+    """
     steps = [] if folder.samefile(".") else [(f"cd {shlex.quote(str(folder))}", "go to the folder")]
     active = os.environ.get("DR_DIR")
     if experiment is not None and sourced:
@@ -326,4 +317,4 @@ def _next(
         steps.append((leave, f"leave {active}"))
     if missing_track is not None:
         steps.append((f"dr-tracks fetch {missing_track}", "fetch the track"))
-    return [*steps, ("dr-validate", "check everything"), ("dr-start-training", "train")]
+    return steps

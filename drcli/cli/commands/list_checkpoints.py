@@ -4,8 +4,8 @@ from typing import Annotated
 
 import typer
 
-from drcli.cli import candidates, console
-from drcli.cli.options import AsJson
+from drcli.cli import console
+from drcli.cli.options import AsJson, models_argument
 from drcli.cli.views import checkpoints_view
 from drcli.cli.working_folder import settings
 
@@ -13,11 +13,7 @@ from drcli.cli.working_folder import settings
 def list_checkpoints(
     model: Annotated[
         str | None,
-        typer.Argument(
-            metavar="MODEL",
-            help="Prefix of a model; that of run.env if left out.",
-            autocompletion=candidates.model_prefixes,
-        ),
+        models_argument("MODEL", "Prefix of a model; that of run.env if left out."),
     ] = None,
     check: Annotated[
         bool, typer.Option("--check", help="Read all weights, and report damaged ones.")

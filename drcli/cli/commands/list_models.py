@@ -4,18 +4,13 @@ from typing import Annotated
 
 import typer
 
-from drcli.cli import candidates, console
-from drcli.cli.options import AsJson
+from drcli.cli import console
+from drcli.cli.options import AsJson, models_argument
 from drcli.cli.views import models_view
 from drcli.cli.working_folder import settings
 
 _Pattern = Annotated[
-    str,
-    typer.Argument(
-        metavar="PATTERN",
-        help="Part of a name, or a whole name with * and ?.",
-        autocompletion=candidates.model_prefixes,
-    ),
+    str, models_argument("PATTERN", "Part of a name, or a whole name with * and ?.")
 ]
 
 

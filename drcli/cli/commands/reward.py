@@ -9,8 +9,8 @@ import typer
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError
-from drcli.cli import candidates, console
-from drcli.cli.options import AsJson, in_options
+from drcli.cli import console
+from drcli.cli.options import AsJson, in_options, world_option
 from drcli.cli.views import reward_view
 from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import working_folder
@@ -24,15 +24,7 @@ _File = Annotated[
     Path | None,
     typer.Argument(metavar="FILE", help="A reward function; the one in custom_files/ if left out."),
 ]
-_World = Annotated[
-    str | None,
-    typer.Option(
-        "--world",
-        "-w",
-        help="Track to try it on; DR_WORLD_NAME if left out.",
-        autocompletion=candidates.worlds,
-    ),
-]
+_World = Annotated[str | None, world_option("Track to try it on; DR_WORLD_NAME if left out.", "-w")]
 
 
 @app.command()

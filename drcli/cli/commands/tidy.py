@@ -4,8 +4,8 @@ from typing import Annotated
 
 import typer
 
-from drcli.cli import candidates, console, prompts
-from drcli.cli.options import AsJson, DryRun, Force, KeepModels
+from drcli.cli import console, prompts
+from drcli.cli.options import AsJson, DryRun, Force, KeepModels, models_argument
 from drcli.cli.views import removal_view
 from drcli.cli.working_folder import settings
 
@@ -15,11 +15,7 @@ _DAY_S = 86_400.0
 def tidy(
     models: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="MODEL...",
-            help="Only in these models: prefixes, or patterns with * and ?.",
-            autocompletion=candidates.model_prefixes,
-        ),
+        models_argument("MODEL...", "Only in these models: prefixes, or patterns with * and ?."),
     ] = None,
     only: Annotated[
         str | None,
@@ -62,8 +58,9 @@ def tidy(
 
     kinds = tidying.read_kinds(only, checkpoints)
     loaded = settings()
-    seconds = older_than * _DAY_S if older_than == older_than else 0.0
-    options = tidying.TidyOptions(models or (), keep or (), kinds, checkpoints, seconds, dry_run)
+    options = tidying.TidyOptions(
+        models or (), keep or (), kinds, checkpoints, older_than * _DAY_S, dry_run
+    )
     with console.waiting(f"Reading s3://{loaded.bucket} ..."):
         report = tidying.find_surplus(loaded, options)
     if report.items and not dry_run:

@@ -4,6 +4,7 @@ import pytest
 
 from drcli.checks.stage_rules import review_stages
 from drcli.config.loading import load_settings
+from drcli.config.track_names import track_problems
 
 ONE = """\
 stages:
@@ -63,6 +64,19 @@ def test_a_problem_has_the_rule_of_its_setting_and_the_line_of_the_stage(
     assert problem.file.endswith("stages.yaml")
     assert said in problem.message
     assert problem.remedy
+
+
+def test_what_is_right_in_a_wrong_stage_can_still_be_checked(review):
+    """Its track, which `validate` looks for, and the folder's hyperparameters."""
+    text = ONE.replace("world: bean", "world: nowhere\n    hyperparameters: {lr: 2}")
+
+    reviewed = review(text.replace("yes", "maybe"))
+
+    assert [problem.line for problem in reviewed.problems] == [6, 4]
+    [stage] = reviewed.stages
+    assert [problem.message for problem in track_problems(stage.settings.races)] == [
+        "DR_WORLD_NAME=nowhere is not a known track."
+    ]
 
 
 def test_without_the_setting_there_are_no_stages(tmp_path):

@@ -51,6 +51,10 @@ def test_every_parameter_that_a_reward_function_gets_is_explained():
     assert seen == set(REWARD_PARAMETERS)
 
 
+def test_a_setting_is_found_by_its_old_name_too():
+    assert [entry.name for entry in explain("DR_TRAIN_STOP_REWARD")] == ["DR_TRAIN_STOP_MEAN_SCORE"]
+
+
 @pytest.mark.parametrize("key", KEYS)
 def test_a_hyperparameter_says_what_a_change_costs_and_what_is_shipped(key):
     entry = explain(key)[0]

@@ -272,6 +272,10 @@ def test_a_value_deep_inside_is_named_with_its_own_line():
             "action_space[0].speed=4.5 is more than the car can do (0.1 to 4).",
         ),
         (
+            {"action_space": [{"steering_angle": 3, "speed": 0.05}]},
+            "action_space[0].speed=0.05 is less than the car can do (0.1 to 4).",
+        ),
+        (
             {"action_space": [{"steering_angle": k / 10, "speed": 1} for k in range(31)]},
             "31 actions learn slowly.",
         ),

@@ -145,6 +145,23 @@ def test_nothing_starts_with_a_stage_that_is_wrong(staged, before, after, said):
     assert list(staged.bucket.list("")) == []
 
 
+def test_a_start_names_everything_that_is_wrong_in_all_stages_at_once(staged):
+    staged.curriculum.write_text(
+        TWO.replace("laps: 5, minutes: 20}", "laps: 5}\n    hyperparameters: {lr: 2}")
+        .replace("race_type: HEAD_TO_BOT", "world: my track")
+        .replace("{lr: 0.0002}", "bots.json")
+    )
+    (staged.folder / "bots.json").write_text('{"batch_size": -7}')
+    staged.hyperparameters()
+
+    with pytest.raises(SettingsError) as refused:
+        staged.start()
+
+    for said in ("lr=2 is above", "DR_WORLD_NAME=my track cannot be", "batch_size=-7 is"):
+        assert said in str(refused.value)
+    assert list(staged.bucket.list("")) == []
+
+
 def test_a_curriculum_that_does_not_exist_is_told_with_the_setting(staged):
     staged.curriculum.unlink()
 

@@ -5,6 +5,7 @@ import re
 
 import pytest
 
+from drcli.base.problems import MOST_SHOWN
 from drcli.modelfiles.model_metadata import ModelMetadata
 
 TRACE = "episode,steer,throttle,progress,episode_status\n" + "".join(
@@ -240,6 +241,14 @@ def test_mistakes_are_one_sentence_and_change_nothing(dr, folder, capsys, words,
     assert says in said
     assert "Traceback" not in said
     assert not list(folder.glob("*.bak"))
+
+
+def test_many_warnings_are_cut_short(dr, folder, capsys):
+    dr("action-space", "generate", "--speeds", "100", "--json")
+
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert sum("is less than the car can do" in note for note in notes) == MOST_SHOWN
+    assert notes[-1] == "And 6 more like these."  # 5 angles by 9 slow speeds, and their number
 
 
 def test_a_file_that_does_not_exist_yet_becomes_the_shipped_one(dr, folder, capsys):

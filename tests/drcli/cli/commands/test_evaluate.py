@@ -111,7 +111,8 @@ def test_files_and_engines_reach_the_evaluation_with_absolute_paths(dr, asked, m
         (("--models", "a", "--model", "a.onnx"), "--models names models in the bucket"),
         (("--models", ", "), "--models is empty"),
         (("--start", "outside"), "neither one of left, centre, right nor a number of metres"),
-        (("--start-angle", "200"), "is above 180"),
+        (("--start-angle", "200"), "--start-angle 200 is above 180. Set --start-angle to a number"),
+        (("--worlds", ","), "--worlds is empty"),
         (("--average-laps", "0"), "is below 1"),
     ],
 )

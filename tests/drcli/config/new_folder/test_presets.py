@@ -66,7 +66,10 @@ def test_the_physical_preset_disturbs_and_the_virtual_one_does_not(dr, empty):
 
 
 def test_the_fast_files_are_those_of_the_virtual_preset():
-    for name, data in preset_of("virtual").files.items():
+    files = preset_of("virtual").files
+
+    assert len(files) == 3
+    for name, data in files.items():
         assert data == model_file(f"rewards/speed/{name}").read_bytes()
 
 
