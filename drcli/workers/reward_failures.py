@@ -67,8 +67,13 @@ class RewardFailures:
         """Begin to count for an iteration."""
         self.record = self.record.begun(iteration)
 
+    def begin_simulation(self) -> None:
+        """Begin with a simulation that has made no calls yet, such as that of another stage."""
+        self._calls = 0
+        self._failed_at.clear()
+
     def count_calls(self, calls: int) -> None:
-        """Note how many calls were made in the iteration, and how many by this process in all."""
+        """Note how many calls the simulation has made in all; the new ones are of this iteration."""
         made = calls - self._calls
         self._calls = calls
         newest = self.record.newest
@@ -79,7 +84,7 @@ class RewardFailures:
 
         Args:
             error: What went wrong.
-            calls: How many calls this process has made.
+            calls: How many calls the simulation has made.
 
         Raises:
             RewardError: Failures end the run, by DR_REWARD_ON_ERROR or because memory is short.

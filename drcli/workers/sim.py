@@ -163,6 +163,7 @@ class SimWorker:
         seed = job.seed + SEED_STRIDE * worker
         if self._entered:
             self._failures.count_calls(self._simulation.reward_calls)
+            self._failures.begin_simulation()
             self._simulation.close()
         self._simulation = build_simulation(
             race,

@@ -136,6 +136,22 @@ def test_counts_survive_a_kill_and_an_iteration_that_is_driven_again_counts_once
     ]
 
 
+def test_the_calls_of_another_simulation_are_counted_from_0():
+    counting = failures()
+    counting.begin(0)
+    for call in range(1900, 2000):
+        counting.handle(failure(), call)
+    counting.count_calls(2000)
+
+    counting.begin_simulation()
+    counting.begin(1)
+    rewards = [counting.handle(failure(line=9), call) for call in (1, 2)]
+    counting.count_calls(30)
+
+    assert rewards == [0.5, 0.5]  # the window has no failures of the simulation before
+    assert (counting.record.newest.calls, counting.record.total.calls) == (30, 2030)
+
+
 def test_damaged_counts_start_over(caplog):
     bucket = MemoryBucket()
     bucket.put(keys.reward_errors(PREFIX, 0), b"[]")
