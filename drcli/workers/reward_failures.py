@@ -24,11 +24,6 @@ WINDOW_CALLS = 2_000
 simulated second, so twenty cars make them in seven. A function that always fails ends a training
 after 100 calls with the default share, and one that fails once in a while never does."""
 
-_REMEDY = (
-    "Correct reward_function.py and continue with `dr-start-training --resume`, or start over "
-    "with `-w`. DR_REWARD_MAX_ERROR_SHARE is the limit."
-)
-
 
 class RewardErrorsExceeded(SettingsError):
     """More calls of the reward function failed than DR_REWARD_MAX_ERROR_SHARE allows."""
@@ -73,7 +68,7 @@ class RewardFailures:
         self._failed_at.clear()
 
     def count_calls(self, calls: int) -> None:
-        """Note how many calls the simulation has made in all; the new ones are of this iteration."""
+        """Note how many calls the simulation has made; the new ones are of this iteration."""
         made = calls - self._calls
         self._calls = calls
         newest = self.record.newest
@@ -104,8 +99,9 @@ class RewardFailures:
             raise RewardErrorsExceeded(
                 f"{len(self._failed_at):,} of the last {WINDOW_CALLS:,} calls of the reward "
                 f"function failed, and DR_REWARD_MAX_ERROR_SHARE is {share:g}. The newest failure: "
-                f"{_message(error)}",
-                remedy=_REMEDY,
+                f"{message_of(error)}",
+                remedy=f"Correct {file_of(error)} and continue with `dr-start-training --resume`, "
+                "or start over with `-w`. DR_REWARD_MAX_ERROR_SHARE is the limit.",
             )
         return self._settings.reward_fallback
 
@@ -133,11 +129,17 @@ class RewardFailures:
         self.record = replace(self.record, newest=self.record.newest.joined(counts))
         if is_new:
             what = "declares an episode broken" if discarded else "failed and is counted"
-            _logger.warning("The reward function %s: %s", what, _message(error))
+            _logger.warning("The reward function %s: %s", what, message_of(error))
 
 
-def _message(error: RewardError) -> str:
+def message_of(error: RewardError) -> str:
+    """The failure of a reward function, without the path of our copy of the file."""
     return _without_path(str(error), error)
+
+
+def file_of(error: RewardError) -> str:
+    """What the racer calls the file."""
+    return keys.REWARD_FUNCTION_FILE if error.file is None else error.file.name
 
 
 def _without_path(text: str, error: RewardError) -> str:

@@ -199,7 +199,7 @@ class SimWorker:
                 second,
                 metadata,
                 racer,
-                load_reward(self._bucket, self._prefix, folder, trials, stage),
+                load_reward(self._bucket, self._prefix, folder, -(-trials // self._divisor), stage),
                 num_threads=self._threads,
                 seed=seed,
                 # Counted apart: its calls are none of the training.

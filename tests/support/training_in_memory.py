@@ -107,7 +107,7 @@ class TrainingInMemory:
             except BaseException as error:
                 lifeline.failures.append(error)
 
-        # Before the trainer, which seeds torch for its first weights: this takes random numbers, too.
+        # Before the trainer seeds torch for its first weights: this takes random numbers, too.
         worker = SimWorker(job, lifeline, 0)
         learner = threading.Thread(target=run, daemon=True)
         learner.start()

@@ -200,6 +200,33 @@ def test_a_training_counts_failures_and_leaves_broken_episodes_out(working_folde
     assert history[0].second_world == "willow", "failures are counted on the second track, too"
 
 
+def test_failures_are_counted_in_every_stage(working_folder, monkeypatch):
+    training = TrainingInMemory(
+        working_folder,
+        monkeypatch,
+        DR_TRAIN_MAX_ITERATIONS=3,
+        DR_REWARD_ON_ERROR="count",
+        DR_REWARD_MAX_ERROR_SHARE=0.5,
+        DR_CURRICULUM_FILE="curriculum.yaml",
+    )
+    training.write("custom_files/reward_function.py", SOMETIMES)
+    training.write(
+        "curriculum.yaml",
+        "stages:\n  - name: wide\n    goal: {iterations: 2}\n  - name: narrow\n",
+    )
+
+    training.train()
+
+    bucket = training.bucket
+    history = read_history(bucket, PREFIX)
+    [record] = read_reward_errors(bucket, PREFIX)
+    assert [r.stage for r in history] == ["wide", "wide", "narrow"]
+    assert all(r.reward_errors > 0 for r in history)
+    driven = sum(r.steps for r in history)
+    assert record.before.calls + record.newest.calls >= driven
+    assert record.newest.calls >= history[-1].steps
+
+
 def test_a_function_that_breaks_every_episode_ends_the_training(working_folder, monkeypatch):
     training = TrainingInMemory(working_folder, monkeypatch, DR_TRAIN_MAX_ITERATIONS=2)
     training.write(
