@@ -3,40 +3,35 @@
 import json
 import os
 import platform
-import shutil
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 
-import psutil
-
-from drcli.base.errors import SettingsError, StorageError, WorkerDied
+from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.base.memory_state import read_memory
 from drcli.base.problems import ProblemsError
 from drcli.benchmark.bucket_speed import BucketSpeed, measure_bucket
 from drcli.benchmark.estimate import TrainingEstimate, estimate, first_lap_s
+from drcli.benchmark.processor_use import ProcessorUse
+from drcli.benchmark.spare_bucket import bucket_to_measure
 from drcli.benchmark.work_order import Rates, Ready, WorkOrder
 from drcli.checks.machine_rules import TRAINER_BYTES, WORKER_BYTES
 from drcli.config import secret_environment
 from drcli.config.example_files import model_file, settings_file
 from drcli.config.loading import load_settings
-from drcli.config.settings import Settings, StorageConfig
+from drcli.config.settings import Settings
 from drcli.exchange.job import PROCESS_TUNING, THREAD_VARIABLES
 from drcli.modelfiles.custom_files import local_file
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.models.run_metadata import processor_name
 from drcli.store import keys
-from drcli.store.bucket import Bucket
-from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
-from drcli.store.server import server
 
 MOST_S = 58.0
 """Of the whole command."""
@@ -50,8 +45,6 @@ LEAST_PROCESS_S = 12.0
 
 BUSY_SHARE = 0.1
 """Other programs that use more of the processor than this make the numbers too low."""
-
-_FOLDER = ".dr-bench-"
 
 _FILES = (keys.REWARD_FUNCTION_FILE, keys.HYPERPARAMETERS_FILE, keys.MODEL_METADATA_FILE)
 
@@ -161,11 +154,11 @@ def measure_machine(
     has_settings = (folder / "run.env").is_file()
     settings = load_settings(folder, contents=None if has_settings else _shipped_settings())
     memory = read_memory()
-    usage = _Usage()
+    usage = ProcessorUse()
     bucket: BucketReport | None = None
     if with_bucket:
         on_step("Measuring the bucket ...")
-        with _opened(settings, temporary=not has_settings) as (place, opened):
+        with bucket_to_measure(settings, temporary=not has_settings) as (place, opened):
             bucket = BucketReport(place, measure_bucket(opened, BUCKET_S))
     standard_order = _standard(settings, folder)
     own_order, left_out = _own(settings, standard_order) if has_settings else (None, "")
@@ -361,67 +354,3 @@ def _ask(order: WorkOrder, most_s: float) -> tuple[Ready, Rates]:
             remedy="Run `dr-doctor`, which examines the installation; `dr-validate` checks your "
             "files.",
         ) from None
-
-
-@contextmanager
-def _opened(settings: Settings, *, temporary: bool) -> Iterator[tuple[str, Bucket]]:
-    """The bucket to measure, and what to call it.
-
-    For a bucket on this machine, this is another server with other files on the same disk: the
-    racer's own server and objects are not touched.
-    """
-    storage = settings.storage
-    if storage.cloud != "local":
-        bucket = open_bucket(storage, patience_s=COMMAND_PATIENCE_S)
-        where = storage.endpoint_url or "Amazon S3"
-        yield f"{storage.cloud}: s3://{storage.bucket} at {where}", bucket
-        return
-    above = Path(tempfile.gettempdir())
-    if not temporary:
-        near = next(p for p in (storage.data_dir, *storage.data_dir.parents) if p.is_dir())
-        above = near if os.access(near, os.W_OK | os.X_OK) else above
-    _sweep(above)
-    folder = above / f"{_FOLDER}{os.getpid()}"
-    own = StorageConfig("local", "bench", folder, storage.engine, region=storage.region)
-    try:
-        yield f"local: {storage.engine}, files in {above}", open_bucket(own)
-    finally:
-        with suppress(StorageError):
-            server.stop(own)
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-def _sweep(above: Path) -> None:
-    """Remove what measurements that were killed have left behind."""
-    for folder in above.glob(f"{_FOLDER}*"):
-        number = folder.name.removeprefix(_FOLDER)
-        if number.isdigit() and not psutil.pid_exists(int(number)):
-            with suppress(StorageError):
-                server.stop(StorageConfig("local", "bench", folder))
-            shutil.rmtree(folder, ignore_errors=True)
-
-
-class _Usage:
-    """Use of the processor since this object was made."""
-
-    def __init__(self) -> None:
-        self._all, self._own_s = self._read()
-
-    def of_others(self) -> tuple[float, float]:
-        """Shares of all cores that other programs used, and that the host took away."""
-        now, own_s = self._read()
-        passed = {name: now[name] - self._all[name] for name in now}
-        total_s = max(1e-9, sum(passed.values()))
-        idle_s = passed.get("idle", 0.0) + passed.get("iowait", 0.0)
-        stolen_s = passed.get("steal", 0.0)
-        others_s = total_s - idle_s - stolen_s - (own_s - self._own_s)
-        return max(0.0, others_s / total_s), max(0.0, stolen_s / total_s)
-
-    @staticmethod
-    def _read() -> tuple[Mapping[str, float], float]:
-        times = psutil.cpu_times()._asdict()
-        for part in ("guest", "guest_nice"):  # counted in user and nice already
-            times.pop(part, None)
-        spent = os.times()
-        own_s = spent.user + spent.system + spent.children_user + spent.children_system
-        return times, own_s

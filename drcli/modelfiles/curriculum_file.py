@@ -243,10 +243,11 @@ def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
 class _Loader(yaml.SafeLoader):
     """Reads what JSON knows: a date stays a text."""
 
-    yaml_implicit_resolvers = {  # noqa: RUF012
-        first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(":timestamp")]
-        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-    }
+
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(":timestamp")]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
 
 
 _KINDS = ("str", "int", "float", "bool", "null", "seq", "map", "merge")

@@ -2,13 +2,11 @@
 
 import time
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from drcli.base.errors import StorageError
 from drcli.base.process_identity import exists
 from drcli.config.settings import RunConfig
 from drcli.exchange.daily_spending import DayBudget
-from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.milestone_record import MilestoneKind
 from drcli.exchange.reward_error_record import RewardCounts, sum_of
@@ -17,7 +15,6 @@ from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
 from drcli.exchange.run_state import ActivityRecord
 from drcli.exchange.spending import Spending
 from drcli.exchange.stage import StageMark
-from drcli.exchange.trace import STEP_S
 from drcli.exchange.watch_record import WatchRecord
 from drcli.models.model_list import CheckpointEntry
 from drcli.runs.daily_budget import budget_of
@@ -30,7 +27,7 @@ from drcli.store.alarms import Convergence, alarms, convergence
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_running_bucket
-from drcli.store.history import HistoryReader, read_history
+from drcli.store.history import HistoryReader
 from drcli.store.last_outcome import read_outcome
 from drcli.store.milestones import NO_MILESTONES, with_history
 from drcli.store.notes import read_notes
@@ -166,55 +163,6 @@ class RunReport:
         if self.state not in LIVE_STATES:
             return []
         return [worker.name for worker in self.workers if worker.pid and not worker.alive]
-
-
-@dataclass(frozen=True)
-class Process:
-    """A worker of a running training or evaluation.
-
-    Attributes:
-        name: "trainer", "sim-0", "sim-1", ... or "evaluation".
-        pid: Its process.
-        alive: Whether that process runs; its supervisor may be about to restart it.
-        log: Path of its log file.
-    """
-
-    name: str
-    pid: int
-    alive: bool
-    log: str
-
-
-@dataclass(frozen=True)
-class ProcessReport:
-    """The result of `dr-find-sagemaker` and `dr-find-robomaker`.
-
-    Attributes:
-        processes: The workers that run.
-    """
-
-    processes: list[Process] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class SpeedReport:
-    """The newest iteration that a simulation worker has finished.
-
-    Attributes:
-        worker: "sim-0", "sim-1", ...
-        pid: Its process.
-        iteration: Number of the iteration, None before the first.
-        steps: Steps that all its cars together drove in it.
-        steps_per_s: Steps per second of wall time while it drove.
-        real_time_factor: Simulated seconds of all cars together, per second of wall time.
-    """
-
-    worker: str
-    pid: int
-    iteration: int | None = None
-    steps: int = 0
-    steps_per_s: float | None = None
-    real_time_factor: float | None = None
 
 
 def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport:
@@ -375,54 +323,6 @@ def _record_of_elsewhere(config: RunConfig) -> RunRecord | None:
     )
 
 
-def trainers(directory: Path, run_id: int) -> list[Process]:
-    """The trainer of this DR_RUN_ID; empty if no training runs."""
-    return _workers(directory, run_id, TRAINER)
-
-
-def simulations(directory: Path, run_id: int) -> list[Process]:
-    """The simulation workers of this DR_RUN_ID, in order; empty if no training runs."""
-    return _workers(directory, run_id, "sim-")
-
-
-def evaluations(directory: Path, run_id: int) -> list[Process]:
-    """The workers of the running evaluations of this DR_RUN_ID, oldest first."""
-    return [
-        _process(directory, record.prefix, "evaluation", record.worker_pid)
-        for record in running_evaluations(directory, run_id)
-    ]
-
-
-def speed_of(process: Process, config: RunConfig) -> SpeedReport:
-    """Measure how fast a simulation worker of a training drives."""
-    unknown = SpeedReport(process.name, process.pid)
-    record = RunRecord.read(run_folder(config.directory, config.run_id))
-    if record is None:
-        return unknown
-    bucket = open_running_bucket(record.storage_at_start(config.storage, config.directory))
-    if bucket is None:
-        return unknown
-    history = read_history(bucket, record.prefix)
-    if not history:
-        return unknown
-    number = int(process.name.removeprefix("sim-"))
-    workers = sum(worker.name.startswith("sim-") for worker in record.workers)
-    iteration = history[-1].iteration
-    key = keys.training_trace(record.prefix, iteration, worker=number, workers=workers)
-    try:
-        rows = bucket.get(key).decode().splitlines()[1:]
-    except ObjectMissing:
-        return unknown
-    seconds = [float(row.rpartition(",")[2]) for row in rows]  # wall time of each step
-    if len(seconds) < 2 or seconds[-1] <= seconds[0]:
-        return unknown
-    # There is one step more than there are pauses between steps.
-    driven_s = (seconds[-1] - seconds[0]) * len(seconds) / (len(seconds) - 1)
-    steps_per_s = len(seconds) / driven_s
-    factor = steps_per_s * STEP_S
-    return SpeedReport(process.name, process.pid, iteration, len(seconds), steps_per_s, factor)
-
-
 def _activity(bucket: Bucket, prefix: str, name: str) -> str:
     key = keys.status(prefix, name)
     try:
@@ -431,19 +331,3 @@ def _activity(bucket: Bucket, prefix: str, name: str) -> str:
         return "starting"
     except ObjectDamaged as error:
         return str(error)
-
-
-def _workers(directory: Path, run_id: int, kind: str) -> list[Process]:
-    record = RunRecord.read(run_folder(directory, run_id))
-    if record is None or not record.alive:
-        return []
-    return [
-        _process(directory, record.prefix, worker.name, worker.pid)
-        for worker in record.workers
-        if worker.name.startswith(kind) and worker.pid is not None
-    ]
-
-
-def _process(directory: Path, prefix: str, name: str, pid: int) -> Process:
-    """A worker; its model need not be the one that run.env names now."""
-    return Process(name, pid, exists(pid), str(log_file(directory, prefix, name)))

@@ -32,6 +32,10 @@ class KeepRules:
         return self.every > 0 and name.number > 0 and name.number % self.every == 0
 
 
+KEEP_ALL_MARKED = KeepRules()
+"""Keeps the milestones, and what was kept as every n-th, whatever its size."""
+
+
 @dataclass(frozen=True)
 class Kept:
     """What stays: the checkpoints, and which of them stay as every n-th."""

@@ -19,26 +19,16 @@ from drcli.exchange.checkpoint import (
     decode_pointer,
 )
 from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.milestone_record import Milestones
 from drcli.exchange.scores import EvaluationResult, JudgedWorld, Score, Scores
 from drcli.exchange.stage import StageMark
 from drcli.store import best_checkpoint, keys
 from drcli.store.best_checkpoint import read_scores, write_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
-from drcli.store.checkpoint_retention import KeepRules, kept_besides
-from drcli.store.milestones import (
-    NO_MILESTONES,
-    read_milestones,
-    with_history,
-    with_results,
-    write_milestones,
-)
+from drcli.store.checkpoint_retention import KEEP_ALL_MARKED, KeepRules, kept_besides
+from drcli.store.marked_checkpoints import MarkedCheckpoints
 
 KEEP = 4
 """How many of the newest checkpoints stay, besides the best. Source: the reference simulator."""
-
-KEEP_ALL_MARKED = KeepRules()
-"""Keeps the milestones, and what was kept as every n-th, whatever its size."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +55,7 @@ class CheckpointStore:
         self._bucket = bucket
         self._prefix = prefix
         self._rules = rules
-        self._milestones: Milestones | None = None  # once they are read; only a trainer writes them
+        self._marked = MarkedCheckpoints(bucket, prefix, self._unmarked)
 
     def save(
         self,
@@ -262,7 +252,7 @@ class CheckpointStore:
             time_stamp = self.record(result.checkpoint).sim_time_s
         except ObjectMissing:
             return False
-        self._mark(with_results(self._marked(), [result]))
+        self._marked.add(result)
         if scores is None:
             return False
         score = best_checkpoint.score_of(result.on(world), metric, time_stamp)
@@ -273,45 +263,17 @@ class CheckpointStore:
     def restore_milestones(
         self, newest: CheckpointName, records: Sequence[IterationRecord]
     ) -> None:
-        """Find the milestones again when a trainer starts, and write them if they have changed.
+        """Find the milestones again when a trainer starts; see `MarkedCheckpoints.restore`."""
+        self._marked.restore(newest, records)
 
-        A trainer may have ended between an evaluation and the record of a milestone, or have gone
-        back to an older checkpoint. If the record is lost, every checkpoint that is there stays.
-
-        Args:
-            newest: The checkpoint that the trainer continues from.
-            records: The learning curve until then.
-        """
-        if not self._bucket.exists(keys.milestones(self._prefix)):
-            self._milestones = self._unmarked()
-        self._mark(with_history(self._marked().until(newest), records))
-
-    def _marked(self) -> Milestones:
-        """The milestones until now, as this process has read or written them."""
-        if self._milestones is None:
-            try:
-                found = read_milestones(self._bucket, self._prefix)
-            except ObjectDamaged:
-                found = self._unmarked()
-            self._milestones = found or NO_MILESTONES
-        return self._milestones
-
-    def _unmarked(self) -> Milestones:
-        """Milestones for a model whose record is lost: every checkpoint that is there stays."""
+    def _unmarked(self) -> list[str]:
+        """The checkpoints that nothing but a record of milestones can have kept."""
         names = sorted(set(checkpoint_objects(self._bucket, self._prefix).values()))
-        others = [str(name) for name in names[:-KEEP] if str(name) != self._best_or_none()]
-        return replace(NO_MILESTONES, spaced=others)
-
-    def _best_or_none(self) -> str | None:
         try:
-            return self.best_name()
+            best = self.best_name()
         except ObjectDamaged:
-            return None
-
-    def _mark(self, milestones: Milestones) -> None:
-        if milestones != self._milestones:
-            write_milestones(self._bucket, self._prefix, milestones)
-        self._milestones = milestones
+            best = None
+        return [str(name) for name in names[:-KEEP] if str(name) != best]
 
     def forget_damaged_best(self) -> str | None:
         """If the best checkpoint is damaged, the last one becomes the best until an evaluation.
@@ -415,10 +377,10 @@ class CheckpointStore:
             if name in sizes:
                 sizes[name] += info.size_bytes
         pinned = {name for name in names if str(name) in always} | {here}
-        marked = self._marked()
+        marked = self._marked.milestones
         kept = kept_besides(sizes, pinned, marked, self._rules, here)
         # First of all: what is not marked goes with the next checkpoint at the latest.
-        self._mark(replace(marked, spaced=list(kept.spaced)))
+        self._marked.write(replace(marked, spaced=list(kept.spaced)))
         old = names - pinned - kept.names
         # The graph of the newest one is written later; what is there belongs to a lost checkpoint.
         gone = {name.number for name in old} - {name.number for name in names - old}

@@ -15,7 +15,7 @@ from drcli.cli.views import summary_view
 from drcli.cli.working_folder import settings, working_folder
 
 if TYPE_CHECKING:
-    from drcli.runs.status import Process
+    from drcli.runs.process_list import Process
 
 TAIL_LINES = 100
 """Lines of an existing log that are shown; the reference shows the last five minutes."""
@@ -95,7 +95,7 @@ def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
 
     Example: dr-get-robomaker-stats -n 2 --json
     """
-    from drcli.runs.status import speed_of
+    from drcli.runs.process_list import speed_of
 
     wanted = _robomaker(replica)
     found = wanted.find()
@@ -125,11 +125,11 @@ class _Wanted:
 
     def find(self) -> "list[Process]":
         """Those that run now."""
-        from drcli.runs import status
+        from drcli.runs import process_list
 
-        look = status.evaluations if self.evaluation else status.simulations
+        look = process_list.evaluations if self.evaluation else process_list.simulations
         if self is _TRAINER:
-            look = status.trainers
+            look = process_list.trainers
         found = look(working_folder(), settings().run_id)
         return found if self.replica is None else found[self.replica - 1 : self.replica]
 
@@ -167,7 +167,7 @@ def _follow(wanted: _Wanted, wait_s: float, *, whole: bool) -> None:
 
 def _print(wanted: _Wanted, *, as_json: bool) -> None:
     """Print the numbers of the processes that are alive; fail if there are none."""
-    from drcli.runs.status import ProcessReport
+    from drcli.runs.process_list import ProcessReport
 
     report = ProcessReport([process for process in wanted.find() if process.alive])
     lines = "\n".join(str(process.pid) for process in report.processes)

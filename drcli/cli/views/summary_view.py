@@ -13,7 +13,7 @@ from drcli.cli.views.layout import counted, fitted
 if TYPE_CHECKING:
     from drcli.exchange.daily_spending import DayBudget
     from drcli.runs.addresses import Addresses
-    from drcli.runs.status import SpeedReport
+    from drcli.runs.process_list import SpeedReport
     from drcli.runs.stopping import StopReport
     from drcli.runs.summary import BucketState, Running, Summary
 

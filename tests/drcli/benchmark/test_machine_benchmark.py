@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import SettingsError, WorkerDied
-from drcli.benchmark import machine_benchmark
+from drcli.benchmark import machine_benchmark, spare_bucket
 from drcli.benchmark.machine_benchmark import measure_machine
+from drcli.benchmark.processor_use import ProcessorUse
 from drcli.benchmark.work_order import WorkOrder
 
 from .test_estimate import RATES, READY
@@ -34,7 +35,7 @@ def test_a_machine_is_measured_in_a_folder_without_settings_and_nothing_stays(
     for name in ("run.env", "system.env"):
         (working_folder / name).unlink()
     temporary = tmp_path_factory.mktemp("temporary")
-    monkeypatch.setattr(machine_benchmark.tempfile, "gettempdir", lambda: str(temporary))
+    monkeypatch.setattr(spare_bucket.tempfile, "gettempdir", lambda: str(temporary))
     monkeypatch.setattr(machine_benchmark, "MEASURED_S", 1.0)
     monkeypatch.setattr(machine_benchmark, "BUCKET_S", 0.5)
 
@@ -106,14 +107,14 @@ def test_folders_of_killed_measurements_are_removed_and_others_stay(tmp_path):
     for folder in (gone, mine, tmp_path / ".dr-bench-notes"):
         folder.mkdir()
 
-    machine_benchmark._sweep(Path(tmp_path))
+    spare_bucket.sweep(Path(tmp_path))
 
     assert {path.name for path in tmp_path.iterdir()} == {mine.name, ".dr-bench-notes"}
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.02, False), (0.6, True)])
 def test_a_busy_machine_is_told(working_folder, orders, monkeypatch, share, told):
-    monkeypatch.setattr(machine_benchmark._Usage, "of_others", lambda self: (share, 0.0))
+    monkeypatch.setattr(ProcessorUse, "of_others", lambda self: (share, 0.0))
 
     report = measure_machine(working_folder, with_bucket=False)
 

@@ -8,8 +8,8 @@ from drcli.exchange.scores import EvaluationResult
 from drcli.models.checkpoint_choice import CheckpointGone, find_choice
 from drcli.models.checkpoint_list import list_checkpoints
 from drcli.store import keys
-from drcli.store.checkpoint_retention import KeepRules
-from drcli.store.checkpoints import KEEP_ALL_MARKED, CheckpointStore
+from drcli.store.checkpoint_retention import KEEP_ALL_MARKED, KeepRules
+from drcli.store.checkpoints import CheckpointStore
 from drcli.store.repair import Model
 from memory_bucket import MemoryBucket
 

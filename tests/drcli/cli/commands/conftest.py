@@ -58,7 +58,8 @@ from drcli.runs.journal_reader import JournalEvent, JournalReport
 from drcli.runs.many_evaluations import BestStart, TableReport, TableRow, training_command
 from drcli.runs.model_removal import PlannedRemoval, RemovalReport, RemovedModel
 from drcli.runs.plan import RunPlan, StartOptions
-from drcli.runs.status import Process, RunReport, SpeedReport
+from drcli.runs.process_list import Process, SpeedReport
+from drcli.runs.status import RunReport
 from drcli.runs.stopping import Stopped, StopReport
 from drcli.runs.support_bundle import BundledFile, BundleReport
 from drcli.runs.tidy import TidyItem, TidyReport
@@ -340,7 +341,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer("runs.tidy.find_surplus", tidied)
     answer("runs.tidy.tidy", tidied)
     worker = Process("trainer", 4243, True, "/logs/trainer.log")
-    answer("runs.status.trainers", [worker])
+    answer("runs.process_list.trainers", [worker])
     text = "sim-0 was started again (restart 1), after a fault that takes a long sentence to tell."
     event = JournalEvent("abc", 1_000_000.0, "recovery", text, {"worker": "sim-0"})
     answer("runs.journal_reader.journal_of", JournalReport(URL, [event], []))
@@ -348,8 +349,8 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     notice = WatchReport("aws", "interruption", "terminate", 120.0, text, 0)
     answer("spot.cloud_notices.cloud_of_machine", "aws")
     answer("runs.foreign_watch.ForeignWatch.once", notice)
-    answer("runs.status.simulations", [worker])
-    answer("runs.status.speed_of", SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4))
+    answer("runs.process_list.simulations", [worker])
+    answer("runs.process_list.speed_of", SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4))
     stopped = Stopped("evaluation", 0, URL, 4243)
     answer("runs.stopping.stop_all", StopReport([stopped], server=True))
     answer("runs.stopping.stop_evaluations", [stopped])

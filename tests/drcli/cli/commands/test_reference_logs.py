@@ -10,7 +10,7 @@ import pytest
 from drcli.cli.commands import reference_logs
 from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.run_record import RunRecord, WorkerRecord
-from drcli.runs.status import SpeedReport
+from drcli.runs.process_list import SpeedReport
 
 
 def this_process():
@@ -190,8 +190,8 @@ def test_speed_is_steps_by_the_wall_clock_of_the_newest_trace(
             assert key == "model/1/training-simtrace/3-iteration.csv"
             return trace.encode()
 
-    monkeypatch.setattr("drcli.runs.status.open_running_bucket", lambda *_: Bucket())
-    monkeypatch.setattr("drcli.runs.status.read_history", lambda *_: [make_record(3)])
+    monkeypatch.setattr("drcli.runs.process_list.open_running_bucket", lambda *_: Bucket())
+    monkeypatch.setattr("drcli.runs.process_list.read_history", lambda *_: [make_record(3)])
 
     code = dr("get-robomaker-stats", "-n", "2", "--json")
 
@@ -213,7 +213,7 @@ def test_before_the_first_iteration_there_is_no_speed(dr, record, capsys):
 
 def test_speed_reads_as_one_line(dr, record, monkeypatch, capsys):
     measured = SpeedReport("sim-0", 4243, 12, 1500, 412.3, 27.4)
-    monkeypatch.setattr("drcli.runs.status.speed_of", lambda *_: measured)
+    monkeypatch.setattr("drcli.runs.process_list.speed_of", lambda *_: measured)
 
     dr("get-robomaker-stats")
 
