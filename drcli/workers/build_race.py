@@ -211,9 +211,10 @@ def load_reward(
 
 def reward_failure(error: RewardError) -> SettingsError:
     """The failure of a reward function for the person who runs a command."""
+    text, name = message_of(error), file_of(error)
     return SettingsError(
-        f"Reward function error: {message_of(error)}",
-        remedy=f"Correct {file_of(error)} and run the command again; a training continues with "
+        f"Reward function error: {text}",
+        remedy=f"Correct {name} and run the command again; a training continues with "
         "`dr-start-training --resume`, or starts over with `-w`.",
     )
 

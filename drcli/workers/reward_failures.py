@@ -96,11 +96,12 @@ class RewardFailures:
             self._failed_at.popleft()
         share = self._settings.reward_max_error_share
         if len(self._failed_at) > share * WINDOW_CALLS:
+            message, name = message_of(error), file_of(error)
             raise RewardErrorsExceeded(
                 f"{len(self._failed_at):,} of the last {WINDOW_CALLS:,} calls of the reward "
                 f"function failed, and DR_REWARD_MAX_ERROR_SHARE is {share:g}. The newest failure: "
-                f"{message_of(error)}",
-                remedy=f"Correct {file_of(error)} and continue with `dr-start-training --resume`, "
+                f"{message}",
+                remedy=f"Correct {name} and continue with `dr-start-training --resume`, "
                 "or start over with `-w`. DR_REWARD_MAX_ERROR_SHARE is the limit.",
             )
         return self._settings.reward_fallback
