@@ -15,8 +15,8 @@ class IterationRecord(JsonRecord):
     Unknown numbers are NaN, as in a reconstructed history. The losses of PPO are NaN for SAC.
 
     Attributes:
-        iteration: Number of the checkpoint that drove, from 0.
-        checkpoint: Its name.
+        iteration: Number of the checkpoint that was improved, from 0.
+        checkpoint: Name of the one that drove; where driving and learning overlap, the one before.
         episodes: Training episodes driven.
         steps: Steps learned from.
         total_steps: Steps learned from since the beginning.
@@ -34,7 +34,8 @@ class IterationRecord(JsonRecord):
         learn_s: Wall time of the update.
         exchange_s: Wall time of the iteration spent on neither driving nor learning.
         elapsed_s: Wall time of training so far, without the time it was stopped.
-        evaluation_progress: Progress of each evaluation episode of this checkpoint, percent.
+        evaluation_progress: Progress of each evaluation episode of the checkpoint of this number,
+            percent.
         evaluation_lap_s: Lap times of its completed evaluation laps, simulated seconds.
         actor_loss: Actor loss of SAC, mean of the last part of the update; None for PPO.
         critic_loss: Mean loss of the two critics of SAC, likewise.

@@ -55,6 +55,7 @@ class DataParallel(Generic[M]):
     def __init__(self, model: M, parts: int = 1, threads: int = 1) -> None:
         """Start a thread for each part; `threads` is the number of cores. A GPU has one part."""
         self._models = [model]
+        self._parameters = list(model.parameters())
         self.most_samples: int | None = None
         self._part_threads = max(1, threads // parts)
         self._is_large = sum(p.numel() for p in model.parameters()) > LARGE
@@ -95,7 +96,7 @@ class DataParallel(Generic[M]):
         Raises:
             torch.OutOfMemoryError: Even a single sample is too large.
         """
-        own = list(self._models[0].parameters())
+        own = self._parameters
         before = [None if p.grad is None else p.grad.clone() for p in own]
         while True:
             try:

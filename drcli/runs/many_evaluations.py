@@ -25,7 +25,7 @@ from drcli.runs.run_logs import log_file
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import keys
 from drcli.store.connect import open_bucket
-from drcli.workers.cores import cores
+from drcli.workers.cores import usable_cores
 
 LOOK_S = 0.2
 """Pause between two looks at the worker processes."""
@@ -126,7 +126,7 @@ def run_many(plan: ManyPlan, on_progress: Callable[[str], None] = lambda text: N
 def _drive(plan: ManyPlan, on_progress: Callable[[str], None]) -> None:
     """Run the worker processes until all have ended."""
     job = plan.job
-    shares = min(cores(), len(job.tasks))
+    shares = min(usable_cores(job.config.train), len(job.tasks))
     processes: list[subprocess.Popen[bytes]] = []
     said: set[int] = set()
     try:

@@ -102,7 +102,7 @@ class Convergence:
 
 def convergence(records: Sequence[IterationRecord]) -> Convergence | None:
     """Compare training and evaluation; None before there are `CONVERGED_OVER` evaluations."""
-    evaluated = [record for record in records if record.evaluation_progress][-CONVERGED_OVER:]
+    evaluated = [r for r in _of_stage(records) if r.evaluation_progress][-CONVERGED_OVER:]
     if len(evaluated) < CONVERGED_OVER:
         return None
     training = sum(record.mean_progress for record in evaluated) / CONVERGED_OVER
@@ -125,7 +125,8 @@ def collapsed(text: str) -> Alarm:
 
 
 def trends(records: Sequence[IterationRecord]) -> list[Alarm]:
-    """The alarms that need only the newest 60 iterations."""
+    """The alarms that need only the newest 50 iterations, without those of earlier stages."""
+    records = _of_stage(records[-ENTROPY_PAST:])
     checks: list[Callable[[Sequence[IterationRecord]], Alarm | None]] = [
         _entropy_rises,
         _reward_zigzags,
@@ -137,10 +138,9 @@ def trends(records: Sequence[IterationRecord]) -> list[Alarm]:
 
 def _entropy_rises(records: Sequence[IterationRecord]) -> Alarm | None:
     """PPO only: the temperature of SAC steers its entropy."""
-    recent = records[-ENTROPY_PAST:]
-    if any(record.actor_loss is not None for record in recent):
+    if any(record.actor_loss is not None for record in records):
         return None
-    entropy = [record.entropy for record in recent if not math.isnan(record.entropy)]
+    entropy = [record.entropy for record in records if not math.isnan(record.entropy)]
     means = _means(entropy, ENTROPY_WINDOW)
     if len(means) <= ENTROPY_SINCE:
         return None
@@ -195,6 +195,11 @@ def _steering_zigzags(records: Sequence[IterationRecord]) -> Alarm | None:
         f"the car zigzags: its steering changes the side {per_m:.1f} times in a metre",
         "Reward less steering, or lower `discount_factor`.",
     )
+
+
+def _of_stage(records: Sequence[IterationRecord]) -> Sequence[IterationRecord]:
+    """The records of the newest one's stage: those before drove another track or reward."""
+    return [record for record in records if record.stage == records[-1].stage]
 
 
 def _means(values: Sequence[float], window: int) -> list[float]:

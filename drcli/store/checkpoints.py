@@ -19,7 +19,7 @@ from drcli.exchange.checkpoint import (
     decode_pointer,
 )
 from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.scores import EvaluationResult, Score, Scores
+from drcli.exchange.scores import EvaluationResult, JudgedWorld, Score, Scores
 from drcli.exchange.stage import StageMark
 from drcli.store import best_checkpoint, keys
 from drcli.store.best_checkpoint import read_scores, write_scores
@@ -235,7 +235,9 @@ class CheckpointStore:
         scores = read_scores(self._bucket, self._prefix)
         return None if scores is None else scores.best_checkpoint.name
 
-    def record_evaluation(self, result: EvaluationResult, metric: str) -> bool:
+    def record_evaluation(
+        self, result: EvaluationResult, metric: str, world: JudgedWorld = "training"
+    ) -> bool:
         """Record the evaluation of a checkpoint; True if it is now the best.
 
         A checkpoint that was deleted in the meantime cannot become the best.
@@ -243,6 +245,7 @@ class CheckpointStore:
         Args:
             result: Of its evaluation.
             metric: DR_TRAIN_BEST_MODEL_METRIC.
+            world: DR_TRAIN_BEST_MODEL_WORLD; milestones are of the training track in any case.
         """
         scores = read_scores(self._bucket, self._prefix)
         try:
@@ -252,7 +255,7 @@ class CheckpointStore:
         self._marked.add(result)
         if scores is None:
             return False
-        score = best_checkpoint.score_of(result, metric, time_stamp)
+        score = best_checkpoint.score_of(result.on(world), metric, time_stamp)
         after = best_checkpoint.with_evaluation(scores, score, metric)
         write_scores(self._bucket, self._prefix, after)
         return after.best_checkpoint == score

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 
+from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.milestone_record import Milestones
 from drcli.exchange.scores import EvaluationResult
@@ -32,9 +33,19 @@ def with_history(known: Milestones, records: Iterable[IterationRecord]) -> Miles
     """The milestones with all evaluations of the learning curve."""
     for record in records:
         known = known.with_evaluation(
-            record.checkpoint, record.evaluation_progress, record.evaluation_lap_s
+            _evaluated(record), record.evaluation_progress, record.evaluation_lap_s
         )
     return known
+
+
+def _evaluated(record: IterationRecord) -> str:
+    """Name of the checkpoint of an iteration's evaluation.
+
+    Where driving and learning overlap, the checkpoint before it drove the iteration.
+    """
+    if checkpoint_name(record.checkpoint).number == record.iteration:
+        return record.checkpoint
+    return str(CheckpointName(record.iteration, max(0, record.total_steps - record.steps)))
 
 
 def with_results(known: Milestones, results: Iterable[EvaluationResult]) -> Milestones:

@@ -15,6 +15,7 @@ from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.workers import print_limit
+from drcli.workers.reward_failures import file_of, message_of
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ, MIN_SPEED_MPS, CarParameters
 from drsim.car.car_sets import car_of
@@ -209,11 +210,8 @@ def load_reward(
 
 
 def reward_failure(error: RewardError) -> SettingsError:
-    """The failure of a reward function, without the path of our copy of the file."""
-    text, name = str(error), keys.REWARD_FUNCTION_FILE
-    if error.file is not None:
-        name = error.file.name
-        text = text.replace(str(error.file), name)
+    """The failure of a reward function for the person who runs a command."""
+    text, name = message_of(error), file_of(error)
     return SettingsError(
         f"Reward function error: {text}",
         remedy=f"Correct {name} and run the command again; a training continues with "

@@ -72,6 +72,8 @@ class Collected:
             best_lap_s=min(self.lap_s, default=None),
             drive_s=self.drive_s,
             elapsed_s=elapsed_s,
+            reward_errors=self.reward_errors,
+            discarded=self.discarded,
             stage=stage,
         )
 

@@ -23,7 +23,8 @@ def cores(root: Path = ROOT) -> int:
 
 def usable_cores(train: TrainConfig) -> int:
     """Processor cores that a run may use: those of this process, at most DR_THREADS."""
-    return min(cores(), train.threads or cores())
+    found = cores()
+    return min(found, train.threads or found)
 
 
 def overlaps(train: TrainConfig) -> bool:

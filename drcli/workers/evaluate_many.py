@@ -19,7 +19,7 @@ from drcli.store import keys
 from drcli.store.connect import open_bucket
 from drcli.workers import worker_process
 from drcli.workers.build_race import reward_failure
-from drcli.workers.cores import cores
+from drcli.workers.cores import usable_cores
 from drcli.workers.evaluator import Entry, evaluate
 from drcli.workers.robust_drive import evaluate_robustly
 from drcli.workers.worker_process import Lifeline
@@ -30,7 +30,7 @@ _logger = get_logger(__name__)
 
 def drive_share(job: Job, lifeline: Lifeline, share: int, shares: int) -> None:
     """Drive the tasks of this share, each with an outcome."""
-    threads = max(1, cores() // shares)
+    threads = max(1, usable_cores(job.config.train) // shares)
     for task in job.tasks[share::shares]:
         _logger.info("Evaluates %s of %s on %s.", task.checkpoint, task.prefix, task.world)
         try:

@@ -24,11 +24,6 @@ WINDOW_CALLS = 2_000
 simulated second, so twenty cars make them in seven. A function that always fails ends a training
 after 100 calls with the default share, and one that fails once in a while never does."""
 
-_REMEDY = (
-    "Correct reward_function.py and continue with `dr-start-training --resume`, or start over "
-    "with `-w`. DR_REWARD_MAX_ERROR_SHARE is the limit."
-)
-
 
 class RewardErrorsExceeded(SettingsError):
     """More calls of the reward function failed than DR_REWARD_MAX_ERROR_SHARE allows."""
@@ -67,8 +62,13 @@ class RewardFailures:
         """Begin to count for an iteration."""
         self.record = self.record.begun(iteration)
 
+    def begin_simulation(self) -> None:
+        """Begin with a simulation that has made no calls yet, such as that of another stage."""
+        self._calls = 0
+        self._failed_at.clear()
+
     def count_calls(self, calls: int) -> None:
-        """Note how many calls were made in the iteration, and how many by this process in all."""
+        """Note how many calls the simulation has made; the new ones are of this iteration."""
         made = calls - self._calls
         self._calls = calls
         newest = self.record.newest
@@ -79,7 +79,7 @@ class RewardFailures:
 
         Args:
             error: What went wrong.
-            calls: How many calls this process has made.
+            calls: How many calls the simulation has made.
 
         Raises:
             RewardError: Failures end the run, by DR_REWARD_ON_ERROR or because memory is short.
@@ -96,11 +96,13 @@ class RewardFailures:
             self._failed_at.popleft()
         share = self._settings.reward_max_error_share
         if len(self._failed_at) > share * WINDOW_CALLS:
+            message, name = message_of(error), file_of(error)
             raise RewardErrorsExceeded(
                 f"{len(self._failed_at):,} of the last {WINDOW_CALLS:,} calls of the reward "
                 f"function failed, and DR_REWARD_MAX_ERROR_SHARE is {share:g}. The newest failure: "
-                f"{_message(error)}",
-                remedy=_REMEDY,
+                f"{message}",
+                remedy=f"Correct {name} and continue with `dr-start-training --resume`, "
+                "or start over with `-w`. DR_REWARD_MAX_ERROR_SHARE is the limit.",
             )
         return self._settings.reward_fallback
 
@@ -128,11 +130,17 @@ class RewardFailures:
         self.record = replace(self.record, newest=self.record.newest.joined(counts))
         if is_new:
             what = "declares an episode broken" if discarded else "failed and is counted"
-            _logger.warning("The reward function %s: %s", what, _message(error))
+            _logger.warning("The reward function %s: %s", what, message_of(error))
 
 
-def _message(error: RewardError) -> str:
+def message_of(error: RewardError) -> str:
+    """The failure of a reward function, without the path of our copy of the file."""
     return _without_path(str(error), error)
+
+
+def file_of(error: RewardError) -> str:
+    """What the racer calls the file."""
+    return keys.REWARD_FUNCTION_FILE if error.file is None else error.file.name
 
 
 def _without_path(text: str, error: RewardError) -> str:

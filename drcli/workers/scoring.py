@@ -160,7 +160,7 @@ class Scoring:
         """Record how good a checkpoint is, and log which one is the best now."""
         if checkpoint_name(result.checkpoint).number < self._since:
             return
-        self._checkpoints.record_evaluation(result.on(self._world), self._metric)
+        self._checkpoints.record_evaluation(result, self._metric, self._world)
         best = CheckpointName.parse(self._checkpoints.best_name() or "")
         if best is not None:
             plain.info(

@@ -163,6 +163,7 @@ class SimWorker:
         seed = job.seed + SEED_STRIDE * worker
         if self._entered:
             self._failures.count_calls(self._simulation.reward_calls)
+            self._failures.begin_simulation()
             self._simulation.close()
         self._simulation = build_simulation(
             race,
@@ -198,7 +199,7 @@ class SimWorker:
                 second,
                 metadata,
                 racer,
-                load_reward(self._bucket, self._prefix, folder, trials, stage),
+                load_reward(self._bucket, self._prefix, folder, -(-trials // self._divisor), stage),
                 num_threads=self._threads,
                 seed=seed,
                 # Counted apart: its calls are none of the training.

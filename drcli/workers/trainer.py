@@ -390,8 +390,6 @@ class Trainer:
             actor_loss=numbers.get("losses/actor_loss"),
             critic_loss=numbers.get("losses/qf_loss"),
             alpha=numbers.get("losses/alpha"),
-            reward_errors=collected.reward_errors,
-            discarded=collected.discarded,
             steps_per_s=steps / cycle_s,
             real_time_factor=collected.simulated_s / cycle_s,
             learn_s=ended - began,

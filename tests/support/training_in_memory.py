@@ -107,11 +107,13 @@ class TrainingInMemory:
             except BaseException as error:
                 lifeline.failures.append(error)
 
+        # Before the trainer seeds torch for its first weights: this takes random numbers, too.
+        worker = SimWorker(job, lifeline, 0)
         learner = threading.Thread(target=run, daemon=True)
         learner.start()
         try:
             with suppress(StopRequested):
-                SimWorker(job, lifeline, 0).run()
+                worker.run()
         except BaseException as error:
             lifeline.failures.append(error)
         learner.join(120)

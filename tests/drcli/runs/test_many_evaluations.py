@@ -52,7 +52,8 @@ def run(racer, monkeypatch):
     racer.run_env("DR_LOCAL_S3_MODEL_PREFIX=a", "DR_EVAL_AVERAGE_LAPS=2")
     started = []
 
-    def run(outcomes, *, refused=(), cores=2):
+    def run(outcomes, *, refused=(), cores=2, threads=0):
+        (racer.folder / "system.env").write_text(f"DR_THREADS={threads}\n")
         folder = racer.folder / "job"
         folder.mkdir()
         tasks = [
@@ -73,7 +74,7 @@ def run(racer, monkeypatch):
 
         monkeypatch.setattr(many_evaluations, "start_process", start)
         monkeypatch.setattr(many_evaluations, "open_bucket", lambda *_, **__: racer.bucket)
-        monkeypatch.setattr(many_evaluations, "cores", lambda: cores)
+        monkeypatch.setattr("drcli.workers.cores.cores", lambda: cores)
         monkeypatch.setattr(many_evaluations, "LOOK_S", 0.0)
         report = run_many(ManyPlan(job, STAMP, worlds, list(refused)))
         assert not folder.exists()
@@ -139,6 +140,12 @@ def test_all_cores_work_but_not_more_processes_than_models(run):
         ("evaluation-1", ("1", "3")),
         ("evaluation-2", ("2", "3")),
     ]
+
+
+def test_no_more_processes_work_than_the_cores_that_a_run_may_use(run):
+    _, started = run({(name, "x"): laps(9.0) for name in "abc"}, cores=8, threads=2)
+
+    assert [arguments for _, arguments in started] == [("0", "2"), ("1", "2")]
 
 
 def test_robust_rows_are_sorted_by_their_score(run):

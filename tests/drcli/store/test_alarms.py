@@ -1,6 +1,7 @@
 """Trainings that go wrong, as their learning curves show it (002-06, 001-44, 002-17)."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -42,6 +43,16 @@ def test_an_entropy_that_rises_is_an_alarm_and_says_from_where_to_where():
 )
 def test_other_entropies_are_none(entropy):
     assert subjects(curve(30, entropy=entropy)) == []
+
+
+def test_another_stage_is_no_alarm():
+    first = curve(20, entropy=lambda n: 0.5, mean_reward=lambda n: 100.0 if n % 2 else 40.0)
+    records = [replace(record, stage="wide") for record in first]
+    records += [
+        iteration_record(n, entropy=0.5 + 0.1 * (n - 19), stage="hard") for n in range(20, 32)
+    ]
+
+    assert subjects(records) == []
 
 
 def test_the_entropy_of_sac_is_steered_by_its_temperature():

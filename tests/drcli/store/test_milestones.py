@@ -1,5 +1,6 @@
 """Which checkpoints are milestones, which stay, and what survives a crash (003-16, 001-09)."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import strategies as st
 
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.milestone_record import Milestones
-from drcli.exchange.scores import EvaluationResult
+from drcli.exchange.scores import EvaluationResult, SecondEvaluation
 from drcli.store import keys
 from drcli.store.bucket import ObjectDamaged
 from drcli.store.checkpoint_retention import KeepRules, kept_besides
@@ -16,6 +17,7 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import write_history
 from drcli.store.milestones import NO_MILESTONES, read_milestones, readable_milestones
 from drcli.store.repair import Model, find_damage, repair
+from iterations import iteration_record
 from memory_bucket import MemoryBucket
 
 PREFIX = "team/model-1"
@@ -67,6 +69,34 @@ def test_first_lap_three_laps_and_fastest_lap_stay_besides_the_newest_four_and_t
         "best-lap": 11,
     }
     assert numbers(memory) == [6, 8, 11, 15, 21, 22, 23, 24]
+
+
+def test_a_milestone_is_the_checkpoint_that_was_evaluated_also_if_an_older_one_drove(memory):
+    driven_ahead = iteration_record(
+        4, checkpoint="3_Step-300.ckpt", steps=100, total_steps=500, evaluation_lap_s=[20.0]
+    )
+    driven_ahead = replace(driven_ahead, evaluation_progress=[100.0])
+
+    found, _ = readable_milestones(memory, PREFIX, [driven_ahead])
+
+    assert found.first_lap is not None
+    assert found.first_lap.checkpoint == "4_Step-400.ckpt"
+
+
+@pytest.mark.parametrize("world", ["evaluation", "both"])
+def test_milestones_are_laps_of_the_training_track_whatever_track_decides_about_the_best(
+    memory, world
+):
+    store = CheckpointStore(memory, PREFIX)
+    store.save(0, 0, b"weights")
+    second = SecondEvaluation("oval", [100.0], [1.0], [5.0])
+
+    store.record_evaluation(replace(result(0, 30.0), second=second), "progress", world)
+
+    found = read_milestones(memory, PREFIX)
+    assert found is not None
+    assert found.best_lap is not None
+    assert found.best_lap.best_lap_s == 30.0
 
 
 def test_a_faster_lap_frees_the_checkpoint_of_the_one_before(memory):

@@ -136,6 +136,22 @@ def test_counts_survive_a_kill_and_an_iteration_that_is_driven_again_counts_once
     ]
 
 
+def test_the_calls_of_another_simulation_are_counted_from_0():
+    counting = failures()
+    counting.begin(0)
+    for call in range(1900, 2000):
+        counting.handle(failure(), call)
+    counting.count_calls(2000)
+
+    counting.begin_simulation()
+    counting.begin(1)
+    rewards = [counting.handle(failure(line=9), call) for call in (1, 2)]
+    counting.count_calls(30)
+
+    assert rewards == [0.5, 0.5]  # the window has no failures of the simulation before
+    assert (counting.record.newest.calls, counting.record.total.calls) == (30, 2030)
+
+
 def test_damaged_counts_start_over(caplog):
     bucket = MemoryBucket()
     bucket.put(keys.reward_errors(PREFIX, 0), b"[]")
@@ -182,6 +198,33 @@ def test_a_training_counts_failures_and_leaves_broken_episodes_out(working_folde
     marked = [r for r in metrics if r.episode_status == "Discarded" and r.phase == "training"]
     assert len(marked) == len(broken)
     assert history[0].second_world == "willow", "failures are counted on the second track, too"
+
+
+def test_failures_are_counted_in_every_stage(working_folder, monkeypatch):
+    training = TrainingInMemory(
+        working_folder,
+        monkeypatch,
+        DR_TRAIN_MAX_ITERATIONS=3,
+        DR_REWARD_ON_ERROR="count",
+        DR_REWARD_MAX_ERROR_SHARE=0.5,
+        DR_CURRICULUM_FILE="curriculum.yaml",
+    )
+    training.write("custom_files/reward_function.py", SOMETIMES)
+    training.write(
+        "curriculum.yaml",
+        "stages:\n  - name: wide\n    goal: {iterations: 2}\n  - name: narrow\n",
+    )
+
+    training.train()
+
+    bucket = training.bucket
+    history = read_history(bucket, PREFIX)
+    [record] = read_reward_errors(bucket, PREFIX)
+    assert [r.stage for r in history] == ["wide", "wide", "narrow"]
+    assert all(r.reward_errors > 0 for r in history)
+    driven = sum(r.steps for r in history)
+    assert record.before.calls + record.newest.calls >= driven
+    assert record.newest.calls >= history[-1].steps
 
 
 def test_a_function_that_breaks_every_episode_ends_the_training(working_folder, monkeypatch):
