@@ -53,7 +53,8 @@ class Milestones(JsonRecord):
     Attributes:
         first_lap: The first checkpoint that completed a lap; None before one did.
         three_laps: The first that completed three laps in one evaluation.
-        best_lap: The one with the fastest lap; of equal laps, the first.
+        best_lap: The one with the fastest lap; of equal laps, the first. In a training with stages,
+            that of the present stage: laps of different tracks cannot be compared.
         spaced: Names of the checkpoints that are kept because of DR_TRAIN_KEEP_EVERY.
     """
 
@@ -103,6 +104,12 @@ class Milestones(JsonRecord):
             three_laps=_earlier(self.three_laps, new) if new.laps >= THREE else self.three_laps,
             best_lap=best,
         )
+
+    def of_stage(self, first: int) -> "Milestones":
+        """Without a fastest lap from before the stage that begins with this checkpoint's number."""
+        if self.best_lap is None or self.best_lap.name.number >= first:
+            return self
+        return replace(self, best_lap=None)
 
     def until(self, newest: CheckpointName) -> "Milestones":
         """Without those of later checkpoints: a training that went back makes them again."""

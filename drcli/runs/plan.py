@@ -30,6 +30,7 @@ from drcli.runs.run_logs import begin_logs
 from drcli.runs.take_model import refuse_second_run, taken
 from drcli.spot.notice_watch import command_words
 from drcli.store import keys, lease
+from drcli.store.best_checkpoint import forget_scores
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
@@ -291,7 +292,7 @@ def _forget_other_scores(
         setting = catalogue()[name]
         known = before.settings.get(name, setting.default)
         if known != getattr(settings, setting.field):
-            CheckpointStore(bucket, settings.model_prefix).forget_scores()
+            forget_scores(bucket, settings.model_prefix)
             return [
                 f"{settings.source(name)}: {name} was {known or 'not set'} until now, so the next "
                 "checkpoint that is evaluated becomes the best."

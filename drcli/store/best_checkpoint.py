@@ -6,6 +6,7 @@ far (`drcli.workers.scoring`) and keeps best and last in `deepracer_checkpoints.
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 from drcli.exchange.scores import EvaluationResult, Score, Scores
 from drcli.store import keys
@@ -59,6 +60,19 @@ def read_scores(bucket: Bucket, prefix: str) -> Scores | None:
 def write_scores(bucket: Bucket, prefix: str, scores: Scores) -> None:
     """Write `deepracer_checkpoints.json`."""
     bucket.put(keys.deepracer_checkpoints(prefix), scores.encode())
+
+
+def forget_scores(bucket: Bucket, prefix: str) -> None:
+    """Keep the best checkpoint, but not its score: the next evaluation beats it."""
+    known = read_scores(bucket, prefix)
+    if known is not None:
+        best, last = unscored(known.best_checkpoint), unscored(known.last_checkpoint)
+        write_scores(bucket, prefix, Scores(best, last))
+
+
+def unscored(score: Score) -> Score:
+    """A checkpoint as if it was not evaluated yet."""
+    return replace(score, avg_eval_metric=None, tie_break=None)
 
 
 def read_evaluation(bucket: Bucket, prefix: str, number: int) -> EvaluationResult:

@@ -287,25 +287,21 @@ class CheckpointStore:
         try:
             self.load(known.best_checkpoint.name)
         except (ObjectMissing, ObjectDamaged) as error:
-            last = replace(known.last_checkpoint, avg_eval_metric=None)
+            last = best_checkpoint.unscored(known.last_checkpoint)
             write_scores(self._bucket, self._prefix, Scores(last, last))
             return str(error)
         return None
 
-    def forget_scores(self) -> None:
-        """Keep the best checkpoint, but not its score: the next evaluation beats it."""
-        known = read_scores(self._bucket, self._prefix)
-        if known is not None:
-            best = replace(known.best_checkpoint, avg_eval_metric=None, tie_break=None)
-            last = replace(known.last_checkpoint, avg_eval_metric=None)
-            write_scores(self._bucket, self._prefix, Scores(best, last))
+    def begin_stage(self, first: int) -> None:
+        """Forget the best checkpoint and the fastest lap from before this number.
 
-    def forget_scores_before(self, number: int) -> None:
-        """If the best checkpoint is older than this one, the last becomes the best, unscored."""
+        The last checkpoint becomes the best until it is evaluated.
+        """
+        self._marked.begin_stage(first)
         known = read_scores(self._bucket, self._prefix)
-        if known is None or checkpoint_name(known.best_checkpoint.name).number >= number:
+        if known is None or checkpoint_name(known.best_checkpoint.name).number >= first:
             return
-        last = replace(known.last_checkpoint, avg_eval_metric=None, tie_break=None)
+        last = best_checkpoint.unscored(known.last_checkpoint)
         write_scores(self._bucket, self._prefix, Scores(last, last))
 
     def best_of_stage(self, first: int) -> Checkpoint | None:

@@ -48,6 +48,10 @@ class MarkedCheckpoints:
         """Note what an evaluation has reached."""
         self.write(with_results(self.milestones, [result]))
 
+    def begin_stage(self, first: int) -> None:
+        """Forget the fastest lap of the stage before; `first` is the new one's first checkpoint."""
+        self.write(self.milestones.of_stage(first))
+
     def restore(self, newest: CheckpointName, records: Sequence[IterationRecord]) -> None:
         """Find the milestones again when a trainer starts, and write them if they have changed.
 

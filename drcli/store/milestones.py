@@ -31,7 +31,11 @@ def write_milestones(bucket: Bucket, prefix: str, milestones: Milestones) -> Non
 
 def with_history(known: Milestones, records: Iterable[IterationRecord]) -> Milestones:
     """The milestones with all evaluations of the learning curve."""
+    stage = ""
     for record in records:
+        if record.stage != stage:
+            stage = record.stage
+            known = known.of_stage(record.iteration)
         known = known.with_evaluation(
             _evaluated(record), record.evaluation_progress, record.evaluation_lap_s
         )

@@ -66,7 +66,7 @@ class Scoring:
         Those before drove another track, or for another reward.
         """
         self._since = first
-        self._checkpoints.forget_scores_before(first)
+        self._checkpoints.begin_stage(first)
 
     def restore(self, records: Iterable[IterationRecord]) -> None:
         """Expect the evaluations of the newest iterations that have none yet."""

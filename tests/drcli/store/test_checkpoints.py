@@ -10,7 +10,7 @@ from drcli.base.errors import StorageError
 from drcli.exchange.checkpoint import CheckpointName, Counters
 from drcli.exchange.scores import EvaluationResult, Score, Scores
 from drcli.store import keys
-from drcli.store.best_checkpoint import tie_break_of
+from drcli.store.best_checkpoint import forget_scores, tie_break_of
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import KEEP, CheckpointStore
 from evaluations import evaluated
@@ -329,12 +329,12 @@ def test_ties_of_progress_and_reward_are_broken_by_lap_time_and_those_by_progres
     assert tie_break_of(metric, result(*better)) < tie_break_of(metric, result(*worse))
 
 
-def test_forgotten_scores_are_beaten_by_the_next_evaluation(store):
+def test_forgotten_scores_are_beaten_by_the_next_evaluation(store, memory):
     store.save(0, 0, b"weights")
     store.save(1, 1, b"weights")
     store.record_evaluation(evaluated("0_Step-0.ckpt", 99.0, 1.0), "progress")
 
-    store.forget_scores()
+    forget_scores(memory, PREFIX)
 
     assert store.best_name() == "0_Step-0.ckpt"
     assert store.record_evaluation(evaluated("1_Step-1.ckpt", 1.0, 2.0), "progress")

@@ -15,7 +15,12 @@ from drcli.store.bucket import ObjectDamaged
 from drcli.store.checkpoint_retention import KeepRules, kept_besides
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import write_history
-from drcli.store.milestones import NO_MILESTONES, read_milestones, readable_milestones
+from drcli.store.milestones import (
+    NO_MILESTONES,
+    read_milestones,
+    readable_milestones,
+    with_history,
+)
 from drcli.store.repair import Model, find_damage, repair
 from iterations import iteration_record
 from memory_bucket import MemoryBucket
@@ -196,6 +201,34 @@ def test_a_trainer_killed_before_it_recorded_a_milestone_finds_it_in_the_learnin
     train(store, *range(6, 12))
 
     assert 4 in numbers(memory)
+
+
+def test_the_fastest_lap_of_a_stage_is_on_its_own_track(memory, make_record):
+    store = CheckpointStore(memory, PREFIX)
+    train(store, *range(5), laps={2: (10.0,)})
+    store.begin_stage(4)
+    train(store, 5, 6, laps={5: (30.0,)})
+
+    found = read_milestones(memory, PREFIX)
+    assert found is not None
+    assert [(kind, each.name.number) for kind, each in found.reached()] == [
+        ("first-lap", 2),
+        ("best-lap", 5),
+    ]
+    laps = {2: [10.0], 5: [30.0]}
+    curve = [
+        replace(
+            make_record(n),
+            checkpoint=f"{n}_Step-{n * 100}.ckpt",
+            stage="short" if n < 4 else "long",
+            evaluation_progress=[100.0] * len(laps.get(n, [])),
+            evaluation_lap_s=laps.get(n, []),
+        )
+        for n in range(6)
+    ]
+    worked_out = with_history(NO_MILESTONES, curve)
+    assert worked_out.best_lap is not None
+    assert worked_out.best_lap.name.number == 5
 
 
 def test_a_trainer_that_goes_back_forgets_the_milestones_of_later_checkpoints(memory):
