@@ -1,10 +1,18 @@
 """A model is deleted with all its traces, and nothing else goes (item 15 of the racer's day)."""
 
+import inspect
+import os
 import time
+from dataclasses import replace
+from datetime import timedelta
 
 import pytest
 
 from drcli.base.errors import SettingsError
+from drcli.base.process_identity import started_s
+from drcli.exchange.evaluation_record import EvaluationRecord, claim
+from drcli.exchange.run_record import RunRecord, run_folder
+from drcli.exchange.training_start import TrainingStart
 from drcli.models.model_list import list_models
 from drcli.runs.model_removal import plan_removal, remove_models
 from drcli.runs.run_logs import log_file
@@ -48,6 +56,15 @@ def put_all(bucket: MemoryBucket, prefix: str, *, iteration: int = 3) -> None:
     bucket.put(keys.outcome(prefix), b"{}")
     bucket.put(keys.evaluation_result(prefix, 0), b"{}")
     bucket.put(keys.damaged(prefix, "x", "20260101000000"), b"?" * 100)
+
+
+def put_checkpoints(bucket: MemoryBucket, last: int) -> None:
+    """The checkpoints 1 to `last` of model-1."""
+    for number in range(1, last + 1):
+        name = f"{number}_Step-{number}.ckpt"
+        bucket.put(keys.checkpoint_tensors("model-1", name), b"{}")
+        bucket.put(keys.checkpoint_record("model-1", name), b"{}")
+        bucket.put(keys.checkpoint_graph("model-1", number), b"graph")
 
 
 @pytest.fixture
@@ -108,13 +125,25 @@ def test_metrics_in_another_folder_go_too(bucket, settings, working_folder):
     (working_folder / "run.env").write_text(
         "DR_LOCAL_S3_MODEL_PREFIX=model-1\nDR_LOCAL_S3_METRICS_PREFIX=numbers/one\n"
     )
-    bucket.put("numbers/one/TrainingMetrics.json", b"{}")
-    bucket.put("numbers/one/TrainingMetrics_1.json", b"{}")
+    names = [name for name in vars(keys) if below_metrics(name)]
+    assert len(names) >= 5
+    for name in names:
+        takes_stamp = "stamp" in inspect.signature(getattr(keys, name)).parameters
+        arguments = ["20260101000000"] if takes_stamp else []
+        bucket.put(getattr(keys, name)("numbers/one", *arguments), b"{}")
+    bucket.put(keys.training_metrics("numbers/one", 1), b"{}")
+    bucket.put(keys.part(keys.training_metrics("numbers/one"), 1), b"{}")
     bucket.put("numbers/one/mine.csv", b"mine")
 
     remove(settings(), "model-1")
 
     assert [info.key for info in bucket.list("numbers/")] == ["numbers/one/mine.csv"]
+
+
+def below_metrics(name: str) -> bool:
+    """Whether a function of `keys` names an object in the folder of metrics."""
+    function = getattr(keys, name)
+    return inspect.isfunction(function) and "metrics" in inspect.signature(function).parameters
 
 
 def test_a_model_that_trains_anywhere_stays(bucket, settings):
@@ -125,6 +154,28 @@ def test_a_model_that_trains_anywhere_stays(bucket, settings):
         remove(settings(), "model-10", "model-1")
 
     assert objects(bucket) == before
+
+
+@pytest.mark.parametrize("others", [[], ["model-10", "model-1"]], ids=["alone", "of several"])
+def test_a_model_that_is_evaluated_here_stays(bucket, settings, working_folder, others):
+    folder = claim(working_folder, 0, "20260101000000")
+    EvaluationRecord(
+        run_id=0,
+        stamp="20260101000000",
+        bucket="bucket",
+        prefix=others[0] if others else "model-1",
+        world="reinvent_base",
+        checkpoint="0_Step-0.ckpt",
+        pid=os.getpid(),
+        pid_started=started_s(os.getpid()),
+        worker_pid=1,
+        started_at=1.0,
+        others=others[1:],
+    ).write(folder)
+
+    with pytest.raises(SettingsError, match="model-1 is being evaluated"):
+        plan_removal(settings(), ["model-1"])
+    assert find_surplus(settings(), TidyOptions(models=["model-1"])).busy == ["model-1"]
 
 
 def test_a_training_that_starts_after_the_question_keeps_its_model(bucket, settings):
@@ -208,14 +259,7 @@ def test_tidy_leaves_a_model_that_trains_alone(bucket, settings):
 
 
 def test_tidy_thins_checkpoints_but_never_the_best_or_the_last(bucket, settings):
-    for number in range(1, 9):
-        name = f"{number}_Step-{number}.ckpt"
-        for key in (
-            keys.checkpoint_tensors("model-1", name),
-            keys.checkpoint_record("model-1", name),
-        ):
-            bucket.put(key, b"{}")
-        bucket.put(keys.checkpoint_graph("model-1", number), b"graph")
+    put_checkpoints(bucket, 8)
     last = b'{"name": "8_Step-8.ckpt"}'
     best = b'{"name": "3_Step-3.ckpt"}'
     index = b'{"best_checkpoint": %b, "last_checkpoint": %b}' % (best, last)
@@ -245,3 +289,177 @@ def test_kinds_that_do_not_exist_are_refused(text):
 def test_rules_that_do_not_exist_are_refused(text):
     with pytest.raises(SettingsError, match="is not a rule for what stays"):
         checked_rules(text)
+
+
+def test_a_deletion_that_is_cut_off_anywhere_is_completed_by_the_same_command(
+    bucket, settings, monkeypatch, working_folder
+):
+    """Also of metrics in another folder, which only a record of the model names."""
+    monkeypatch.setattr("drcli.runs.model_removal.BATCH", 1)
+    (working_folder / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=other\n")
+    log = log_file(working_folder, "model-1", "trainer")
+
+    for deletes in range(1, 30, 4):
+        log.parent.mkdir(parents=True, exist_ok=True)
+        put_all(bucket, "model-1")
+        start = TrainingStart(seed=1, settings={"DR_LOCAL_S3_METRICS_PREFIX": "numbers"})
+        bucket.put(keys.training_start("model-1"), start.encode())
+        bucket.put("numbers/TrainingMetrics.json", b"{}")
+        log.write_text("log")
+        bucket.deletes_left = deletes
+        try:
+            remove(settings(), "model-1")
+        except Killed:
+            done = False
+        else:
+            done = True
+        bucket.deletes_left = 1_000
+        if not done:
+            if left := lease.read_lease(bucket, "model-1"):
+                lease.release(bucket, "model-1", left.session)
+            remove(settings(), "model-1")
+
+        assert not any(
+            key.startswith(("model-1/m", "runs/model-1/l", "numbers/")) for key in objects(bucket)
+        )
+        assert not log.exists()
+        if done:
+            return
+    pytest.fail("It never ended.")
+
+
+def test_logs_that_are_left_after_the_objects_are_gone_can_be_deleted(
+    bucket, settings, working_folder
+):
+    log = log_file(working_folder, "gone", "trainer")
+    log.parent.mkdir(parents=True)
+    log.write_text("log")
+
+    report = remove(settings(), "gone")
+
+    assert [model.files for model in report.models] == [[str(log)]]
+    assert not log.parent.exists()
+
+
+@pytest.mark.parametrize("inside", ["../../../mine", "{folder}/mine", "a/../../../../mine"])
+def test_a_model_with_an_impossible_name_has_no_files_here(
+    bucket, settings, working_folder, inside
+):
+    """Keys in a bucket can be anything; `..` in one must not reach files of the racer."""
+    mine = working_folder / "mine" / "file"
+    mine.parent.mkdir()
+    mine.write_text("mine")
+    (working_folder / "data" / "logs" / "sagemaker" / "a").mkdir(parents=True)
+    prefix = inside.format(folder=working_folder)
+    bucket.put(f"{prefix}/model/.coach_checkpoint", b"{}")
+    assert prefix in [model.prefix for model in plan_removal(settings(), ["*"]).report.models]
+
+    remove(settings(), "*")
+
+    assert mine.read_text() == "mine"
+    assert not any(key.startswith(prefix) for key in objects(bucket))
+
+
+def test_a_name_with_brackets_is_found_as_it_is(bucket, settings):
+    bucket.put("odd [1]/model/.coach_checkpoint", b"{}")
+
+    remove(settings(), "odd [1]")
+
+    assert "odd [1]/model/.coach_checkpoint" not in objects(bucket)
+
+
+@pytest.mark.parametrize("metrics", ["model-10", "model-10/metrics", "model-1-old/numbers/deep"])
+def test_metrics_in_the_folder_of_another_model_stay(bucket, settings, working_folder, metrics):
+    (working_folder / "run.env").write_text(
+        f"DR_LOCAL_S3_MODEL_PREFIX=model-1\nDR_LOCAL_S3_METRICS_PREFIX={metrics}\n"
+    )
+    bucket.put(f"{metrics}/TrainingMetrics.json", b"{}")
+
+    remove(settings(), "model-1")
+
+    assert f"{metrics}/TrainingMetrics.json" in objects(bucket)
+
+
+def test_metrics_in_a_folder_that_another_model_shares_stay(bucket, settings, working_folder):
+    (working_folder / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=other\n")
+    start = TrainingStart(seed=1, settings={"DR_LOCAL_S3_METRICS_PREFIX": "numbers"})
+    for prefix in ("model-1", "model-10"):
+        bucket.put(keys.training_start(prefix), start.encode())
+    bucket.put("numbers/TrainingMetrics.json", b"{}")
+
+    remove(settings(), "model-1")
+    assert "numbers/TrainingMetrics.json" in objects(bucket)
+
+    remove(settings(), "model-10")
+    assert "numbers/TrainingMetrics.json" not in objects(bucket)
+
+
+def test_logs_of_a_model_of_the_same_name_in_another_bucket_stay(bucket, settings, working_folder):
+    log = log_file(working_folder, "model-1", "trainer")
+    log.parent.mkdir(parents=True)
+    log.write_text("log")
+    RunRecord(
+        run_id=0,
+        session="a",
+        bucket="elsewhere",
+        prefix="model-1",
+        world="reinvent_base",
+        state="finished",
+        pid=1,
+        pid_started=1.0,
+        started_at=1.0,
+    ).write(run_folder(working_folder, 0))
+
+    remove(settings(), "model-1")
+
+    assert log.exists()
+    assert RunRecord.read(run_folder(working_folder, 0)) is not None
+
+
+def test_tidy_finds_logs_of_models_that_are_gone_without_a_trace(bucket, settings, working_folder):
+    logs = [log_file(working_folder, prefix, "sim-0") for prefix in ("gone", "a/gone", "model-1")]
+    for log in logs:
+        log.parent.mkdir(parents=True)
+        log.write_text("log")
+
+    found = find_surplus(settings(), TidyOptions(kinds=("logs",)))
+    tidy(found, settings())
+
+    assert [item.model for item in found.items] == ["a/gone", "gone"]
+    assert [log.exists() for log in logs] == [False, False, True]
+
+
+def test_tidy_takes_a_checkpoint_whole_or_not_at_all(bucket, settings, monkeypatch):
+    """A repair may have written one of its files again."""
+    put_checkpoints(bucket, 3)
+    written = keys.checkpoint_record("model-1", "1_Step-1.ckpt")
+    ages = {True: timedelta(), False: timedelta(days=-1)}
+    listed = bucket.list
+    monkeypatch.setattr(
+        bucket,
+        "list",
+        lambda folder: [
+            replace(info, modified=info.modified + ages[info.key == written])
+            for info in listed(folder)
+        ],
+    )
+    options = TidyOptions(
+        ["model-1"], kinds=("checkpoints",), checkpoints="last", older_than_s=3600.0
+    )
+
+    (item,) = find_surplus(settings(), options).items
+
+    numbers = {name.number for key in item.names if (name := keys.checkpoint_of("model-1", key))}
+    assert numbers == {2}
+
+
+def test_tidy_keeps_what_either_pointer_names(bucket, settings):
+    """A training that was killed between its two pointers."""
+    put_checkpoints(bucket, 3)
+    bucket.put(keys.coach_checkpoint("model-1"), b"2_Step-2.ckpt")
+    options = TidyOptions(["model-1"], kinds=("checkpoints",), checkpoints="best")
+
+    (item,) = find_surplus(settings(), options).items
+
+    numbers = {name.number for key in item.names if (name := keys.checkpoint_of("model-1", key))}
+    assert numbers == {1, 3}
