@@ -3,13 +3,13 @@
 import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.run_record import RunRecord
+from drcli.models.model_list import fits
 from drcli.models.run_metadata import read_start
 from drcli.runs.run_logs import log_file
 from drcli.store import keys, lease
@@ -189,11 +189,6 @@ def described(settings: Settings, bucket: str, traces: ModelTraces) -> RemovedMo
         sum(Path(file).lstat().st_size for file in files),
         "; ".join(warnings),
     )
-
-
-def fits(prefix: str, pattern: str) -> bool:
-    """Whether a model has this name, or fits a pattern with `*` and `?`."""
-    return prefix == pattern or fnmatchcase(prefix, pattern)
 
 
 def local_files(settings: Settings, bucket: str, prefix: str) -> list[str]:

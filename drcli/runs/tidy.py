@@ -14,9 +14,9 @@ from drcli.config.settings import Settings
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.milestone_record import KINDS
 from drcli.models.checkpoint_choice import ModelCheckpoints
+from drcli.models.model_list import fits
 from drcli.runs.model_removal import (
     all_traces,
-    fits,
     local_files,
     logged_models,
     refuse_busy,
@@ -223,13 +223,15 @@ def _of_kind(
         recent = time.time() - newest < RECENT_S
         return [] if recent else [_found(info) for info in objects]
     if kind == "damaged":
-        return [_found(info) for info in bucket.list(keys.damaged_folder(prefix))]
+        folder = keys.damaged_folder(prefix)
+        own = all_traces(settings, bucket, prefix).objects  # `a/damaged` may be a model, too
+        return [_found(info) for info in own if info.key.startswith(folder)]
     if kind == "rollouts":
         return list(_rollouts(bucket, prefix))
     if kind == "traces":
         start = keys.folder(prefix)
-        listed = bucket.list(start)
-        return [_found(i) for i in listed if _TRACE.fullmatch(i.key.removeprefix(start))]
+        own = all_traces(settings, bucket, prefix).objects  # and `a/1`, not only a worker of `a`
+        return [_found(i) for i in own if _TRACE.fullmatch(i.key.removeprefix(start))]
     return _checkpoints(settings, bucket, prefix, rules) if kind == "checkpoints" else []
 
 
