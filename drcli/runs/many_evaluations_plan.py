@@ -1,7 +1,5 @@
 """Plans evaluations that share worker processes: several models, several tracks, or a grid."""
 
-import os
-import secrets
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +14,12 @@ from drcli.exchange.evaluation_task import EvaluationTask
 from drcli.exchange.job import Job
 from drcli.exchange.policy_source import PolicySource
 from drcli.models.model_list import fits, model_prefixes
-from drcli.runs.evaluation_plan import check_model, checked_source, choose_checkpoint
+from drcli.runs.evaluation_plan import (
+    check_model,
+    checked_source,
+    choose_checkpoint,
+    evaluation_job,
+)
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
@@ -122,16 +125,7 @@ def prepare_many(
         )
     ]
     on_progress(_announced(len(chosen), worlds, robust=robust))
-    job = Job(
-        config=settings.run,
-        session=secrets.token_hex(6),
-        seed=seed if seed is not None else settings.train_seed or 0,
-        until_laps=None,
-        max_minutes=None,
-        folder=folder,
-        launcher_pid=os.getpid(),
-        tasks=tuple(tasks),
-    )
+    job = replace(evaluation_job(settings, folder, seed), tasks=tuple(tasks))
     return ManyPlan(job, stamp, worlds, refused)
 
 
