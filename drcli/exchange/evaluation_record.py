@@ -1,7 +1,7 @@
 """Records of running evaluations on this machine, so that another shell can stop them."""
 
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from drcli.base.atomic_file import load_record, save_record
@@ -20,6 +20,7 @@ class EvaluationRecord:
         pid: The process that waits for its end; to stop the evaluation, stop this one.
         pid_started: From `process_identity.started_s`, because process numbers are reused.
         worker_pid: The process that drives.
+        others: Prefixes of all further models that drive: an opponent, or those of a table.
     """
 
     run_id: int
@@ -32,6 +33,7 @@ class EvaluationRecord:
     pid_started: float
     worker_pid: int
     started_at: float
+    others: list[str] = field(default_factory=list)
 
     @property
     def alive(self) -> bool:

@@ -90,6 +90,11 @@ def model_prefixes(bucket: Bucket) -> set[str]:
     return _prefixes(bucket.list(""))
 
 
+def fits(prefix: str, pattern: str) -> bool:
+    """Whether a model has this name, or fits a pattern with `*` and `?`."""
+    return prefix == pattern or fnmatchcase(prefix, pattern)
+
+
 def _prefixes(listed: Iterable[ObjectInfo]) -> set[str]:
     return {info.key.removesuffix(m) for info in listed for m in _MARKS if info.key.endswith(m)}
 

@@ -16,9 +16,9 @@ from drcli.store.notes import (
     StoredNote,
     add_note,
     change_note,
-    describe,
     read_notes,
     remove_note,
+    write_description,
 )
 
 
@@ -70,10 +70,7 @@ def list_notes(settings: Settings, prefix: str | None) -> NoteList:
 
 def notes_of(bucket: Bucket, prefix: str) -> NoteList:
     """The notes of a model in a bucket."""
-    found = read_notes(bucket, prefix)
-    entries = [_entry(number, note) for number, note in _numbered(found)]
-    damaged = [note.problem for note in found if note.problem]
-    return NoteList(f"s3://{bucket.name}/{prefix}", entries, damaged)
+    return _listed(bucket, prefix, read_notes(bucket, prefix))
 
 
 def write_note(settings: Settings, prefix: str | None, text: str) -> NoteList:
@@ -87,9 +84,10 @@ def write_note(settings: Settings, prefix: str | None, text: str) -> NoteList:
     """
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     model, words = _model(settings, bucket, prefix), _checked(text)
+    known = read_notes(bucket, model)  # before the change: nothing can fail once it is made
     newest = newest_checkpoint(bucket, model)
-    add_note(bucket, model, words, None if newest is None else newest.number)
-    return notes_of(bucket, model)
+    added = add_note(bucket, model, words, None if newest is None else newest.number)
+    return _listed(bucket, model, [*known, added])
 
 
 def rewrite_note(settings: Settings, prefix: str | None, number: int, text: str) -> NoteList:
@@ -100,12 +98,14 @@ def rewrite_note(settings: Settings, prefix: str | None, number: int, text: str)
     """
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     model, words = _model(settings, bucket, prefix), _checked(text)
-    known = dict(_numbered(read_notes(bucket, model)))
+    found = read_notes(bucket, model)
+    known = dict(_numbered(found))
     if number == 0 and number not in known:
-        describe(bucket, model, words)
+        changed = write_description(bucket, model, words)
     else:
-        change_note(bucket, model, _of_number(known, number, bucket, model), words)
-    return notes_of(bucket, model)
+        changed = change_note(bucket, model, _of_number(known, number, bucket, model), words)
+    others = [note for note in found if note.name != changed.name]
+    return _listed(bucket, model, [*others, changed])
 
 
 def delete_note(settings: Settings, prefix: str | None, number: int) -> NoteList:
@@ -116,9 +116,17 @@ def delete_note(settings: Settings, prefix: str | None, number: int) -> NoteList
     """
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     model = _model(settings, bucket, prefix)
-    known = dict(_numbered(read_notes(bucket, model)))
-    remove_note(bucket, model, _of_number(known, number, bucket, model))
-    return notes_of(bucket, model)
+    found = read_notes(bucket, model)
+    removed = _of_number(dict(_numbered(found)), number, bucket, model)
+    remove_note(bucket, model, removed)
+    return _listed(bucket, model, [note for note in found if note != removed])
+
+
+def _listed(bucket: Bucket, prefix: str, found: list[StoredNote]) -> NoteList:
+    found = sorted(found, key=lambda note: note.name)
+    entries = [_entry(number, note) for number, note in _numbered(found)]
+    damaged = [note.problem for note in found if note.problem]
+    return NoteList(f"s3://{bucket.name}/{prefix}", entries, damaged)
 
 
 def _numbered(found: list[StoredNote]) -> list[tuple[int, StoredNote]]:

@@ -7,6 +7,7 @@ from drcli.base.errors import SettingsError
 from drcli.base.regular_file import read_regular
 from drcli.modelfiles.driven_actions import DrivenFile, read_steps
 from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.model_traces import traces_of
 
 NEWEST_TRACES = 20
 """Of training traces, so many of the newest are read: the older ones show a worse driver."""
@@ -46,7 +47,8 @@ def traces_of_model(bucket: Bucket, prefix: str) -> list[DrivenFile]:
     Raises:
         SettingsError: It has none.
     """
-    listed = [info.key for info in bucket.list(f"{prefix}/") if info.key.endswith(".csv")]
+    own = traces_of(bucket, prefix).objects  # none of a model inside it
+    listed = [info.key for info in own if info.key.endswith(".csv")]
     training = [key for key in listed if "/training-simtrace/" in key[len(prefix) :]]
     evaluation = [key for key in listed if "/evaluation-simtrace/" in key[len(prefix) :]]
     training.sort(key=_iteration)

@@ -216,6 +216,7 @@ def _write_record(plan: EvaluationPlan, worker_pid: int) -> None:
         pid_started=started_s(os.getpid()) or 0.0,
         worker_pid=worker_pid,
         started_at=time.time(),
+        others=[config.evaluation.eval_opp_s3_model_prefix] if plan.checkpoints[1:] else [],
     ).write(plan.job.folder)
 
 

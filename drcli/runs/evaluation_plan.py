@@ -128,7 +128,14 @@ def prepare_evaluation(
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
-    job = Job(
+    job = evaluation_job(settings, folder, seed)
+    job = replace(job, sources=tuple(sources[: len(checkpoints)]))
+    return EvaluationPlan(job, checkpoints, stamp)
+
+
+def evaluation_job(settings: Settings, folder: Path, seed: int | None) -> Job:
+    """The job of an evaluation, whose processes still need to know what drives."""
+    return Job(
         config=settings.run,
         session=secrets.token_hex(6),
         seed=seed if seed is not None else settings.train_seed or 0,
@@ -136,9 +143,7 @@ def prepare_evaluation(
         max_minutes=None,
         folder=folder,
         launcher_pid=os.getpid(),
-        sources=tuple(sources[: len(checkpoints)]),
     )
-    return EvaluationPlan(job, checkpoints, stamp)
 
 
 def checked_source(source: PolicySource) -> PolicySource:

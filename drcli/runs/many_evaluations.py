@@ -156,7 +156,7 @@ def _drive(plan: ManyPlan, on_progress: Callable[[str], None]) -> None:
 
 def _write_record(plan: ManyPlan, worker_pid: int) -> None:
     """Write the record by which other commands find these evaluations."""
-    config, first = plan.job.config, plan.job.tasks[0]
+    config, (first, *rest) = plan.job.config, plan.job.tasks
     EvaluationRecord(
         run_id=config.run_id,
         stamp=plan.stamp,
@@ -168,6 +168,7 @@ def _write_record(plan: ManyPlan, worker_pid: int) -> None:
         pid_started=started_s(os.getpid()) or 0.0,
         worker_pid=worker_pid,
         started_at=time.time(),
+        others=list(dict.fromkeys(task.prefix for task in rest)),
     ).write(plan.job.folder)
 
 

@@ -1,11 +1,8 @@
 """Plans evaluations that share worker processes: several models, several tracks, or a grid."""
 
-import os
-import secrets
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 from drcli.base.errors import DrError, SettingsError
@@ -16,13 +13,16 @@ from drcli.exchange.evaluation_record import claim, sweep
 from drcli.exchange.evaluation_task import EvaluationTask
 from drcli.exchange.job import Job
 from drcli.exchange.policy_source import PolicySource
-from drcli.models.model_list import model_prefixes
-from drcli.runs.evaluation_plan import check_model, checked_source, choose_checkpoint
+from drcli.models.model_list import fits, model_prefixes
+from drcli.runs.evaluation_plan import (
+    check_model,
+    checked_source,
+    choose_checkpoint,
+    evaluation_job,
+)
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
-
-WILDCARDS = "*?["
 
 
 @dataclass(frozen=True)
@@ -125,16 +125,7 @@ def prepare_many(
         )
     ]
     on_progress(_announced(len(chosen), worlds, robust=robust))
-    job = Job(
-        config=settings.run,
-        session=secrets.token_hex(6),
-        seed=seed if seed is not None else settings.train_seed or 0,
-        until_laps=None,
-        max_minutes=None,
-        folder=folder,
-        launcher_pid=os.getpid(),
-        tasks=tuple(tasks),
-    )
+    job = replace(evaluation_job(settings, folder, seed), tasks=tuple(tasks))
     return ManyPlan(job, stamp, worlds, refused)
 
 
@@ -155,18 +146,15 @@ def matching_models(bucket: Bucket, patterns: Sequence[str]) -> list[str]:
     known = model_prefixes(bucket)
     found: set[str] = set()
     for pattern in patterns:
-        if any(character in pattern for character in WILDCARDS):
-            fits = {prefix for prefix in known if fnmatchcase(prefix, pattern)}
-        else:
-            fits = {pattern} & known
-        if not fits:
+        fitting = {prefix for prefix in known if fits(prefix, pattern)}
+        if not fitting:
             some = ", ".join(sorted(known)[:5]) or "no models at all"
             raise SettingsError(
                 f"No model in s3://{bucket.name} fits --models {pattern!a}; it has {some}.",
                 remedy="List them with `dr-list-models`; * and ? stand for any characters, as in "
                 '--models "team/*".',
             )
-        found |= fits
+        found |= fitting
     return sorted(found)
 
 

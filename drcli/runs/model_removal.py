@@ -3,13 +3,13 @@
 import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.run_record import RunRecord
+from drcli.models.model_list import fits
 from drcli.models.run_metadata import read_start
 from drcli.runs.run_logs import log_file
 from drcli.store import keys, lease
@@ -21,6 +21,9 @@ BATCH = 500
 """Objects in a request; between two of them, the lock of the model is renewed."""
 
 _METRICS = "DR_LOCAL_S3_METRICS_PREFIX"
+
+_LOGGED = ("sim-0", "trainer")
+"""A worker for each folder of logs."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +156,7 @@ def refuse_busy(settings: Settings, bucket: Bucket, prefix: str) -> None:
     """
     lease.refuse_other_owner(bucket, prefix)
     for record in running_evaluations(settings.directory):
-        if (record.bucket, record.prefix) == (bucket.name, prefix):
+        if record.bucket == bucket.name and prefix in (record.prefix, *record.others):
             raise SettingsError(
                 f"s3://{bucket.name}/{prefix} is being evaluated (process {record.pid}).",
                 remedy="Wait for its end, or stop it with `dr-stop-evaluation`.",
@@ -188,27 +191,41 @@ def described(settings: Settings, bucket: str, traces: ModelTraces) -> RemovedMo
     )
 
 
-def fits(prefix: str, pattern: str) -> bool:
-    """Whether a model has this name, or fits a pattern with `*` and `?`."""
-    is_pattern = any(character in pattern for character in "*?[")
-    return fnmatchcase(prefix, pattern) if is_pattern else prefix == pattern
-
-
 def local_files(settings: Settings, bucket: str, prefix: str) -> list[str]:
-    """Logs and records of a model on this machine; not those of models inside it."""
-    found = []
-    for folder in _log_folders(settings, prefix):
-        found += [path for path in _entries(folder) if path.is_file() or path.is_symlink()]
+    """Logs and records of a model on this machine; not those of models inside it.
+
+    Logs do not say from which bucket a model is: where a run of the same name in another bucket is
+    on record, they stay.
+    """
+    if not keys.is_valid_prefix(prefix):  # of another program; its `..` would lead out of data/logs
+        return []
+    found: list[Path] = []
+    elsewhere = False
     for folder in settings.directory.glob("data/runs/*"):
         record = RunRecord.read(folder)
-        if record is not None and (record.bucket, record.prefix) == (bucket, prefix):
-            found += [path for path in _entries(folder) if path.is_file() and not record.alive]
+        if record is None or record.prefix != prefix:
+            continue
+        if record.bucket != bucket:
+            elsewhere = True
+        elif not record.alive:
+            found += [path for path in _entries(folder) if path.is_file()]
+    if not elsewhere:
+        for folder in _log_folders(settings, prefix):
+            found += [path for path in _entries(folder) if path.is_file() or path.is_symlink()]
     return sorted(map(str, found))
 
 
+def logged_models(settings: Settings) -> set[str]:
+    """Prefixes of all models that have logs on this machine."""
+    found = set()
+    for worker in _LOGGED:
+        top = log_file(settings.directory, "", worker).parent
+        found |= {path.parent.relative_to(top).as_posix() for path in top.glob("*/**/*.log*")}
+    return found
+
+
 def _log_folders(settings: Settings, prefix: str) -> list[Path]:
-    workers = ("sim-0", "trainer")
-    return [log_file(settings.directory, prefix, worker).parent for worker in workers]
+    return [log_file(settings.directory, prefix, worker).parent for worker in _LOGGED]
 
 
 def _remove_empty_folders(settings: Settings, prefix: str) -> None:
@@ -229,7 +246,23 @@ def _entries(folder: Path) -> list[Path]:
 
 
 def _metrics_prefix(settings: Settings, bucket: Bucket, prefix: str) -> str | None:
-    """The folder of a model's metrics; None if that is below the model, or not known."""
+    """The folder of a model's metrics; None if that is below the model, or also another's."""
+    named = _own_metrics(settings, bucket, prefix)
+    if named is None or keys.folder(named).startswith(keys.folder(prefix)):
+        return None
+    if named == settings.metrics_prefix and prefix != settings.model_prefix:
+        return None
+    for other in models_in(bucket.list("")):
+        if other == prefix:
+            continue
+        is_inside = keys.folder(named).startswith(keys.folder(other))
+        if is_inside or _own_metrics(settings, bucket, other) == named:
+            return None
+    return named
+
+
+def _own_metrics(settings: Settings, bucket: Bucket, prefix: str) -> str | None:
+    """The folder that a model's last training has written metrics to; None if it is not known."""
     if prefix == settings.model_prefix:
         return settings.metrics_prefix
     try:
@@ -237,13 +270,13 @@ def _metrics_prefix(settings: Settings, bucket: Bucket, prefix: str) -> str | No
     except (ObjectDamaged, ObjectNewer):
         return None
     named = None if start is None or start.settings is None else start.settings.get(_METRICS)
-    is_valid = isinstance(named, str) and keys.is_valid_prefix(named)
-    # The metrics of the present model stay, whoever used the folder before.
-    return named if is_valid and named != settings.metrics_prefix else None
+    return named if isinstance(named, str) and keys.is_valid_prefix(named) else None
 
 
 def _has_remains(settings: Settings, bucket: Bucket, prefix: str) -> bool:
     """Whether there is something of a model that is no whole one any more."""
+    if local_files(settings, bucket.name, prefix):
+        return True
     objects = all_traces(settings, bucket, prefix).objects
     own = (keys.run_folder(prefix), keys.rollouts_folder(prefix), keys.journal_folder(prefix))
     logs = f"{keys.folder(prefix)}logs/"

@@ -10,14 +10,21 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from drcli.base.errors import SettingsError
-from drcli.base.json_record import RecordError
 from drcli.config.settings import Settings
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.milestone_record import KINDS
 from drcli.models.checkpoint_choice import ModelCheckpoints
-from drcli.runs.model_removal import all_traces, fits, local_files, refuse_busy, remove_traces
-from drcli.store import keys, lease
+from drcli.models.model_list import fits
+from drcli.runs.model_removal import (
+    all_traces,
+    local_files,
+    logged_models,
+    refuse_busy,
+    remove_traces,
+)
+from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing
+from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.model_traces import models_in
 from drcli.store.repair import Model
@@ -149,10 +156,10 @@ def find_surplus(settings: Settings, options: TidyOptions) -> TidyReport:
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     everything = bucket.list("")
     known = models_in(everything)
-    orphans = {prefix for prefix in _run_prefixes(everything) if prefix not in known}
+    here = logged_models(settings) if "logs" in options.kinds else set()
     wanted = [
         prefix
-        for prefix in sorted({*known, *orphans})
+        for prefix in sorted({*known, *_run_prefixes(everything), *here})
         if (not options.models or any(fits(prefix, each) for each in options.models))
         and not any(fits(prefix, each) for each in options.keep)
     ]
@@ -216,13 +223,15 @@ def _of_kind(
         recent = time.time() - newest < RECENT_S
         return [] if recent else [_found(info) for info in objects]
     if kind == "damaged":
-        return [_found(info) for info in bucket.list(keys.damaged_folder(prefix))]
+        folder = keys.damaged_folder(prefix)
+        own = all_traces(settings, bucket, prefix).objects  # `a/damaged` may be a model, too
+        return [_found(info) for info in own if info.key.startswith(folder)]
     if kind == "rollouts":
         return list(_rollouts(bucket, prefix))
     if kind == "traces":
         start = keys.folder(prefix)
-        listed = bucket.list(start)
-        return [_found(i) for i in listed if _TRACE.fullmatch(i.key.removeprefix(start))]
+        own = all_traces(settings, bucket, prefix).objects  # and `a/1`, not only a worker of `a`
+        return [_found(i) for i in own if _TRACE.fullmatch(i.key.removeprefix(start))]
     return _checkpoints(settings, bucket, prefix, rules) if kind == "checkpoints" else []
 
 
@@ -252,7 +261,9 @@ def _checkpoints(
         return []
     names = list(has.names)
     scored = (has.scores.best_checkpoint, has.scores.last_checkpoint)
-    stay = {CheckpointName.parse(each.name) for each in scored}
+    stay: set[CheckpointName | None] = {CheckpointName.parse(each.name) for each in scored}
+    # A training that is killed between its two pointers leaves an index without the newest one.
+    stay.add(CheckpointStore(bucket, prefix).pointed())
     for rule in rules:
         kind, _, number = rule.partition("-")
         if kind == "last":
@@ -264,12 +275,19 @@ def _checkpoints(
             stay |= {each.name for word, each in reached if rule in ("milestones", word)}
     gone = [name for name in names if name not in stay]
     numbers = {name.number for name in gone} - {name.number for name in names if name in stay}
-    graphs = {keys.checkpoint_graph(prefix, number) for number in numbers}
-    return [
-        _found(info)
-        for info in has.listed
-        if keys.checkpoint_of(prefix, info.key) in gone or info.key in graphs
-    ]
+    graphs = {keys.checkpoint_graph(prefix, number): number for number in numbers}
+    doomed: list[tuple[int, ObjectInfo]] = []
+    for info in has.listed:
+        name = keys.checkpoint_of(prefix, info.key)
+        if name is not None and name in gone:
+            doomed.append((name.number, info))
+        elif info.key in graphs:
+            doomed.append((graphs[info.key], info))
+    # A repair may have written one file of a checkpoint again: it goes whole, or stays whole.
+    newest: dict[int, float] = {}
+    for of, info in doomed:
+        newest[of] = max(newest.get(of, 0.0), info.modified.timestamp())
+    return [(info.key, info.size_bytes, newest[of]) for of, info in doomed]
 
 
 def _orphaned_logs(settings: Settings, prefix: str) -> list[_Found]:
@@ -298,6 +316,6 @@ def _run_prefixes(listed: Iterable[ObjectInfo]) -> set[str]:
 def _is_busy(settings: Settings, bucket: Bucket, prefix: str) -> bool:
     try:
         refuse_busy(settings, bucket, prefix)
-    except (SettingsError, RecordError):
+    except SettingsError:
         return True
-    return lease.live_holder(bucket, prefix) is not None
+    return False

@@ -22,7 +22,7 @@ _RUN_MARKS = ("lease.json", "outcome.json")
 
 _METRICS = re.compile(
     r"(TrainingMetrics(_\d+)?\.json(\.part-\d+)?|EvaluationMetrics-\d{14}\.json"
-    r"|evaluation/evaluation-\d{14}\.json)"
+    r"|evaluation/evaluation-\d{14}\.json|robust/robust-\d{14}\.json|best-laps\.json)"
 )
 
 
@@ -121,7 +121,9 @@ def _rank(prefix: str, key: str) -> int:
         return 0
     if key == keys.lease(prefix):
         return 3
-    return 2 if key.startswith(keys.run_folder(prefix)) else 1
+    # The record of the start says in which folder the metrics are, so it outlasts them.
+    late = key == keys.training_start(prefix) or key.startswith(keys.run_folder(prefix))
+    return 2 if late else 1
 
 
 def _inside(key: str, folders: Iterable[str]) -> bool:

@@ -90,9 +90,13 @@ def remove_note(bucket: Bucket, prefix: str, note: StoredNote) -> None:
 
 def describe(bucket: Bucket, prefix: str, text: str, *, is_new: bool = True) -> None:
     """Write the description of a model; of one that is not new, only if it has none."""
-    if not text.strip() or (not is_new and bucket.exists(keys.note(prefix, DESCRIPTION))):
-        return
-    _write(bucket, prefix, DESCRIPTION, NoteRecord(time.time(), text, socket.gethostname()))
+    if text.strip() and (is_new or not bucket.exists(keys.note(prefix, DESCRIPTION))):
+        write_description(bucket, prefix, text)
+
+
+def write_description(bucket: Bucket, prefix: str, text: str) -> StoredNote:
+    """Write the description of a model, or replace it."""
+    return _write(bucket, prefix, DESCRIPTION, NoteRecord(time.time(), text, socket.gethostname()))
 
 
 def _name_of(prefix: str, key: str) -> str | None:

@@ -4,9 +4,15 @@ import json
 
 import pytest
 
-from drcli.base.errors import SettingsError
+from drcli.base.errors import SettingsError, StorageError
 from drcli.models.model_list import list_models
-from drcli.models.model_notes import delete_note, list_notes, rewrite_note, write_note
+from drcli.models.model_notes import (
+    delete_note,
+    list_notes,
+    notes_of,
+    rewrite_note,
+    write_note,
+)
 from drcli.store import keys
 from drcli.store.notes import describe
 
@@ -57,6 +63,45 @@ def test_an_upload_and_a_download_carry_notes_along(mover, mine, monkeypatch):
     mover.download("s3://uploads/team/model-1", "copy")
 
     assert texts(list_notes(mine, "copy")) == [(1, "carried")]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda mine: write_note(mine, None, "two"),
+        lambda mine: rewrite_note(mine, None, 0, "what it is"),
+        lambda mine: rewrite_note(mine, None, 1, "better"),
+        lambda mine: delete_note(mine, None, 1),
+    ],
+    ids=["add", "describe", "edit", "remove"],
+)
+def test_nothing_is_read_once_a_note_is_changed(mover, mine, monkeypatch, change):
+    """A server that fails to read the other notes must not make a change look like a failure."""
+    write_note(mine, None, "one")
+    get, put, delete = mover.here.get, mover.here.put, mover.here.delete
+    changed = []
+
+    def broken(key, **options):
+        if changed and "/notes/" in key:
+            raise StorageError("Cannot read it: 500.", remedy="Try again.")
+        return get(key, **options)
+
+    def noted(do):
+        def call(keys, *arguments, **options):
+            do(keys, *arguments, **options)
+            changed.append(keys)
+
+        return call
+
+    monkeypatch.setattr(mover.here, "get", broken)
+    monkeypatch.setattr(mover.here, "put", noted(put))
+    monkeypatch.setattr(mover.here, "delete", noted(delete))
+
+    shown = change(mine)
+
+    assert len(changed) == 1
+    monkeypatch.setattr(mover.here, "get", get)
+    assert shown.notes == notes_of(mover.here, "team/model").notes
 
 
 @pytest.mark.parametrize("damage", [b"", b"{", b'{"at": 3}', b'{"at": 1, "text": " "}', b"\xff"])

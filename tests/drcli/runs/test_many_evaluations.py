@@ -5,6 +5,7 @@ import pytest
 from drcli.base.atomic_file import save_record
 from drcli.base.errors import SettingsError
 from drcli.exchange.episode_metrics import TrialMetrics
+from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.evaluation_task import EvaluationTask, TaskOutcome
 from drcli.exchange.job import Job
 from drcli.exchange.robust_result import RobustCell, RobustResult
@@ -146,6 +147,21 @@ def test_no_more_processes_work_than_the_cores_that_a_run_may_use(run):
     _, started = run({(name, "x"): laps(9.0) for name in "abc"}, cores=8, threads=2)
 
     assert [arguments for _, arguments in started] == [("0", "2"), ("1", "2")]
+
+
+def test_other_commands_learn_of_every_model_that_drives(run, monkeypatch):
+    seen = []
+    load = many_evaluations.load_record
+
+    def look(kind, path):
+        seen.append(EvaluationRecord.read(path.parent))
+        return load(kind, path)
+
+    monkeypatch.setattr(many_evaluations, "load_record", look)
+
+    run({(prefix, world): laps(9.0) for world in ("bean", "oval") for prefix in "abc"})
+
+    assert {seen[0].prefix, *seen[0].others} == {"a", "b", "c"}
 
 
 def test_robust_rows_are_sorted_by_their_score(run):

@@ -1,77 +1,22 @@
 """A model is deleted with all its traces, and nothing else goes (item 15 of the racer's day)."""
 
-import time
+import inspect
+import os
 
 import pytest
 
 from drcli.base.errors import SettingsError
+from drcli.base.process_identity import started_s
+from drcli.exchange.evaluation_record import EvaluationRecord, claim
+from drcli.exchange.run_record import RunRecord, run_folder
+from drcli.exchange.training_start import TrainingStart
 from drcli.models.model_list import list_models
 from drcli.runs.model_removal import plan_removal, remove_models
 from drcli.runs.run_logs import log_file
-from drcli.runs.tidy import TidyOptions, checked_rules, find_surplus, read_kinds, tidy
+from drcli.runs.tidy import TidyOptions, find_surplus
 from drcli.store import keys, lease
 from memory_bucket import MemoryBucket
-
-OTHERS = ("model-10", "model-1/inner", "model-1-old")
-
-
-class Killed(Exception):
-    """The process ends here."""
-
-
-class MortalBucket(MemoryBucket):
-    """Ends its user at a request to delete."""
-
-    deletes_left = 1_000
-
-    def delete(self, keys):
-        if not self.deletes_left:
-            raise Killed
-        self.deletes_left -= 1
-        super().delete(keys)
-
-
-def put_all(bucket: MemoryBucket, prefix: str, *, iteration: int = 3) -> None:
-    """Everything that a model can have."""
-    names = (
-        "model/0_Step-0.ckpt.safetensors model/0_Step-0.ckpt.json model/model_0.pb "
-        "model/.coach_checkpoint model/milestones.json model/model_metadata.json ip/run.json "
-        "ip/hyperparameters.json metrics/history.json notes/1.json journal/000001-a.jsonl "
-        "logs/sagemaker/trainer.log training-simtrace/0-iteration.csv reward_function.py"
-    )
-    for name in names.split():
-        bucket.put(keys.folder(prefix) + name, b"{}")
-    name = b'{"name": "0_Step-0.ckpt"}'
-    scores = b'{"best_checkpoint": %b, "last_checkpoint": %b}' % (name, name)
-    bucket.put(keys.deepracer_checkpoints(prefix), scores)
-    bucket.put(keys.rollout_manifest(prefix, iteration, 0), b"{}")
-    bucket.put(keys.outcome(prefix), b"{}")
-    bucket.put(keys.evaluation_result(prefix, 0), b"{}")
-    bucket.put(keys.damaged(prefix, "x", "20260101000000"), b"?" * 100)
-
-
-@pytest.fixture
-def bucket(working_folder, monkeypatch):
-    bucket = MortalBucket()
-    for module in ("model_removal", "tidy"):
-        monkeypatch.setattr(f"drcli.runs.{module}.open_bucket", lambda *_, **__: bucket)
-    (working_folder / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=model-1\n")
-    (working_folder / "system.env").write_text("")
-    for prefix in ("model-1", *OTHERS):
-        put_all(bucket, prefix)
-    bucket.put("custom_files/reward_function.py", b"mine")
-    return bucket
-
-
-@pytest.fixture
-def settings(bucket, working_folder):
-    from drcli.config.loading import load_settings
-
-    return lambda: load_settings(working_folder)
-
-
-def objects(bucket: MemoryBucket) -> set[str]:
-    return {info.key for info in bucket.list("")}
+from removable_models import OTHERS, Killed, objects, put_all
 
 
 def remove(settings, *names: str, **options):
@@ -108,13 +53,25 @@ def test_metrics_in_another_folder_go_too(bucket, settings, working_folder):
     (working_folder / "run.env").write_text(
         "DR_LOCAL_S3_MODEL_PREFIX=model-1\nDR_LOCAL_S3_METRICS_PREFIX=numbers/one\n"
     )
-    bucket.put("numbers/one/TrainingMetrics.json", b"{}")
-    bucket.put("numbers/one/TrainingMetrics_1.json", b"{}")
+    names = [name for name in vars(keys) if below_metrics(name)]
+    assert len(names) >= 5
+    for name in names:
+        takes_stamp = "stamp" in inspect.signature(getattr(keys, name)).parameters
+        arguments = ["20260101000000"] if takes_stamp else []
+        bucket.put(getattr(keys, name)("numbers/one", *arguments), b"{}")
+    bucket.put(keys.training_metrics("numbers/one", 1), b"{}")
+    bucket.put(keys.part(keys.training_metrics("numbers/one"), 1), b"{}")
     bucket.put("numbers/one/mine.csv", b"mine")
 
     remove(settings(), "model-1")
 
     assert [info.key for info in bucket.list("numbers/")] == ["numbers/one/mine.csv"]
+
+
+def below_metrics(name: str) -> bool:
+    """Whether a function of `keys` names an object in the folder of metrics."""
+    function = getattr(keys, name)
+    return inspect.isfunction(function) and "metrics" in inspect.signature(function).parameters
 
 
 def test_a_model_that_trains_anywhere_stays(bucket, settings):
@@ -125,6 +82,28 @@ def test_a_model_that_trains_anywhere_stays(bucket, settings):
         remove(settings(), "model-10", "model-1")
 
     assert objects(bucket) == before
+
+
+@pytest.mark.parametrize("others", [[], ["model-10", "model-1"]], ids=["alone", "of several"])
+def test_a_model_that_is_evaluated_here_stays(bucket, settings, working_folder, others):
+    folder = claim(working_folder, 0, "20260101000000")
+    EvaluationRecord(
+        run_id=0,
+        stamp="20260101000000",
+        bucket="bucket",
+        prefix=others[0] if others else "model-1",
+        world="reinvent_base",
+        checkpoint="0_Step-0.ckpt",
+        pid=os.getpid(),
+        pid_started=started_s(os.getpid()),
+        worker_pid=1,
+        started_at=1.0,
+        others=others[1:],
+    ).write(folder)
+
+    with pytest.raises(SettingsError, match="model-1 is being evaluated"):
+        plan_removal(settings(), ["model-1"])
+    assert find_surplus(settings(), TidyOptions(models=["model-1"])).busy == ["model-1"]
 
 
 def test_a_training_that_starts_after_the_question_keeps_its_model(bucket, settings):
@@ -175,73 +154,126 @@ def test_a_folder_of_models_is_refused_with_their_names(bucket, settings):
         plan_removal(settings(), ["team"])
 
 
-def test_tidy_deletes_what_nobody_misses(bucket, settings, monkeypatch):
-    bucket.delete(["model-10/model/.coach_checkpoint", "model-10/model/deepracer_checkpoints.json"])
-    bucket.put("model-1/model/model_metadata.json", b'{"training_algorithm": "clipped_ppo"}')
-    bucket.put("model-1-old/model/model_metadata.json", b'{"training_algorithm": "sac"}')
-    young = find_surplus(settings(), TidyOptions(keep=["model-1/inner"]))
-    monkeypatch.setattr("drcli.runs.tidy.RECENT_S", -1.0)
+def test_a_deletion_that_is_cut_off_anywhere_is_completed_by_the_same_command(
+    bucket, settings, monkeypatch, working_folder
+):
+    """Also of metrics in another folder, which only a record of the model names."""
+    monkeypatch.setattr("drcli.runs.model_removal.BATCH", 1)
+    (working_folder / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=other\n")
+    log = log_file(working_folder, "model-1", "trainer")
 
-    found = find_surplus(settings(), TidyOptions(keep=["model-1/inner"]))
-    tidy(found, settings())
+    for deletes in range(1, 30, 4):
+        log.parent.mkdir(parents=True, exist_ok=True)
+        put_all(bucket, "model-1")
+        start = TrainingStart(seed=1, settings={"DR_LOCAL_S3_METRICS_PREFIX": "numbers"})
+        bucket.put(keys.training_start("model-1"), start.encode())
+        bucket.put("numbers/TrainingMetrics.json", b"{}")
+        log.write_text("log")
+        bucket.deletes_left = deletes
+        try:
+            remove(settings(), "model-1")
+        except Killed:
+            done = False
+        else:
+            done = True
+        bucket.deletes_left = 1_000
+        if not done:
+            if left := lease.read_lease(bucket, "model-1"):
+                lease.release(bucket, "model-1", left.session)
+            remove(settings(), "model-1")
 
-    assert [(item.kind, item.model) for item in young.items] == [
-        ("damaged", "model-1"),
-        ("rollouts", "model-1"),
-        ("damaged", "model-1-old"),
-    ]
-    assert ("remains", "model-10") in [(item.kind, item.model) for item in found.items]
-    left = objects(bucket)
-    assert not any(key.startswith(("model-10/", "runs/model-10/")) for key in left)
-    assert "rollouts/model-1/3/0/manifest.json" not in left
-    assert "rollouts/model-1-old/3/0/manifest.json" in left
-    assert "model-1/model/.coach_checkpoint" in left
-    assert find_surplus(settings(), TidyOptions(keep=["model-1/inner"])).items == []
-
-
-def test_tidy_leaves_a_model_that_trains_alone(bucket, settings):
-    lease.take(bucket, "model-1", "session")
-
-    found = find_surplus(settings(), TidyOptions(models=["model-1"]))
-
-    assert (found.items, found.busy) == ([], ["model-1"])
-
-
-def test_tidy_thins_checkpoints_but_never_the_best_or_the_last(bucket, settings):
-    for number in range(1, 9):
-        name = f"{number}_Step-{number}.ckpt"
-        for key in (
-            keys.checkpoint_tensors("model-1", name),
-            keys.checkpoint_record("model-1", name),
-        ):
-            bucket.put(key, b"{}")
-        bucket.put(keys.checkpoint_graph("model-1", number), b"graph")
-    last = b'{"name": "8_Step-8.ckpt"}'
-    best = b'{"name": "3_Step-3.ckpt"}'
-    index = b'{"best_checkpoint": %b, "last_checkpoint": %b}' % (best, last)
-    bucket.put(keys.deepracer_checkpoints("model-1"), index)
-    options = TidyOptions(["model-1"], kinds=read_kinds(None, "every-5"), checkpoints="every-5")
-
-    tidy(find_surplus(settings(), options), settings())
-
-    found = {keys.checkpoint_of("model-1", key) for key in objects(bucket)} - {None}
-    assert sorted(name.number for name in found) == [3, 5, 8]
-    assert keys.checkpoint_graph("model-1", 4) not in objects(bucket)
+        assert not any(
+            key.startswith(("model-1/m", "runs/model-1/l", "numbers/")) for key in objects(bucket)
+        )
+        assert not log.exists()
+        if done:
+            return
+    pytest.fail("It never ended.")
 
 
-def test_older_than_spares_what_is_new(bucket, settings):
-    options = TidyOptions(["model-1"], kinds=("damaged", "traces"), older_than_s=time.time() / 2)
+def test_logs_that_are_left_after_the_objects_are_gone_can_be_deleted(
+    bucket, settings, working_folder
+):
+    log = log_file(working_folder, "gone", "trainer")
+    log.parent.mkdir(parents=True)
+    log.write_text("log")
 
-    assert find_surplus(settings(), options).items == []
+    report = remove(settings(), "gone")
+
+    assert [model.files for model in report.models] == [[str(log)]]
+    assert not log.parent.exists()
 
 
-@pytest.mark.parametrize("text", ["junk", "remains;damaged", "checkpoints"])
-def test_kinds_that_do_not_exist_are_refused(text):
-    with pytest.raises(SettingsError):
-        read_kinds(text, "")
+@pytest.mark.parametrize("inside", ["../../../mine", "{folder}/mine", "a/../../../../mine"])
+def test_a_model_with_an_impossible_name_has_no_files_here(
+    bucket, settings, working_folder, inside
+):
+    """Keys in a bucket can be anything; `..` in one must not reach files of the racer."""
+    mine = working_folder / "mine" / "file"
+    mine.parent.mkdir()
+    mine.write_text("mine")
+    (working_folder / "data" / "logs" / "sagemaker" / "a").mkdir(parents=True)
+    prefix = inside.format(folder=working_folder)
+    bucket.put(f"{prefix}/model/.coach_checkpoint", b"{}")
+    assert prefix in [model.prefix for model in plan_removal(settings(), ["*"]).report.models]
+
+    remove(settings(), "*")
+
+    assert mine.read_text() == "mine"
+    assert not any(key.startswith(prefix) for key in objects(bucket))
 
 
-@pytest.mark.parametrize("text", ["last-0", "every", "newest", "best,first"])
-def test_rules_that_do_not_exist_are_refused(text):
-    with pytest.raises(SettingsError, match="is not a rule for what stays"):
-        checked_rules(text)
+def test_a_name_with_brackets_is_found_as_it_is(bucket, settings):
+    bucket.put("odd [1]/model/.coach_checkpoint", b"{}")
+
+    remove(settings(), "odd [1]")
+
+    assert "odd [1]/model/.coach_checkpoint" not in objects(bucket)
+
+
+@pytest.mark.parametrize("metrics", ["model-10", "model-10/metrics", "model-1-old/numbers/deep"])
+def test_metrics_in_the_folder_of_another_model_stay(bucket, settings, working_folder, metrics):
+    (working_folder / "run.env").write_text(
+        f"DR_LOCAL_S3_MODEL_PREFIX=model-1\nDR_LOCAL_S3_METRICS_PREFIX={metrics}\n"
+    )
+    bucket.put(f"{metrics}/TrainingMetrics.json", b"{}")
+
+    remove(settings(), "model-1")
+
+    assert f"{metrics}/TrainingMetrics.json" in objects(bucket)
+
+
+def test_metrics_in_a_folder_that_another_model_shares_stay(bucket, settings, working_folder):
+    (working_folder / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=other\n")
+    start = TrainingStart(seed=1, settings={"DR_LOCAL_S3_METRICS_PREFIX": "numbers"})
+    for prefix in ("model-1", "model-10"):
+        bucket.put(keys.training_start(prefix), start.encode())
+    bucket.put("numbers/TrainingMetrics.json", b"{}")
+
+    remove(settings(), "model-1")
+    assert "numbers/TrainingMetrics.json" in objects(bucket)
+
+    remove(settings(), "model-10")
+    assert "numbers/TrainingMetrics.json" not in objects(bucket)
+
+
+def test_logs_of_a_model_of_the_same_name_in_another_bucket_stay(bucket, settings, working_folder):
+    log = log_file(working_folder, "model-1", "trainer")
+    log.parent.mkdir(parents=True)
+    log.write_text("log")
+    RunRecord(
+        run_id=0,
+        session="a",
+        bucket="elsewhere",
+        prefix="model-1",
+        world="reinvent_base",
+        state="finished",
+        pid=1,
+        pid_started=1.0,
+        started_at=1.0,
+    ).write(run_folder(working_folder, 0))
+
+    remove(settings(), "model-1")
+
+    assert log.exists()
+    assert RunRecord.read(run_folder(working_folder, 0)) is not None

@@ -1,0 +1,194 @@
+"""A model in another bucket as a download sees it: its objects, its pointers, and their damage.
+
+A training may change it there at any time.
+"""
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+from drcli.base import notices
+from drcli.base.errors import SettingsError, StorageError
+from drcli.base.json_record import RecordError
+from drcli.exchange.checkpoint import decode_pointer
+from drcli.exchange.scores import Scores
+from drcli.models.checkpoint_choice import missing_parts
+from drcli.models.checkpoint_files import (
+    HYPERPARAMETERS,
+    METADATA,
+    Item,
+    import_command,
+    needs_import,
+)
+from drcli.models.put_model import POINTERS
+from drcli.store import keys
+from drcli.store.bucket import Bucket, Listing, ObjectDamaged, ObjectMissing
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.reconstruct import readable_records, reconstruct_scores
+
+TRANSIENT = ("model/.ready", "model/.lock", "model/.finished", "ip/ip.json", "ip/done")
+"""Signals of a training that runs elsewhere; a copy of them would mislead the next one here."""
+
+SNAPSHOTS = 5
+"""How often a model is listed again because a running training has changed it."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A model to download, and the command that lists the models of its bucket."""
+
+    bucket: Bucket
+    prefix: str
+    listing: str
+    local: bool = False
+
+    @property
+    def import_command(self) -> str:
+        """The command that makes it a model here, if it is one of the reference simulator's."""
+        return import_command(self.url, local=self.local)
+
+    @property
+    def folder(self) -> str:
+        """The common beginning of all keys of the model."""
+        return keys.folder(self.prefix)
+
+    @property
+    def url(self) -> str:
+        """Bucket and prefix."""
+        return f"s3://{self.bucket.name}/{self.prefix}"
+
+
+def list_model(source: Source) -> Listing:
+    """List all objects of a model.
+
+    Raises:
+        SettingsError: It does not exist, or lacks one of the racer's files.
+    """
+    listed = [
+        info
+        for info in source.bucket.list(source.folder)
+        if info.key.removeprefix(source.folder) not in TRANSIENT and not info.key.endswith("/")
+    ]
+    sizes = {info.key.removeprefix(source.folder): info.size_bytes for info in listed}
+    wrong = [
+        f"{name} is {'empty' if name in sizes else 'missing'}"
+        for name in (keys.REWARD_FUNCTION_FILE, HYPERPARAMETERS, METADATA)
+        if not sizes.get(name) and not (name in sizes and _is_in_checkpoints(source, name))
+    ]
+    if wrong:
+        why = ", ".join(wrong) if listed else "There is nothing"
+        remedy = f"Correct the address after -s; `{source.listing}` lists all models there."
+        if needs_import(listed):
+            remedy = (
+                "It is a model of the reference simulator: make it one here with "
+                f"`{source.import_command}`, which can do without these files."
+            )
+        raise SettingsError(
+            f"Meta-data files are not found. Source model {source.url} not valid. Exiting. {why}.",
+            remedy=remedy,
+        )
+    return listed
+
+
+def _is_in_checkpoints(source: Source, name: str) -> bool:
+    """Whether a checkpoint has a copy of a file, which can replace an empty one."""
+    records = readable_records(source.bucket, source.prefix)
+    file = name.rpartition("/")[2]
+    return any(file in record.counters.inputs for record in records)
+
+
+def list_whole(source: Source) -> Listing:
+    """List a model once its pointers name only complete checkpoints.
+
+    A training that runs there may delete a checkpoint between two looks. It writes the pointers
+    last, so they are read first.
+
+    Raises:
+        StorageError: A pointer is damaged, or names a checkpoint that stays incomplete.
+    """
+    missing: list[str] = []
+    for _ in range(SNAPSHOTS):
+        names = named(read_pointers(source), source)
+        listed = list_model(source)
+        missing = [key for n in sorted(names) for key in missing_parts(listed, source.prefix, n)]
+        if not missing:
+            return listed
+    raise incomplete(source, missing[0])
+
+
+def check_weights(source: Source) -> None:
+    """Read the checkpoints that the pointers name, before the model at the target is given up.
+
+    Raises:
+        ObjectDamaged: One of them is damaged.
+    """
+    store = CheckpointStore(source.bucket, source.prefix)
+    for name in sorted(named(read_pointers(source), source)):
+        # A training that runs there may just have deleted it; the download looks again.
+        with suppress(ObjectMissing):
+            check_checkpoint(store, name, source)
+
+
+def check_checkpoint(store: CheckpointStore, name: str, source: Source) -> None:
+    """Warn of a damaged record, which the copy gets again from the weights.
+
+    Raises:
+        ObjectDamaged: The weights are damaged.
+    """
+    try:
+        store.record(name)
+    except ObjectDamaged as e:
+        notices.warn(f"{e} The copy gets another one, reconstructed from the weights.")
+        return
+    try:
+        store.load(name)
+    except ObjectDamaged as e:
+        raise ObjectDamaged(
+            f"Checkpoint {name} of {source.url} is damaged there. {e}",
+            remedy="Restore it there, or fetch another model.",
+        ) from e
+
+
+def read_pointers(source: Source) -> list[Item]:
+    """The pointers that exist; a damaged one is reconstructed from the checkpoints."""
+    found = []
+    for name in POINTERS:
+        if not source.bucket.exists(source.folder + name):
+            continue
+        item = Item(name, source.bucket.get(source.folder + name))
+        try:
+            named([item], source)
+        except ObjectDamaged as error:
+            scores = reconstruct_scores(source.bucket, source.prefix, "progress")
+            if scores is None:
+                raise
+            notices.warn(f"{error} The copy gets another one, reconstructed from the checkpoints.")
+            is_index = name.endswith(".json")
+            item = Item(name, scores.encode() if is_index else scores.last_checkpoint.name.encode())
+        found.append(item)
+    return found
+
+
+def incomplete(source: Source, missing: str) -> StorageError:
+    """The error for a model whose pointers name a checkpoint that lacks an object."""
+    return StorageError(
+        f"The checkpoint at {source.url} is incomplete: {missing} is missing.",
+        remedy="If it is being trained, run the command again; otherwise fetch another model.",
+    )
+
+
+def named(pointers: list[Item], source: Source) -> set[str]:
+    """Checkpoints that the pointers name."""
+    names = set()
+    for item in pointers:
+        try:
+            if item.name.endswith(".json"):
+                scores = Scores.decode(item.data)
+                names |= {scores.best_checkpoint.name, scores.last_checkpoint.name}
+            else:
+                names.add(str(decode_pointer(item.data)))
+        except RecordError as e:
+            raise ObjectDamaged(
+                f"{source.url}/{item.name} is damaged: {e}.",
+                remedy="Restore it from a copy, or fetch another model.",
+            ) from e
+    return names
