@@ -115,5 +115,6 @@ def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_reques
     rows = list(csv.DictReader(racer.bucket.get(entry.trace).decode().splitlines()))
     rewards = {float(row["reward"]) for row in rows if float(row["steps"]) > 1.0}
     assert [len(trials) for trials in found.racers] == [4]
-    assert (rewards == {7.25}) == own
+    # A car that waits for a penalty to end earns 0, and its function is not called.
+    assert (rewards - {0.0} == {7.25}) == own
     assert (7.25 in rewards) == own
