@@ -73,7 +73,7 @@ HYPERPARAMETER_TEXTS: Mapping[str, HyperparameterText] = {
         "categorical for clipped_ppo, additive_noise for sac.",
     ),
     "loss_type": HyperparameterText(
-        "The critic's loss.",
+        "The critic's loss, in the critic's own units.",
         "huber gives less weight to large errors: stabler, for example with a large bonus at the "
         "finish. 'mean squared error' follows large errors at once: faster when rewards are even, "
         "less stable when they are not.",
@@ -102,7 +102,7 @@ HYPERPARAMETER_TEXTS: Mapping[str, HyperparameterText] = {
         "3. Try 10 if driving is the slow part, not learning.",
     ),
     "stack_size": HyperparameterText(
-        "Frames that the network sees at once.",
+        "Frames that the network sees at once. The reference ignores this key.",
         "Shows motion, of bots for example. Each step computes more, and the physical car does not "
         "support it: a model with more than one frame cannot be exported for the car.",
         "1 is enough for a road without other cars.",
@@ -118,10 +118,11 @@ HYPERPARAMETER_TEXTS: Mapping[str, HyperparameterText] = {
         advice="Leave it at 100000, and use DR_TRAIN_MAX_MINUTES or --until-laps.",
     ),
     "sac_alpha": HyperparameterText(
-        "Only for sac: how much reward varied actions are worth, the temperature.",
+        "Only for sac: the temperature, which says how much reward one nat of entropy is worth. "
+        "With sac_auto_alpha it is the first value, in the critics' own units.",
         "Explores longer, and converges later.",
         "Settles earlier, perhaps too early.",
-        "Set sac_auto_alpha, and the training finds it.",
+        "Set sac_auto_alpha and write 0.1; the training adapts it.",
     ),
     "clip_range": HyperparameterText(
         "How far one iteration may change the probability of an action before it gains nothing "

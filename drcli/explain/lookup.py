@@ -137,11 +137,10 @@ def _keys() -> list[str]:
 
 def _hyperparameter(key: str) -> Entry:
     text = HYPERPARAMETER_TEXTS[key]
-    without, shipped = default_of(key), shipped_values().get(key)
     details = [
         *_details(("Higher" if text.lower else "Effect", text.higher), ("Lower", text.lower)),
-        *_details(("Advice", text.advice), ("Shipped value", _value(shipped))),
-        Detail("If left out", _value(without) or "off"),
+        *_details(("Advice", text.advice), ("Shipped value", shipped_value(key))),
+        Detail("If left out", value_if_left_out(key)),
     ]
     return Entry("hyperparameter", key, text.meaning, tuple(details), "hyperparameters.md")
 
@@ -150,11 +149,20 @@ def _details(*pairs: tuple[str, str]) -> Iterator[Detail]:
     return (Detail(label, text) for label, text in pairs if text)
 
 
-def default_of(key: str) -> object:
-    """What a hyperparameter is that the file leaves out; None if it is off or depends."""
+def value_if_left_out(key: str) -> str:
+    """What a training takes for a hyperparameter that the file leaves out, "off" if nothing."""
+    from drcli.learn.algorithm_config import UPDATES_PER_STEP, SACConfig
     from drcli.modelfiles.hyperparameters import Hyperparameters
 
-    return Hyperparameters.model_fields[key].default
+    if key == "sac_updates_per_step":
+        return f"{UPDATES_PER_STEP['cpu']:g}, or {UPDATES_PER_STEP['cuda']:g} on a GPU"
+    default = Hyperparameters.model_fields[key].default
+    return _value(getattr(SACConfig(), key, None) if default is None else default) or "off"
+
+
+def shipped_value(key: str) -> str:
+    """A hyperparameter in the shipped file, empty if it is not there."""
+    return _value(shipped_values().get(key))
 
 
 @cache
@@ -170,6 +178,8 @@ def shipped_values() -> Mapping[str, object]:
 def _value(value: object) -> str:
     if value is None:
         return ""
+    if isinstance(value, float):
+        return f"{value:g}"
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 

@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from drcli.learn.adam import Adam
 from drcli.learn.advantages import gae
-from drcli.learn.algorithm_config import SACConfig
+from drcli.learn.algorithm_config import UPDATES_PER_STEP, SACConfig
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
 from drcli.learn.replay_buffer import ReplayBuffer, Transitions
@@ -23,10 +23,6 @@ from drcli.learn.update_result import (
     UpdateInterruptedError,
     require_finite_weights,
 )
-
-UPDATES_PER_STEP = {"cpu": 0.5, "cuda": 1.0}
-"""Gradient steps for each environment step. The reference makes 1, which on a processor takes far
-longer than driving."""
 
 REPORTS = 4
 """Number of parts of an update that are reported."""

@@ -20,18 +20,14 @@ With --json the last line of stdout is one object: for each case
 
 import argparse
 import json
-import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
 
-from learn_runs import SHIPPED_FILES, MemoryTraining, Work
-
-from drcli.exchange.job import PROCESS_TUNING
-from drcli.learn.compute import flush_denormals
+from learn_runs import SHIPPED_FILES, MemoryTraining, Work, become_like_a_worker
+from steps_to_lap import TRIALS, add_options, append, checkpoints, records, settings_of
 
 CASES: Mapping[str, Mapping[str, Any]] = {
     "shipped": {},
@@ -43,9 +39,6 @@ CASES: Mapping[str, Mapping[str, Any]] = {
     "guides, 10 epochs": {"discount_factor": 0.99, "lr": 0.0003, "num_epochs": 10},
 }
 """What differs from the shipped hyperparameters.json, by the name of the case."""
-
-TRIALS = 5
-"""Evaluation laps of each checkpoint."""
 
 
 @dataclass(frozen=True)
@@ -71,20 +64,10 @@ def main() -> None:
     """Train, and report."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--case", nargs="+", default=list(CASES), choices=CASES, metavar="NAME")
-    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
-    parser.add_argument("--results", type=Path, help="file to append to and to go on from")
-    parser.add_argument("--cap", type=int, default=30_000, help="most steps of a training")
-    parser.add_argument("--world", default="reinvent_base")
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--precision", choices=["auto", "fp32", "bf16"], default="fp32")
-    parser.add_argument("--json", action="store_true")
+    add_options(parser, cap=30_000)
     options = parser.parse_args()
-    if any(name not in os.environ for name in PROCESS_TUNING):
-        # Read by the C library and OpenMP before the first line of Python.
-        os.execve(sys.executable, sys.orig_argv, {**PROCESS_TUNING, **os.environ})
-
-    flush_denormals()
-    results = read(options.results)
+    become_like_a_worker()
+    results = [Result(**record) for record in records(options.results)]
     for seed in options.seeds:
         for case in options.case:
             if any((done.case, done.seed) == (case, seed) for done in results):
@@ -103,25 +86,16 @@ def changed(work: Work, change: Mapping[str, Any]) -> Work:
 
 def train(case: str, seed: int, options: argparse.Namespace) -> Result:
     """Train until a checkpoint completes all evaluation laps, or until the limit."""
-    environment = {
-        "DR_WORLD_NAME": options.world,
-        "DR_TRACKS_DIR": "",
-        "DR_TORCH_PRECISION": options.precision,
-    }
     metadata = json.loads((SHIPPED_FILES / "model_metadata.json").read_text("utf-8"))
-    work = Work.load(environment, metadata["neural_network"], options.threads)
+    work = Work.load(settings_of(options), metadata["neural_network"], options.threads)
     started_s = time.process_time()
     training = MemoryTraining(changed(work, CASES[case]), seed, TRIALS)
     first = every = None
-    try:
-        while training.steps < options.cap and every is None:
-            before = training.steps
-            training.iterate()
-            completed = [episode.completed for episode in training.evaluation]
-            first = before if first is None and any(completed) else first
-            every = before if all(completed) else None
-    finally:
-        training.close()
+    for steps, completed in checkpoints(training, options.cap):
+        first = steps if first is None and any(completed) else first
+        if all(completed):
+            every = steps
+            break
     return Result(case, seed, first, every, round(time.process_time() - started_s, 1))
 
 
@@ -136,20 +110,6 @@ def report(results: Sequence[Result]) -> dict[str, Any]:
             "cpu_s": round(sum(result.cpu_s for result in own) / len(own), 1),
         }
     return figures
-
-
-def read(path: Path | None) -> list[Result]:
-    """What was measured before."""
-    if path is None or not path.exists():
-        return []
-    return [Result(**json.loads(line)) for line in path.read_text("utf-8").splitlines()]
-
-
-def append(path: Path | None, result: Result) -> None:
-    """Write a result down at once: the benchmark may be stopped."""
-    if path is not None:
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(asdict(result)) + "\n")
 
 
 if __name__ == "__main__":

@@ -49,12 +49,11 @@ from learn_runs import (
     MemoryTraining,
     Pace,
     Work,
+    become_like_a_worker,
     together,
     train_through_bucket,
 )
 
-from drcli.exchange.job import PROCESS_TUNING
-from drcli.learn.compute import flush_denormals
 from drcli.learn.rollout_buffer import Rollout
 
 RATIOS = (
@@ -95,11 +94,7 @@ def main() -> None:
     parser.add_argument("--iterations", type=int, default=15, help="of a training over the bucket")
     parser.add_argument("--json", action="store_true", help="print JSON")
     options = parser.parse_args()
-    if any(name not in os.environ for name in PROCESS_TUNING):
-        # Read by the C library and OpenMP before the first line of Python.
-        os.execve(sys.executable, sys.orig_argv, {**PROCESS_TUNING, **os.environ})
-
-    flush_denormals()
+    become_like_a_worker()
     environment = FEWEST_EVALUATIONS | {
         "DR_WORLD_NAME": options.world,
         "DR_TRACKS_DIR": str(options.tracks_dir.absolute()) if options.tracks_dir else "",

@@ -18,10 +18,8 @@ import numpy as np
 import psutil
 from learn_peer_sb3 import Sb3Training
 from learn_peers import STEPS
-from learn_runs import Work
+from learn_runs import Work, become_like_a_worker
 
-from drcli.exchange.job import PROCESS_TUNING
-from drcli.learn.compute import flush_denormals
 from drsim import Simulation
 
 TRIALS = 5
@@ -38,10 +36,7 @@ def main() -> None:
     parser.add_argument("--lend", action="store_true", help="lend it our process settings")
     options = parser.parse_args()
     if options.lend:
-        if any(name not in os.environ for name in PROCESS_TUNING):
-            # Read by the C library and OpenMP before the first line of Python.
-            os.execve(sys.executable, sys.orig_argv, {**PROCESS_TUNING, **os.environ})
-        flush_denormals()
+        become_like_a_worker()
 
     environment = {"DR_WORLD_NAME": options.world, "DR_TORCH_PRECISION": "fp32"}
     work = Work.load(environment, options.network, os.cpu_count() or 1)

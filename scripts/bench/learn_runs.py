@@ -17,10 +17,11 @@ import torch
 
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
+from drcli.exchange.job import PROCESS_TUNING
 from drcli.formats.build_network import policy_spec
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.algorithm_config import PPOConfig
-from drcli.learn.compute import Compute, choose_compute
+from drcli.learn.compute import Compute, choose_compute, flush_denormals
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.policy import PolicySpec
 from drcli.learn.ppo import PPO
@@ -42,6 +43,14 @@ FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
 
 FEWEST_EVALUATIONS = {"DR_TRAIN_MIN_EVAL_TRIALS": "1", "DR_TRAIN_EVAL_SHARE": "0.001"}
 """One evaluation episode, and that with the first checkpoint only: workers always drive one."""
+
+
+def become_like_a_worker() -> None:
+    """Give this process the settings of a training's workers; starts it again if it lacks some."""
+    if any(name not in os.environ for name in PROCESS_TUNING):
+        # Read by the C library and OpenMP before the first line of Python.
+        os.execve(sys.executable, sys.orig_argv, {**PROCESS_TUNING, **os.environ})
+    flush_denormals()
 
 
 class Pace(NamedTuple):

@@ -23,18 +23,15 @@ With --json the last line of stdout is one object with `medians` by name and the
 import argparse
 import importlib.util
 import json
-import os
 import statistics
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from learn_runs import SHIPPED_FILES, MemoryTraining, Work
-
-from drcli.exchange.job import PROCESS_TUNING
-from drcli.learn.compute import flush_denormals
+from learn_runs import SHIPPED_FILES, MemoryTraining, Work, become_like_a_worker
+from steps_to_lap import TRIALS, add_options, append, checkpoints, records, settings_of
 
 STYLES = Path(__file__).resolve().parent / "reward_styles"
 
@@ -43,7 +40,6 @@ NEEDS = {"numpy_gaussian": "numpy", "shapely_corridor": "shapely"}
 
 SCALES = (0.001, 0.01, 1.0, 100.0, 10_000.0)
 SPEED_SCALES = (0.1, 1.0)
-TRIALS = 5
 LAPPING_SHARE = 2 / 3
 SCALES_RATIO = 1.5
 
@@ -89,19 +85,9 @@ def main() -> int:
     parser.add_argument("--styles", nargs="*", default=every, choices=every, metavar="NAME")
     parser.add_argument("--scales", nargs="*", type=float, default=SCALES, metavar="FACTOR")
     parser.add_argument("--speed", action=argparse.BooleanOptionalAction, default=True)
-    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
-    parser.add_argument("--results", type=Path, help="file to append to and to go on from")
-    parser.add_argument("--cap", type=int, default=60_000, help="most steps of a training")
-    parser.add_argument("--world", default="reinvent_base")
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--precision", choices=["auto", "fp32", "bf16"], default="fp32")
-    parser.add_argument("--json", action="store_true")
+    add_options(parser, cap=60_000)
     options = parser.parse_args()
-    if any(name not in os.environ for name in PROCESS_TUNING):
-        # Read by the C library and OpenMP before the first line of Python.
-        os.execve(sys.executable, sys.orig_argv, {**PROCESS_TUNING, **os.environ})
-
-    flush_denormals()
+    become_like_a_worker()
     named = [(style, 1.0) for style in options.styles]
     named += [("shipped", factor) for factor in options.scales]
     named += [("speed", factor) for factor in SPEED_SCALES if options.speed]
@@ -141,26 +127,14 @@ def train(case: Case, options: argparse.Namespace) -> int | None:
     Returns:
         Steps learned from until then, None if the limit came first.
     """
-    environment = {
-        "DR_WORLD_NAME": options.world,
-        "DR_TRACKS_DIR": "",
-        "DR_TORCH_PRECISION": options.precision,
-    }
     folder = SHIPPED_FILES / "rewards" / "speed" if case.style == "speed" else SHIPPED_FILES
     network = json.loads((folder / "model_metadata.json").read_text("utf-8"))["neural_network"]
-    work = Work.load(environment, network, options.threads, folder)
+    work = Work.load(settings_of(options), network, options.threads, folder)
     if case.style not in ("shipped", "speed"):
         work = replace(work, reward_file=STYLES / f"{case.style}.py")
     training = MemoryTraining(replace(work, reward_factor=case.factor), case.seed, TRIALS)
-    try:
-        while training.steps < options.cap:
-            before = training.steps
-            training.iterate()
-            if any(episode.completed for episode in training.evaluation):
-                return before
-    finally:
-        training.close()
-    return None
+    found = checkpoints(training, options.cap)
+    return next((steps for steps, completed in found if any(completed)), None)
 
 
 def report(results: Sequence[Result], left_out: Iterable[str]) -> dict[str, Any]:
@@ -192,18 +166,8 @@ def share_of_laps(steps: Sequence[float]) -> float:
 
 def read(path: Path | None) -> dict[Case, Result]:
     """What was measured before."""
-    if path is None or not path.exists():
-        return {}
-    lines = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
-    found = [Result(Case(**line["case"]), line["steps"]) for line in lines]
+    found = [Result(Case(**record["case"]), record["steps"]) for record in records(path)]
     return {result.case: result for result in found}
-
-
-def append(path: Path | None, result: Result) -> None:
-    """Write a result down at once: the benchmark may be stopped."""
-    if path is not None:
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(asdict(result)) + "\n")
 
 
 if __name__ == "__main__":

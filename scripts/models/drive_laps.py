@@ -1,10 +1,12 @@
 """Drives laps with a ready-made model in this process, as `dr-evaluate` does in its worker."""
 
+from collections.abc import Mapping
+
 import torch
 
 from drcli.config.example_files import settings_file
 from drcli.config.loading import load_settings
-from drcli.config.settings import RaceConfig
+from drcli.config.settings import Settings
 from drcli.formats.build_network import build_policy, load_weights
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
@@ -39,7 +41,9 @@ def drive_laps(
     policy = build_policy(metadata, parameters)
     load_weights(policy, model.tensors, model.card.checkpoint)
     torch.set_num_threads(1)
-    race, rules = _race(model, world, disturbed=disturbed), _rules(laps)
+    own = {**model.settings, "DR_SIM_EXTRAS_IN": "both"} if disturbed else {}
+    settings = _shipped({**own, "DR_WORLD_NAME": world, "DR_EXPERIMENT_NAME": ""})
+    race = settings.race
     simulation = build_simulation(
         race,
         "evaluation",
@@ -47,7 +51,7 @@ def drive_laps(
         directed(load_world(race), reverse=reverse),
         num_cars=1,
         reward=centre_line_reward,
-        rules=rules,
+        rules=_rules(settings, laps),
         num_threads=1,
         seed=SEED,
     )
@@ -69,18 +73,14 @@ def drive_laps(
     )
 
 
-def _race(model: ReadyMadeModel, world: str, *, disturbed: bool) -> RaceConfig:
-    own = {**model.settings, "DR_SIM_EXTRAS_IN": "both"} if disturbed else {}
+def _shipped(flags: Mapping[str, str]) -> Settings:
+    """The shipped settings with some others."""
     contents = {name: settings_file(name).read_bytes() for name in ("run.env", "system.env")}
     folder = settings_file("run.env").parent
-    flags = {**own, "DR_WORLD_NAME": world, "DR_EXPERIMENT_NAME": ""}
-    return load_settings(folder, environ={}, flags=flags, contents=contents).race
+    return load_settings(folder, environ={}, flags=flags, contents=contents)
 
 
-def _rules(laps: int) -> EpisodeRules:
-    contents = {name: settings_file(name).read_bytes() for name in ("run.env", "system.env")}
-    folder = settings_file("run.env").parent
-    s = load_settings(folder, environ={}, contents=contents)
+def _rules(s: Settings, laps: int) -> EpisodeRules:
     return EpisodeRules.evaluation(
         laps=laps,
         max_resets=s.eval_max_resets,

@@ -1,5 +1,7 @@
 """`dr-explain` finds words however they are written (001-45, 001-53, 002-10, 003-07)."""
 
+import re
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
@@ -70,6 +72,32 @@ def test_a_hyperparameter_says_what_a_change_costs_and_what_is_shipped(key):
     )
     if key in shipped_values():
         assert labels["Shipped value"].casefold() == str(shipped_values()[key]).casefold()
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        ("lr", "0.0003"),
+        ("term_cond_avg_score", "100000"),
+        ("clip_value", "off"),
+        ("bootstrap_cut", "false"),
+        ("sac_tau", "0.02"),
+        ("sac_n_step", "5"),
+        ("sac_updates_per_step", "0.5, or 1 on a GPU"),
+    ],
+)
+def test_a_hyperparameter_that_is_left_out_has_the_value_that_a_training_takes(key, text):
+    labels = {detail.label: detail.text for detail in explain(key)[0].details}
+
+    assert labels["If left out"] == text
+
+
+def test_texts_about_hyperparameters_name_settings_as_they_are_called_now():
+    texts = [text for key in HYPERPARAMETER_TEXTS.values() for text in astuple(key)]
+    named = set(re.findall(r"DR_[A-Z_]+", " ".join(texts)))
+
+    assert named
+    assert named <= set(catalogue())
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """What drives in an evaluation: checkpoints and files, in any engine."""
 
+import csv
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,13 +10,14 @@ import torch
 from safetensors.torch import save
 
 from drcli.base.errors import SettingsError
+from drcli.exchange.job import Job
 from drcli.exchange.policy_source import PolicySource
 from drcli.formats import write_form
 from drcli.formats.build_network import weights_of
 from drcli.formats.frozen_graph import encode_policy
 from drcli.formats.runtimes import EnginePolicy
 from drcli.learn.policy import Observation, decide
-from drcli.workers.evaluator import enter, entries
+from drcli.workers.evaluator import enter, entries, evaluate
 from small_policies import metadata_json, small_metadata, small_network
 
 
@@ -82,3 +85,36 @@ def test_a_file_drives_without_a_model_in_the_bucket(racer, network, graph_file)
 def test_a_file_that_has_changed_since_it_was_checked_does_not_drive(racer, graph_file):
     with pytest.raises(SettingsError, match="has changed while its evaluation started"):
         entered(racer, PolicySource("pb", graph_file, None, "0" * 64))
+
+
+@pytest.mark.parametrize(("debug", "own"), [("True", True), ("False", False)])
+def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_request(
+    debug, own, racer, network, tmp_path, monkeypatch
+):
+    racer.model_metadata(**json.loads(metadata_json()))
+    reward = tmp_path / "custom_files" / "reward_function.py"
+    reward.write_text("def reward_function(params):\n    return 7.25\n")
+    racer.run_env(
+        "DR_LOCAL_S3_MODEL_PREFIX=model-1",
+        "DR_EVAL_MAX_LAP_SECONDS=1",
+        "DR_EVAL_NUMBER_OF_TRIALS=4",
+        "DR_EVAL_IS_CONTINUOUS=False",
+        f"DR_EVAL_DEBUG_REWARD={debug}",
+    )
+    racer.start()
+    tensors = save({name: t.contiguous() for name, t in network.state_dict().items()})
+    racer.store("model-1").save(0, 0, tensors, optimizer=b"")
+    monkeypatch.setattr("drcli.workers.evaluator.open_bucket", lambda *_, **__: racer.bucket)
+    config = racer.settings().run
+    entry = entries(config, "20260102030405", ["0_Step-0.ckpt"])[0]
+    lifeline = SimpleNamespace(should_stop=lambda: False, step_done=lambda: False)
+    job = Job(config, "s", 3, None, None, tmp_path / "job", launcher_pid=1)
+
+    found = evaluate(job, lifeline, [entry], threads=1)
+
+    rows = list(csv.DictReader(racer.bucket.get(entry.trace).decode().splitlines()))
+    rewards = {float(row["reward"]) for row in rows if float(row["steps"]) > 1.0}
+    assert [len(trials) for trials in found.racers] == [4]
+    # A car that waits for a penalty to end earns 0, and its function is not called.
+    assert (rewards - {0.0} == {7.25}) == own
+    assert (7.25 in rewards) == own
