@@ -10,7 +10,8 @@ from pathlib import Path
 import psutil
 
 from drcli.base.errors import StorageError
-from drcli.config.settings import Settings, StorageConfig
+from drcli.config.bucket_config import StorageConfig
+from drcli.config.settings import Settings
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.server import server

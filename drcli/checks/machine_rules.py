@@ -8,7 +8,7 @@ from pathlib import Path
 import psutil
 
 from drcli.base.problems import Place, Problem
-from drcli.config.settings import StorageConfig
+from drcli.config.bucket_config import StorageConfig
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 

@@ -4,7 +4,7 @@ import time
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import Problem, ProblemsError
-from drcli.config.settings import PretrainedConfig
+from drcli.config.bucket_config import PretrainedConfig
 from drcli.modelfiles.network_shape import Design
 from drcli.models import pretrained
 from drcli.models.pretrained import Transfer

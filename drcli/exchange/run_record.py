@@ -8,7 +8,7 @@ from typing import Literal
 
 from drcli.base.atomic_file import load_record, save_record
 from drcli.base.process_identity import is_alive
-from drcli.config.settings import Cloud, Engine, StorageConfig
+from drcli.config.bucket_config import Cloud, Engine, StorageConfig
 
 _FILE = "run.json"
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from shlex import quote
 
 from drcli.base.problems import Problem, ProblemsError
+from drcli.config.bucket_config import CustomFilesConfig
 from drcli.config.example_files import model_file
-from drcli.config.settings import CustomFilesConfig
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
+from drcli.config.bucket_config import ModelConfig
 from drcli.config.checkpoint_words import CheckpointChoice
-from drcli.config.settings import ModelConfig
 from drcli.exchange.scores import Score
 from drcli.modelfiles.params_yaml import moved_training_parameters
 from drcli.models.checkpoint_choice import (

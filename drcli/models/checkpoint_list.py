@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 from drcli.base.errors import SettingsError
+from drcli.config.bucket_config import ModelConfig
 from drcli.config.checkpoint_words import CheckpointWord
-from drcli.config.settings import ModelConfig
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.milestone_record import KINDS, MilestoneKind
 from drcli.models.checkpoint_choice import ModelCheckpoints

@@ -12,7 +12,7 @@ from typing import NoReturn
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.base.regular_file import read_regular
-from drcli.config.settings import CustomFilesConfig, StorageConfig
+from drcli.config.bucket_config import CustomFilesConfig, StorageConfig
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket

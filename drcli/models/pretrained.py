@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 from drcli.base.problems import Place, Problem, ProblemsError, refuse
+from drcli.config.bucket_config import PretrainedConfig
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.setting_problems import setting_problem
-from drcli.config.settings import PretrainedConfig
 from drcli.exchange.training_start import Pretrained
 from drcli.modelfiles.network_shape import Design, weight_problems
 from drcli.models.checkpoint_choice import CheckpointGone, ModelCheckpoints, find_choice

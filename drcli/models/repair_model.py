@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
-from drcli.config.settings import ModelConfig
+from drcli.config.bucket_config import ModelConfig
 from drcli.exchange.training_start import TrainingStart
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata

@@ -9,7 +9,7 @@ from pathlib import Path
 from drcli.base.errors import SettingsError
 from drcli.base.problems import shown
 from drcli.base.regular_file import read_regular
-from drcli.config.settings import TransferConfig
+from drcli.config.bucket_config import TransferConfig
 from drcli.models.transfer_buckets import COPY_PATIENCE_S, parse_url, source_bucket
 from drcli.store import keys
 

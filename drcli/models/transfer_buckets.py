@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import shown
-from drcli.config.settings import TransferConfig
+from drcli.config.bucket_config import TransferConfig
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
 from drcli.store.connect import (

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 from urllib.parse import quote
 
-from drcli.config.settings import ModelConfig, StorageConfig
+from drcli.config.bucket_config import ModelConfig, StorageConfig
 from drcli.store import keys
 from drcli.store.endpoint import Endpoint
 from drcli.store.server import server

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from drcli.config.settings import StorageConfig
+from drcli.config.bucket_config import StorageConfig
 from drcli.store.server import server
 
 _COMPATIBLE = {

@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from drcli.base.errors import SettingsError
+from drcli.config.bucket_config import StorageConfig
 from drcli.config.checkpoint_words import parse_checkpoint
 from drcli.config.run_env import RunEnvEdit, plan_edit, raised, refuse_stronger_values, written
-from drcli.config.settings import Settings, StorageConfig
+from drcli.config.settings import Settings
 from drcli.exchange.run_record import run_folder
 from drcli.exchange.training_start import Pretrained
 from drcli.models.pretrained import read_weights

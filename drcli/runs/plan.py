@@ -9,7 +9,8 @@ from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError, of_severity, refuse
 from drcli.checks.before_start import Plans
 from drcli.checks.storage_rules import review_prefix
-from drcli.config.settings import CustomFilesConfig, Settings, catalogue
+from drcli.config.bucket_config import CustomFilesConfig
+from drcli.config.settings import Settings, catalogue
 from drcli.exchange.checkpoint import Counters
 from drcli.exchange.job import Job
 from drcli.exchange.journal_entry import JournalEntry

@@ -11,7 +11,8 @@ from typing import Literal
 from drcli.base.backoff import wait_until
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.process_identity import is_alive
-from drcli.config.settings import RunConfig, StorageConfig
+from drcli.config.bucket_config import StorageConfig
+from drcli.config.settings import RunConfig
 from drcli.exchange.evaluation_record import EvaluationRecord, running_evaluations
 from drcli.exchange.run_record import RunRecord, StopRequest, WaitingStart, run_folder
 from drcli.runs.status import RunReport, inspect

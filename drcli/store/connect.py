@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 
-from drcli.config.settings import StorageConfig, UploadConfig
+from drcli.config.bucket_config import StorageConfig, UploadConfig
 from drcli.store.bucket import Bucket
 from drcli.store.endpoint import UPLOADS, Endpoint, SettingNames
 from drcli.store.folder_bucket import FolderBucket

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from drcli.config.settings import Engine
+from drcli.config.bucket_config import Engine
 
 
 @dataclass(frozen=True)

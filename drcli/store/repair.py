@@ -13,7 +13,7 @@ from functools import partial
 from itertools import accumulate
 
 from drcli.base.json_record import NewerFormat, RecordError
-from drcli.config.settings import ModelConfig
+from drcli.config.bucket_config import ModelConfig
 from drcli.exchange.checkpoint import (
     CheckpointRecord,
     checkpoint_name,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from drcli.config.settings import Engine, StorageConfig
+from drcli.config.bucket_config import Engine, StorageConfig
 from drcli.store.endpoint import Endpoint
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import psutil
 
-from drcli.config.settings import StorageConfig
+from drcli.config.bucket_config import StorageConfig
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.store.folder_bucket import FolderBucket
 from drcli.store.server import server

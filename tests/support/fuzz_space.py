@@ -244,7 +244,7 @@ class FuzzSpace:
                     process.wait(10)
 
     def _storage(self) -> Any:
-        from drcli.config.settings import StorageConfig
+        from drcli.config.bucket_config import StorageConfig
 
         return StorageConfig("local", "bucket", self.bucket.parent)
 

@@ -7,7 +7,8 @@ from itertools import groupby
 from drcli.base.errors import StorageError
 from drcli.checks.doctor.findings import Finding
 from drcli.checks.storage_rules import LARGEST_SKEW_S
-from drcli.config.settings import Settings, StorageConfig
+from drcli.config.bucket_config import StorageConfig
+from drcli.config.settings import Settings
 from drcli.store import keys, lease
 from drcli.store.bucket_trial import Refused, Trial, try_bucket
 from drcli.store.connect import open_bucket, open_upload_bucket

@@ -8,7 +8,7 @@ from pathlib import Path
 import psutil
 
 from drcli.checks.doctor.findings import Finding
-from drcli.config.settings import StorageConfig
+from drcli.config.bucket_config import StorageConfig
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.exchange.run_record import LIVE_STATES, RunRecord
 from drcli.store.server import server

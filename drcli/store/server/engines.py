@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base.errors import StorageError
-from drcli.config.settings import Engine
+from drcli.config.bucket_config import Engine
 
 LEFTOVERS = ".rclone_*"
 """Unfinished files of an rclone that was killed; never a whole object."""

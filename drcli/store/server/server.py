@@ -15,7 +15,8 @@ from drcli.base.backoff import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
 from drcli.config import secret_environment
-from drcli.config.settings import StorageConfig, catalogue
+from drcli.config.bucket_config import StorageConfig
+from drcli.config.settings import catalogue
 from drcli.store.endpoint import Endpoint
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import engines, idle, server_process

@@ -11,7 +11,7 @@ from drcli.base import notices
 from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError, from_json, parse_json
 from drcli.base.regular_file import read_regular
-from drcli.config.settings import Engine, StorageConfig
+from drcli.config.bucket_config import Engine, StorageConfig
 from drcli.store.endpoint import Endpoint
 from drcli.store.server import server_process
 

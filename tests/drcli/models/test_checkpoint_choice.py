@@ -3,7 +3,7 @@
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.config.settings import ModelConfig
+from drcli.config.bucket_config import ModelConfig
 from drcli.exchange.scores import EvaluationResult
 from drcli.models.checkpoint_choice import CheckpointGone, find_choice
 from drcli.models.checkpoint_list import list_checkpoints

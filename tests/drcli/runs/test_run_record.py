@@ -10,8 +10,8 @@ import psutil
 import pytest
 
 from drcli.base.process_identity import exists, is_alive, started_s
+from drcli.config.bucket_config import StorageConfig
 from drcli.config.loading import load_settings
-from drcli.config.settings import StorageConfig
 from drcli.exchange.evaluation_record import EvaluationRecord, running_evaluations
 from drcli.exchange.run_record import RunRecord, WorkerRecord, run_folder
 from drcli.runs.status import inspect

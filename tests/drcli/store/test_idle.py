@@ -18,7 +18,7 @@ import pytest
 from drcli.base.backoff import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
-from drcli.config.settings import StorageConfig
+from drcli.config.bucket_config import StorageConfig
 from drcli.store.connect import open_bucket
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import idle, server, server_process
@@ -31,7 +31,7 @@ USER = """
 import sys
 from pathlib import Path
 from drcli.store.server import server
-from drcli.config.settings import StorageConfig
+from drcli.config.bucket_config import StorageConfig
 print(server.ensure_running(StorageConfig("local", "bucket", Path(sys.argv[1]))).pid, flush=True)
 sys.stdin.read()
 """

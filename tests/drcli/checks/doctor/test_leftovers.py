@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drcli.checks.doctor.leftovers import examine_runs, examine_server
-from drcli.config.settings import StorageConfig
+from drcli.config.bucket_config import StorageConfig
 from drcli.exchange.run_record import RunRecord, run_folder
 
 ENDED_PID = 2**22 + 1

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from drcli.config.settings import StorageConfig
+from drcli.config.bucket_config import StorageConfig
 from drcli.runs.aws_command import aws_command
 from drcli.store.endpoint import Endpoint
 
