@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Creates .venv and installs the project into it. Does nothing when that is already done.
 #
-#   scripts/install.sh          what training needs
+#   scripts/install.sh          what training, analysis, videos and the console need
 #   scripts/install.sh dev      and what the tests need
 #
 # Every package has the version in constraints/ (written by scripts/lock.sh).
@@ -55,7 +55,7 @@ echo "Installing into $venv ..." >&2
 install_torch
 # The second variable is for the build: hatchling and what it needs.
 PIP_CONSTRAINT=$locked PIP_BUILD_CONSTRAINT=$locked \
-    "$venv/bin/python" -m pip install --quiet --editable ".${extra:+[$extra]}"
+    "$venv/bin/python" -m pip install --quiet --editable ".[${extra:-analysis,video,web}]"
 # Python 3.11 and 3.12 read this file in the locale's character set, and fail to start when a path in
 # it has other characters. Relative paths have none.
 for packages in "$venv"/lib/python3.*/site-packages; do

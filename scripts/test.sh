@@ -1,8 +1,10 @@
 #!/usr/bin/env bash
-# Installs what the tests need and runs them, a file per processor core at a time.
+# Installs what the tests need and runs them, several files at a time: one more than there are
+# processor cores, because many tests wait for worker processes, and four at most.
 # Arguments go to pytest: scripts/test.sh -m "not slow"
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 scripts/install.sh dev
-exec .venv/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder "$@"
+cores=$(getconf _NPROCESSORS_ONLN)
+exec .venv/bin/python -m pytest -n $((cores < 4 ? cores + 1 : 4)) --dist loadfile --no-loadscope-reorder "$@"

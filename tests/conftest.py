@@ -73,7 +73,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     if hasattr(session.config, "workerinput"):
         return  # the process that gave out the tests looks once, when all are done
     # pytest has no public name for it outside of fixtures.
-    folder = session.config._tmp_path_factory.getbasetemp()  # type: ignore[attr-defined]
+    folder = session.config._tmp_path_factory.getbasetemp()
     _, left = psutil.wait_procs(left_over(os.environ[MARKER], folder), timeout=LEAVE_S)
     for process in left:
         with suppress(psutil.Error):

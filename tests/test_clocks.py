@@ -11,6 +11,7 @@ AGES = {
     "store/bucket_trial.py": "the difference between the clocks of this machine and the server",
     "store/folder_bucket.py": "the age of a file, whose time is a time of day",
     "runs/tidy.py": "the age of files and objects, whose times are times of day",
+    "workers/live_figures.py": "times of day of what happened before, counted back from now",
     "store/lease.py": "the age of a lease where the server tells no time",
 }
 """Where nothing but the time of day is known."""

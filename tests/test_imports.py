@@ -2,7 +2,8 @@
 
 import ast
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -27,12 +28,14 @@ FLOORS = {
         {"config", "tracks"},
         {"exchange"},
         {"store"},
-        {"modelfiles"},
+        {"modelfiles", "tracking"},
         {"formats"},
         {"models", "workers", "explain"},
-        {"checks", "remote", "spot"},
-        {"rewards", "benchmark"},
-        {"runs"},
+        {"checks", "remote", "saliency", "spot"},
+        {"rewards", "benchmark", "analysis", "video"},
+        {"runs", "playback"},
+        {"races"},
+        {"web"},
         {"cli"},
     ),
 }
@@ -61,10 +64,17 @@ FORBIDDEN = {
     "drcli.explain": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
     "drcli.checks": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
     "drcli.remote": {*SIMULATION, *LEARNING, *SCREEN, "numpy"},
+    "drcli.saliency": {*STORAGE, *SCREEN, "mujoco"},
+    "drcli.tracking": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
     "drcli.spot": {*SIMULATION, *LEARNING, *SCREEN, "numpy"},
+    "drcli.analysis": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
+    "drcli.video": {*STORAGE, *SCREEN, "mujoco"},
+    "drcli.playback": {*STORAGE, *SCREEN, "mujoco"},
     "drcli.benchmark": {*STORAGE, *SCREEN},
+    "drcli.web": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
     "drcli.rewards": {*LEARNING, *STORAGE, *SCREEN, "mujoco"},
     "drcli.runs": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
+    "drcli.races": {*SIMULATION, *LEARNING, *STORAGE, *SCREEN, "numpy"},
     "drcli.cli": {*SIMULATION, *LEARNING, *STORAGE, "numpy"},
 }
 """Packages from outside, and drsim, that a package must not import."""
@@ -73,6 +83,7 @@ LAZY = {
     "drcli.store": STORAGE | {"mypy_boto3_s3"},
     "drcli.remote": STORAGE | {"requests", "urllib3", "ssl", "s3transfer"},
     "drcli.spot": STORAGE | {"requests", "urllib3", "ssl"},
+    "drcli.analysis": {"pandas", "deepracer", "matplotlib"},
 }
 """What a package may import inside functions only, because it takes long to load."""
 
@@ -86,6 +97,9 @@ UNIMPORTED = {
     "drcli.checks.sandbox.sandbox_process",
     "drcli.spot.boot",
     "drcli.store.server.moto_server",
+    "drcli.web.reward_process",
+    "drcli.playback.player_process",
+    "drcli.web.serve",
     "drcli.workers.sim",
     "drcli.workers.trainer",
     "drcli.workers.evaluate_many",
@@ -145,9 +159,10 @@ def test_a_module_loads_slow_libraries_only_inside_functions(name):
     assert not top & slow
 
 
-def test_a_supervisor_does_not_load_what_its_workers_compute_with():
-    """It runs for hours beside them: torch alone would take 160 MB and seconds to start."""
-    loaded, waiting = set(), ["drcli.runs.training"]
+@pytest.mark.parametrize("program", ["drcli.runs.training", "drcli.web.serve"])
+def test_what_runs_for_hours_does_not_load_what_workers_compute_with(program):
+    """It runs beside them: torch alone would take 160 MB and seconds to start."""
+    loaded, waiting = set(), [program]
     while waiting:
         name = waiting.pop()
         if name not in loaded:
@@ -220,27 +235,13 @@ def test_a_module_name_occurs_once(tree):
 def test_only_the_command_line_prints(name):
     if package(name) == "drcli.cli":
         pytest.skip("this is the command line")
-    tree = ast.parse(modules()[name].read_text("utf-8"))
 
-    calls = [
-        node.lineno
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call)
-        and isinstance(node.func, ast.Name)
-        and node.func.id == "print"
-    ]
-
-    assert not calls
+    assert not facts(name).prints
 
 
 @every_module
 def test_everything_public_says_what_it_is_for(name):
-    tree = ast.parse(modules()[name].read_text("utf-8"))
-    bare = [] if ast.get_docstring(tree) else [name]
-    for node in tree.body:
-        bare += undocumented(node)
-
-    assert not bare
+    assert not facts(name).undocumented
 
 
 def test_nothing_is_called_env_and_no_folder_of_ours_hides_it():
@@ -268,17 +269,48 @@ def floor(name: str) -> int:
 
 def ours(name: str) -> set[str]:
     """The modules of ours that a module imports."""
-    return imports(name) & modules().keys()
+    return set(imports(name) & modules().keys())
 
 
-def imports(name: str, *, top_level_only: bool = False) -> set[str]:
+def imports(name: str, *, top_level_only: bool = False) -> frozenset[str]:
     """Names of modules that a module imports; `from a import b` may mean the module a.b."""
-    return set(_imports(modules()[name], top_level_only=top_level_only))
+    return facts(name).top_level if top_level_only else facts(name).imports
 
 
-def _imports(path: Path, *, top_level_only: bool) -> Iterator[str]:
-    tree = ast.parse(path.read_text("utf-8"))
-    for node in tree.body if top_level_only else ast.walk(tree):
+@dataclass(frozen=True)
+class Facts:
+    """What the source of a module says.
+
+    Attributes:
+        imports: Names of modules that it imports anywhere.
+        top_level: Those outside functions.
+        prints: Lines of calls of `print`.
+        undocumented: Public names without a docstring.
+    """
+
+    imports: frozenset[str]
+    top_level: frozenset[str]
+    prints: tuple[int, ...]
+    undocumented: tuple[str, ...]
+
+
+@cache
+def facts(name: str) -> Facts:
+    """Of a module, read once for all tests."""
+    tree = ast.parse(modules()[name].read_text("utf-8"))
+    nodes = list(ast.walk(tree))
+    bare = [] if ast.get_docstring(tree) else [name]
+    for node in tree.body:
+        bare += undocumented(node)
+    calls = (node for node in nodes if isinstance(node, ast.Call))
+    prints = [c.lineno for c in calls if isinstance(c.func, ast.Name) and c.func.id == "print"]
+    return Facts(
+        frozenset(_imports(nodes)), frozenset(_imports(tree.body)), tuple(prints), tuple(bare)
+    )
+
+
+def _imports(nodes: Iterable[ast.AST]) -> Iterator[str]:
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:

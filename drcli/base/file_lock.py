@@ -14,14 +14,20 @@ PATIENCE_S = 30.0
 
 
 @contextmanager
-def exclusive(path: Path, *, patience_s: float) -> Iterator[None]:
-    """Hold the lock file of the local S3 server; it is created if needed and never deleted.
+def exclusive(
+    path: Path,
+    *,
+    patience_s: float,
+    what: str = "the local S3 server",
+    failure: type[DrError] = StorageError,
+) -> Iterator[None]:
+    """Hold the lock file of a server; it is created if needed and never deleted.
 
     Raises:
-        StorageError: Another command held it for `patience_s`.
+        StorageError: Another command held it for `patience_s`; or another `failure`.
     """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
-    with _held(descriptor, f"the local S3 server ({path})", patience_s, StorageError):
+    with _held(descriptor, f"{what} ({path})", patience_s, failure):
         yield
 
 

@@ -31,6 +31,31 @@ def get_logger(name: str) -> logging.Logger:
 plain = get_logger("plain")
 """Writes a message as it is. For lines that tools search for."""
 
+traces = get_logger("plain.traces")
+"""The same for the lines of every step, which are in no other form of the log."""
+
+
+def event(logger: logging.Logger, kind: str, message: str, /, **facts: object) -> None:
+    """Log what happened at level INFO: a sentence for people, and facts for programs.
+
+    Args:
+        logger: Of the module.
+        kind: What it is, such as "episode".
+        message: A sentence.
+        facts: What JSON knows; they are only in the JSON form of the log.
+    """
+    logger.info("%s", message, extra={"event": kind, "facts": facts})
+
+
+def add_handler(handler: logging.Handler) -> None:
+    """Let a handler take our records, too."""
+    _ours.root.addHandler(handler)
+
+
+def remove_handler(handler: logging.Handler) -> None:
+    """Let a handler take no more of our records."""
+    _ours.root.removeHandler(handler)
+
 
 class LogFile(logging.FileHandler):
     """Writes our records to a log file until `end`; with its older parts it has `max_bytes`."""
@@ -42,7 +67,7 @@ class LogFile(logging.FileHandler):
         self._path = path
         self._max_bytes = max_bytes
         self._ending = threading.Event()
-        _ours.root.addHandler(self)
+        add_handler(self)
         threading.Thread(target=self._keep_small, name="log rotation", daemon=True).start()
 
     def end(self) -> None:
@@ -52,7 +77,7 @@ class LogFile(logging.FileHandler):
         `logging`; this handler then opens its file again.
         """
         self._ending.set()
-        _ours.root.removeHandler(self)
+        remove_handler(self)
         with suppress(OSError):  # a full disk
             self.close()
 
@@ -96,4 +121,14 @@ class _Formatter(logging.Formatter):
         self.converter = time.gmtime
 
     def format(self, record: logging.LogRecord) -> str:
-        return record.getMessage() if record.name == plain.name else super().format(record)
+        return record.getMessage() if is_plain(record) else super().format(record)
+
+
+def record_text(record: logging.LogRecord) -> str:
+    """A record as it is in the log file."""
+    return _Formatter().format(record)
+
+
+def is_plain(record: logging.LogRecord) -> bool:
+    """Whether a record is written as it is, without time and level."""
+    return record.name in (plain.name, traces.name)

@@ -2,7 +2,8 @@
 
 `sim-0.log` is the current file, `sim-0.log.part-0001` an older part of the same log, and
 `sim-0.log.20261122-093000` the log of an earlier training. Only the current file ends in `.log`:
-log-guru imports every file that does, and fails at one that begins in the middle.
+log-guru imports every file that does, and fails at one that begins in the middle. `sim-0.jsonl` is
+the same log as JSON lines, and `reward-0.log` what the racer's code printed in that worker.
 """
 
 import calendar
@@ -18,11 +19,14 @@ VARIABLE = "DRCLI_LOG"
 UPLOADED = ".uploaded"
 """End of the name of the file that says how much of a log is in the bucket."""
 
+SENT = ".sent"
+"""The same for a service that collects logs."""
+
 EARLIER_TRAININGS = 3
 """How many earlier trainings keep their logs."""
 
 _STAMP = "%Y%m%d-%H%M%S"
-_WORKER = r"(?:trainer|supervisor|sim-\d+)\.log"
+_WORKER = r"(?:(?:trainer|supervisor|sim-\d+)\.(?:log|jsonl)|reward-\d+\.log)"
 _LOG = re.compile(rf"({_WORKER})(\.part-\d+)?")
 _EARLIER = re.compile(rf"{_WORKER}\.(\d{{8}}-\d{{6}})(?:\.part-\d+)?")
 
@@ -83,7 +87,7 @@ def set_aside(folders: list[Path], max_bytes: int) -> None:
         workers = set()
         for path in _files(folder):
             found = _LOG.fullmatch(path.name)
-            if path.name.endswith(UPLOADED):
+            if path.name.endswith((UPLOADED, SENT)):
                 path.unlink()
             elif found:
                 workers.add(found[1])

@@ -6,8 +6,8 @@ import stat
 from pathlib import Path
 
 
-def read_regular(path: Path) -> bytes:
-    """The content of a file.
+def read_regular(path: Path, limit: int = -1) -> bytes:
+    """The content of a file, or only its first bytes if there is a limit.
 
     Raises:
         OSError: It cannot be read, or is something else: to read a named pipe would wait for a
@@ -18,4 +18,4 @@ def read_regular(path: Path) -> bytes:
     with os.fdopen(descriptor, "rb", closefd=True) as file:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise OSError(errno.EINVAL, "It is not an ordinary file", str(path))
-        return file.read()
+        return file.read(limit)

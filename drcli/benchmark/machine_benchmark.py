@@ -15,38 +15,31 @@ from pathlib import Path
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.base.memory_state import read_memory
-from drcli.base.problems import ProblemsError
 from drcli.benchmark.bucket_speed import BucketSpeed, measure_bucket
 from drcli.benchmark.estimate import TrainingEstimate, estimate, first_lap_s
+from drcli.benchmark.measured_work import own_order, shipped_settings, standard_order
 from drcli.benchmark.processor_use import ProcessorUse
 from drcli.benchmark.spare_bucket import bucket_to_measure
 from drcli.benchmark.work_order import Rates, Ready, WorkOrder
 from drcli.checks.machine_rules import TRAINER_BYTES, WORKER_BYTES
 from drcli.config import secret_environment
-from drcli.config.example_files import model_file, settings_file
 from drcli.config.loading import load_settings
-from drcli.config.settings import Settings
 from drcli.exchange.job import PROCESS_TUNING, THREAD_VARIABLES
-from drcli.modelfiles.custom_files import local_file
-from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.models.run_metadata import processor_name
-from drcli.store import keys
 
 MOST_S = 58.0
 """Of the whole command."""
 
 BUCKET_S = 5.0
 MEASURED_S = 12.0
-"""For simulation, driving and learning together; half of it for each of two works."""
+"""For simulation, driving and learning together; half of it for each of two trainings."""
 
 LEAST_PROCESS_S = 12.0
 """Time that a measuring process gets even if everything before it took too long."""
 
 BUSY_SHARE = 0.1
 """Other programs that use more of the processor than this make the numbers too low."""
-
-_FILES = (keys.REWARD_FUNCTION_FILE, keys.HYPERPARAMETERS_FILE, keys.MODEL_METADATA_FILE)
 
 
 @dataclass(frozen=True)
@@ -152,7 +145,7 @@ def measure_machine(
     """
     began_s = time.monotonic()
     has_settings = (folder / "run.env").is_file()
-    settings = load_settings(folder, contents=None if has_settings else _shipped_settings())
+    settings = load_settings(folder, contents=None if has_settings else shipped_settings())
     memory = read_memory()
     usage = ProcessorUse()
     bucket: BucketReport | None = None
@@ -160,23 +153,22 @@ def measure_machine(
         on_step("Measuring the bucket ...")
         with bucket_to_measure(settings, temporary=not has_settings) as (place, opened):
             bucket = BucketReport(place, measure_bucket(opened, BUCKET_S))
-    standard_order = _standard(settings, folder)
-    own_order, left_out = _own(settings, standard_order) if has_settings else (None, "")
+    standard_work = standard_order(settings, folder)
+    own_work, left_out = own_order(settings, standard_work) if has_settings else (None, "")
 
     def left_s() -> float:
         return max(LEAST_PROCESS_S, began_s + MOST_S - time.monotonic())
 
     speed = bucket.speed if bucket else None
-    works = 2 if own_order else 1
+    works = 2 if own_work else 1
+    seconds = MEASURED_S / works
     on_step("Measuring a training with the shipped files ...")
-    standard = _measured(
-        replace(standard_order, seconds=MEASURED_S / works), left_s() / works, speed
-    )
+    standard = _measured(standard_work, seconds, left_s() / works, speed)
     own = None
-    if own_order is not None:
+    if own_work is not None:
         on_step("Measuring a training with your files ...")
         try:
-            own = _measured(replace(own_order, seconds=MEASURED_S / works), left_s(), speed)
+            own = _measured(own_work, seconds, left_s(), speed)
         except (SettingsError, WorkerDied) as error:
             left_out = f"{error} {error.remedy}"
     busy, stolen = usage.of_others()
@@ -223,85 +215,17 @@ def _warnings(report: BenchReport) -> Iterator[str]:
         )
 
 
-def _standard(settings: Settings, folder: Path) -> WorkOrder:
-    """The shipped files and settings, with the processor settings of the working folder."""
-    flags = {"DR_EXPERIMENT_NAME": ""}
-    shipped = load_settings(folder, environ={}, flags=flags, contents=_shipped_settings()).run
-    own = settings.run.train
-    train = shipped.train.replaced(
-        priority=own.priority,
-        threads=own.threads,
-        torch_precision=own.torch_precision,
-        sagemaker_cuda_devices=own.sagemaker_cuda_devices,
-    )
-    files = {name: model_file(name).read_text("utf-8") for name in _FILES[1:]}
-    return WorkOrder(
-        race=shipped.race(),
-        train=train,
-        hyperparameters=files[keys.HYPERPARAMETERS_FILE],
-        metadata=files[keys.MODEL_METADATA_FILE],
-        reward_file=str(model_file(keys.REWARD_FUNCTION_FILE)),
-        seconds=MEASURED_S,
-        most_seconds=MOST_S,
-    )
-
-
-def _shipped_settings() -> dict[str, bytes]:
-    return {name: settings_file(name).read_bytes() for name in ("run.env", "system.env")}
-
-
-def _own(settings: Settings, standard: WorkOrder) -> tuple[WorkOrder | None, str]:
-    """The racer's own training if it differs from the standard one; else why it is left out."""
-    folder = settings.custom_files_dir
-    texts = {
-        keys.HYPERPARAMETERS_FILE: standard.hyperparameters,
-        keys.MODEL_METADATA_FILE: standard.metadata,
-    }
-    reward = Path(standard.reward_file)
-    if settings.untrainable is not None:
-        return None, str(settings.untrainable)
-    try:
-        for name in texts:
-            found = local_file(folder, name)
-            if found is not None:
-                texts[name] = found.data.decode("utf-8-sig")
-        Hyperparameters.from_bytes(texts[keys.HYPERPARAMETERS_FILE].encode())
-        ModelMetadata.from_bytes(texts[keys.MODEL_METADATA_FILE].encode())
-    except (ProblemsError, SettingsError, UnicodeDecodeError) as error:
-        return None, str(error).splitlines()[0]
-    if (folder / keys.REWARD_FUNCTION_FILE).is_file():
-        reward = folder / keys.REWARD_FUNCTION_FILE
-    order = replace(
-        standard,
-        race=settings.race,
-        train=settings.run.train,
-        hyperparameters=texts[keys.HYPERPARAMETERS_FILE],
-        metadata=texts[keys.MODEL_METADATA_FILE],
-        reward_file=str(reward),
-    )
-    same_reward = reward.read_bytes() == Path(standard.reward_file).read_bytes()
-    return (None if same_reward and _same_work(order, standard) else order), ""
-
-
-def _same_work(one: WorkOrder, other: WorkOrder) -> bool:
-    """Whether two orders take the same work, however their files are written."""
-
-    def facts(order: WorkOrder) -> tuple[object, ...]:
-        race = {k: v for k, v in order.race.to_json().items() if k not in ("directory", "sources")}
-        return race, json.loads(order.hyperparameters), json.loads(order.metadata)
-
-    return facts(one) == facts(other)
-
-
-def _measured(order: WorkOrder, most_s: float, bucket: BucketSpeed | None) -> WorkSpeed:
-    """Measure in a process like those of a training.
+def _measured(
+    order: WorkOrder, seconds: float, most_s: float, bucket: BucketSpeed | None
+) -> WorkSpeed:
+    """Measure for so many seconds in a process like those of a training.
 
     Raises:
         WorkerDied: It failed, or was not ready in time.
         SettingsError: The track or the reward function cannot be used.
     """
     metadata = ModelMetadata.from_bytes(order.metadata.encode())
-    ready, rates = _ask(replace(order, most_seconds=most_s), most_s)
+    ready, rates = _ask(replace(order, seconds=seconds, most_seconds=most_s), most_s)
     return WorkSpeed(
         world=order.race.world_name,
         race_type=order.race.race_type,

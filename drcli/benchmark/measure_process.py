@@ -35,10 +35,11 @@ from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.workers.build_learner import Learner, build_learner
 from drcli.workers.build_race import actions_of, build_simulation, load_world, longest_episode
 from drcli.workers.cores import driving_threads, learning_threads, overlaps
-from drcli.workers.driving import Driven, Driver, Plan, Racer, episodes_of
+from drcli.workers.driven_episode import Driven, Plan, episodes_of
+from drcli.workers.driving import Driver, Racer
 from drsim.car.actions import Actions, ContinuousActions
 from drsim.episode.episode_rules import EpisodeRules
-from drsim.episode.reward import load_reward_function
+from drsim.episode.load_reward import load_reward_function
 from drsim.episode.simulation import Simulation
 
 SHARES = (0.15, 0.4, 0.45)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drcli.config.settings import RaceConfig, TrainConfig
+from drcli.config.run_config import RaceConfig, TrainConfig
 
 
 @dataclass(frozen=True)

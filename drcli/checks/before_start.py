@@ -13,7 +13,8 @@ from drcli.checks.reward_rules import Source, read_source, review_source
 from drcli.checks.settings_rules import upload_problems
 from drcli.checks.storage_rules import review_prefix, review_pretrained
 from drcli.checks.try_inputs import try_inputs
-from drcli.config.settings import RaceConfig, Settings
+from drcli.config.run_config import RaceConfig
+from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs, missing_files
 from drcli.modelfiles.network_shape import Design, weight_problems

@@ -3,9 +3,7 @@
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
-from pathlib import Path
-from shlex import quote
+from dataclasses import dataclass
 from typing import Any
 
 from drcli.base.errors import StorageError
@@ -20,6 +18,7 @@ from drcli.base.problems import (
     of_severity,
     shown,
 )
+from drcli.checks.stage_files import StageFiles, curriculum_path
 from drcli.config.loading import WORKER_NAMES, WORKER_STEMS, is_of_worker
 from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Override, Settings, catalogue
@@ -37,13 +36,8 @@ from drcli.modelfiles.json_file import as_written
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
-SETTING = "DR_CURRICULUM_FILE"
-
 OF_THE_NETWORK = ("stack_size", "critic")
 """Hyperparameters that decide the shape of the network, so they stay the same in all stages."""
-
-LARGEST_FILE = 1024 * 1024
-"""A larger file was named by mistake."""
 
 
 @dataclass(frozen=True)
@@ -119,15 +113,10 @@ def review_stages(
     found: list[Problem] = []
     frozen = _frozen(settings, bucket, found) if resumes and bucket is not None else None
     try:
-        reader = _Files(settings, frozen)
+        reader = StageFiles(settings, frozen)
         return _Reviewer(settings, files, reader, found).review()
     except ProblemsError as error:
         return StagesReview(problems=(*found, *error.problems))
-
-
-def curriculum_path(settings: Settings) -> Path:
-    """The file that DR_CURRICULUM_FILE names, beside run.env or in the experiment's folder."""
-    return settings.custom_files_dir.parent / Path(settings.curriculum_file).expanduser()
 
 
 def _frozen(settings: Settings, bucket: Bucket, found: list[Problem]) -> FrozenCurriculum | None:
@@ -144,61 +133,12 @@ def _frozen(settings: Settings, bucket: Bucket, found: list[Problem]) -> FrozenC
 
 
 @dataclass
-class _Files:
-    """The curriculum and the files that it names: of this machine, else of the model."""
-
-    settings: Settings
-    frozen: FrozenCurriculum | None
-    read: dict[str, str] = field(default_factory=dict)
-
-    def curriculum(self) -> tuple[str, bytes]:
-        """Name and content; raises ProblemsError."""
-        settings, name = self.settings, self.settings.curriculum_file
-        path = curriculum_path(settings)
-        data = _content(path, settings.place(SETTING))
-        if data is not None:
-            return str(path), data
-        if self.frozen is not None:
-            return self.frozen.name, self.frozen.text.encode()
-        what = f"{SETTING}={shown(name)}: there is no such file in {path.parent}."
-        remedy = "`dr-init --curriculum` writes an example, or leave the setting empty."
-        raise ProblemsError([setting_problem(SETTING, settings.place(SETTING), what, remedy)])
-
-    def named(self, name: str, place: Place) -> InputFile | None:
-        """A file that a stage names; None if it does not exist. Raises ProblemsError."""
-        path = curriculum_path(self.settings).parent / Path(name).expanduser()
-        for each in (path, self.settings.custom_files_dir / name):
-            data = _content(each, place)
-            if data is not None:
-                self.read[name] = data.decode(errors="replace")
-                return InputFile(each.name, data, str(each))
-        if self.frozen is not None and name in self.frozen.files:
-            self.read[name] = self.frozen.files[name]
-            return InputFile(Path(name).name, self.read[name].encode(), name)
-        return None
-
-
-def _content(path: Path, place: Place) -> bytes | None:
-    """The content of a file; None if it does not exist. Raises ProblemsError."""
-    try:
-        if not path.is_file():
-            return None
-        with path.open("rb") as file:
-            return file.read(LARGEST_FILE + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        what = f"{path} cannot be read ({reason})."
-        remedy = f"Make it readable for yourself, as with `chmod u+r {quote(str(path))}`."
-        raise ProblemsError([Problem(RULE, "error", *place, what, remedy)]) from error
-
-
-@dataclass
 class _Reviewer:
     """Makes settings and files of each stage, and collects what is wrong."""
 
     settings: Settings
     files: Mapping[str, InputFile]
-    reader: _Files
+    reader: StageFiles
     found: list[Problem]
 
     def review(self) -> StagesReview:

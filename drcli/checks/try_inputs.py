@@ -12,7 +12,7 @@ from drcli.checks.sandbox.sandbox_records import (
     SandboxRequest,
     SandboxResult,
 )
-from drcli.config.settings import RaceConfig
+from drcli.config.run_config import RaceConfig
 from drcli.modelfiles.custom_files import InputFile
 
 STATES = ("on the start line", "on the road", "after half a lap", "off the track", "at the finish")

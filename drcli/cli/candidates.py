@@ -16,8 +16,9 @@ from drcli.config import activation
 MOST_FOLDERS = 2000
 """Folders of a bucket to search; each takes about 20 microseconds."""
 
-LOGS = ("sim", "trainer", "supervisor", "evaluation")
-"""Workers that have a log; `sim` is the simulation worker that -n names."""
+LOGS = ("sim", "trainer", "supervisor", "evaluation", "reward")
+"""What has a log: `sim` is the simulation worker that -n names, `reward` what the reward function
+prints there."""
 
 _CHECKPOINT = re.compile(r"(\d+)_Step-\d+\.ckpt")
 
@@ -35,6 +36,13 @@ def model_prefixes() -> list[str]:
     bucket, configured = _bucket(settings), settings.get("DR_LOCAL_S3_MODEL_PREFIX")
     models = [configured] if configured else []
     return list(dict.fromkeys(models if bucket is None else [*models, *_models_in(bucket)]))
+
+
+def races() -> list[str]:
+    """The races in the bucket of this machine."""
+    bucket = _bucket(_settings())
+    folders = [] if bucket is None else (bucket / "races").glob("*/race.json")
+    return sorted(path.parent.name for path in folders)
 
 
 def checkpoints() -> list[str]:
@@ -147,6 +155,8 @@ def _models_in(bucket: Path) -> Iterator[str]:
         if "model" in below and any(map(_CHECKPOINT.match, _names(Path(folder, "model")))):
             below.clear()
             yield Path(folder).relative_to(bucket).as_posix()
+        if Path(folder) == bucket and "races" in below:
+            below.remove("races")  # copies, which nobody trains on
         below.sort()
 
 

@@ -78,7 +78,8 @@ def application(arguments: Sequence[str]) -> typer.Typer:
     for command in COMMANDS:
         target = load(command) if command.name == called else _not_called
         if isinstance(target, typer.Typer):
-            app.add_typer(target, cls=_Group, name=command.name, short_help=command.help)
+            group = _with_default(command.default) if command.default else _Group
+            app.add_typer(target, cls=group, name=command.name, short_help=command.help)
         else:
             app.command(
                 command.name,
@@ -175,6 +176,23 @@ class _Group(TyperGroup):
         return [_read(parameter) for parameter in super().get_params(ctx)]
 
 
+def _with_default(default: str) -> type[_Group]:
+    """A group whose subcommand `default` is meant if the first word names none."""
+
+    class Group(_Group):
+        default_command = default
+
+        def parse_args(self, ctx: Any, args: list[str]) -> Any:
+            if not args or (args[0] not in self.commands and args[0] not in _HELP):
+                args = [default, *args]
+            return super().parse_args(ctx, args)
+
+    return Group
+
+
+_HELP = ("-h", "--help")
+
+
 class _Sections(_Group):
     """The group of all commands: lists them by section, and suggests them after a wrong name."""
 
@@ -215,15 +233,20 @@ def _be_quiet(wanted: bool) -> None:
     console.quiet = console.quiet or wanted
 
 
+_QUIET = "Print only results, warnings and errors."
+
 _Quiet = Annotated[
     bool,
     typer.Option(
         "-q",
         "--quiet",
-        help="Print only results, warnings and errors.",
+        help=_QUIET,
         callback=_be_quiet,
         expose_value=False,
     ),
+]
+_LongQuiet = Annotated[
+    bool, typer.Option("--quiet", help=_QUIET, callback=_be_quiet, expose_value=False)
 ]
 
 
@@ -238,7 +261,10 @@ def _global_options(
 
 
 def _with_quiet(function: Callable[..., None]) -> Callable[..., None]:
-    """The function of a command with the option -q, unless it has a parameter `quiet`."""
+    """The function of a command with the option -q, unless it has a parameter `quiet`.
+
+    Where -q means something else, as in DeepRacer-for-Cloud's viewer, there is only --quiet.
+    """
     signature = inspect.signature(function)
     if "quiet" in signature.parameters:
         return function
@@ -248,10 +274,25 @@ def _with_quiet(function: Callable[..., None]) -> Callable[..., None]:
         function(*args, **named)
 
     kind = inspect.Parameter.KEYWORD_ONLY
-    quiet = inspect.Parameter("quiet", kind, default=False, annotation=_Quiet)
+    taken = "-q" in _option_names(signature)
+    annotation = _LongQuiet if taken else _Quiet
+    quiet = inspect.Parameter("quiet", kind, default=False, annotation=annotation)
     parameters = [*signature.parameters.values(), quiet]
     vars(command)["__signature__"] = signature.replace(parameters=parameters)
     return command
+
+
+def _option_names(signature: inspect.Signature) -> set[str]:
+    """The names that the options of a command have."""
+    names: set[str] = set()
+    for parameter in signature.parameters.values():
+        for fact in getattr(parameter.annotation, "__metadata__", ()):
+            # Within Annotated, Typer takes the first name for the default value.
+            first = getattr(fact, "default", None)
+            names.update(getattr(fact, "param_decls", None) or ())
+            if isinstance(first, str):
+                names.add(first)
+    return names
 
 
 def _not_called() -> None:

@@ -14,7 +14,6 @@ Section = Literal[
     "Models",
     "Settings and files",
     "Tracks and rewards",
-    "Not available yet",
 ]
 
 
@@ -26,8 +25,8 @@ class Command:
         help: Its line in `dr --help`.
         module: Module below `drcli.cli.commands`; called like the command if empty.
         function: Function or Typer application there; called like the command if empty.
-        takes_any: Whether the command accepts any option: those of DeepRacer-for-Cloud for what
-            is not available, or those of another program.
+        takes_any: Whether the command accepts any option: those of another program.
+        default: Subcommand that is meant if the first word names none.
         hidden: Whether only our own scripts use it: no line in `dr --help`, no program.
         section: Heading in `dr --help`.
     """
@@ -37,6 +36,7 @@ class Command:
     module: str = ""
     function: str = ""
     takes_any: bool = False
+    default: str = ""
     hidden: bool = False
     section: Section = "Train"
 
@@ -49,11 +49,6 @@ class Command:
 
 def _section(section: Section, *commands: Command) -> tuple[Command, ...]:
     return tuple(replace(command, section=section) for command in commands)
-
-
-def _unavailable(what: str, *names: str) -> tuple[Command, ...]:
-    commands = (Command(name, what, "not_built", takes_any=True) for name in names)
-    return _section("Not available yet", *commands)
 
 
 COMMANDS: tuple[Command, ...] = (
@@ -75,19 +70,47 @@ COMMANDS: tuple[Command, ...] = (
             "evaluate",
         ),
         Command("stop-evaluation", "Stop a running evaluation.", "stop"),
+        Command("race", "Race models on a leaderboard, or in pairs.", function="app"),
+        Command("start-tournament", "Drive the pairs of a head-to-head race.", "tournament"),
+        Command("video", "Make a video of a lap, with what the car sees."),
+        Command("saliency", "Show which pixels of the camera move the car."),
     ),
     *_section(
         "Monitor",
         Command("status", "Show the training: state, curves, checkpoints."),
         Command("summary", "Show settings, bucket and runs on one page.", "status"),
         Command("journal", "Show what happened to the model, on all machines."),
-        Command("logs", "Show a worker's log."),
+        Command(
+            "history",
+            "List, compare and export all trainings, also of deleted models.",
+            "training_history",
+            "app",
+            default="list",
+        ),
+        Command("logs", "Show a worker's log, or what the reward function prints."),
+        Command("analyze", "Analyse a training: verdict, curves, laps, advice."),
+        Command("start-loganalysis", "Write the report of dr-analyze, and open it.", "loganalysis"),
+        Command("url-loganalysis", "Print the address of that report.", "loganalysis"),
+        Command("stop-loganalysis", "Nothing to stop: the report is a file.", "loganalysis"),
+        Command("logs-loganalysis", "Show what was wrong with the files.", "loganalysis"),
         Command("logs-sagemaker", "Follow the trainer's log.", "reference_logs"),
         Command("logs-robomaker", "Follow a simulation worker's log.", "reference_logs"),
         Command("find-sagemaker", "Print the trainer's process number.", "reference_logs"),
         Command("find-robomaker", "Print the workers' process numbers.", "reference_logs"),
         Command("get-robomaker-stats", "Show a simulation worker's speed.", "reference_logs"),
+        Command(
+            "console",
+            "Open the console: trainings, models and races on a web page.",
+            "viewer",
+            "console_page",
+        ),
+        Command("start-viewer", "Start the console and print its address.", "viewer"),
+        Command("stop-viewer", "Stop the console.", "viewer"),
+        Command("update-viewer", "Start the console again, with the settings of now.", "viewer"),
+        Command("view-stream", "Print the addresses of live pictures, as MJPEG.", "viewer"),
         Command("send-message", "Send a message as trainings do."),
+        Command("start-metrics", "Show curves in TensorBoard, and where others go.", "metrics"),
+        Command("stop-metrics", "Stop TensorBoard.", "metrics"),
     ),
     *_section(
         "Spot instances",
@@ -148,22 +171,6 @@ COMMANDS: tuple[Command, ...] = (
         Command("tracks", "List, show, add and fetch tracks.", function="app"),
         Command("reward", "Check, plot and compare reward functions.", function="app"),
     ),
-    *_unavailable(
-        "Live pictures of the cars.",
-        "start-viewer",
-        "stop-viewer",
-        "update-viewer",
-        "view-stream",
-    ),
-    *_unavailable("Curves in Grafana.", "start-metrics", "stop-metrics"),
-    *_unavailable(
-        "Notebooks for log analysis.",
-        "start-loganalysis",
-        "stop-loganalysis",
-        "logs-loganalysis",
-        "url-loganalysis",
-    ),
-    *_unavailable("Tournaments; dr evaluate races two models.", "start-tournament"),
 )
 
 

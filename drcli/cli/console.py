@@ -1,8 +1,6 @@
 """Prints: results to stdout, everything else to stderr."""
 
-import dataclasses
 import json
-import math
 import os
 import shlex
 import shutil
@@ -18,7 +16,7 @@ from rich.segment import Segment, Segments
 from rich.text import Text
 
 from drcli.base.errors import OutputLost
-from drcli.base.problems import Problem
+from drcli.base.plain_json import keys_of
 from drcli.config import activation
 
 Advance = Callable[[int], None]
@@ -80,10 +78,7 @@ def emit(
         folded: Whether to fold it on a terminal; an address in two pieces cannot be pasted.
     """
     if as_json:
-        names = [field.name for field in dataclasses.fields(report)]
-        names += [name for name, it in vars(type(report)).items() if isinstance(it, property)]
-        keys = {name: _plain(getattr(report, name)) for name in names}
-        write(json.dumps(keys, allow_nan=False) + "\n")
+        write(json.dumps(keys_of(report), allow_nan=False) + "\n")
     elif rendered is not None:
         with _printing():
             out.print(_fitted(rendered, columns() if folded else BOUNDLESS), soft_wrap=True, end="")
@@ -231,22 +226,6 @@ def _printing() -> Iterator[None]:
             f"The result cannot be written to standard output: {error.strerror or error}.",
             remedy="Free some disk space, or send the output elsewhere.",
         ) from None
-
-
-def _plain(value: Any) -> Any:
-    """The value for JSON, which has no NaN and no infinities: they become null."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, Problem):
-        return value.as_json()
-    if dataclasses.is_dataclass(value):
-        fields = dataclasses.fields(value)
-        return {field.name: _plain(getattr(value, field.name)) for field in fields}
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value
 
 
 def _discard(stream: IO[str]) -> None:

@@ -19,6 +19,7 @@ OPTIONS = {
     "DR_EVAL_REVERSE_DIRECTION": "--reverse",
     "DR_EVAL_MAX_LAP_SECONDS": "--max-lap-seconds",
     "DR_EVAL_AVERAGE_LAPS": "--average-laps",
+    "DR_EVAL_SAVE_MP4": "--video",
 }
 """The option for each setting that can be given here."""
 

@@ -1,9 +1,12 @@
 """Shows the end of a log file, and lines that are added later."""
 
 import os
+import re
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
@@ -18,11 +21,31 @@ _MOST_BYTES = 16 << 20
 """Most bytes to read at once: a log may be larger than the free memory."""
 
 
-def show_log(path: Path, last_lines: int | None, follow: Callable[[], bool]) -> None:
-    """Print the last lines of a log, or all with None, and new lines while `follow` is true."""
-    tail = Tail(path, last_lines)
+_TIMED = re.compile(
+    r'^(?:(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3})Z |\{"time": "(\d{4}-[^"]*)Z")', re.MULTILINE
+)
+
+
+def show_log(
+    path: Path,
+    last_lines: int | None,
+    follow: Callable[[], bool],
+    *,
+    since: datetime | None = None,
+) -> None:
+    """Print the last lines of a log, or all with None, and new lines while `follow` is true.
+
+    Args:
+        path: The current file of the log.
+        last_lines: How many of its lines to begin with.
+        follow: Whether to wait for more.
+        since: Begin with the first line that has this time or a later one.
+    """
+    whole = last_lines is None or since is not None
+    tail = Tail(path, None if whole else last_lines)
     try:
-        for piece in older(path) if last_lines is None else ():
+        existing = chain(older(path, since) if whole else (), iter(tail.read, ""))
+        for piece in chosen(existing, last_lines, since) if whole else ():
             console.write(piece)
         while follow():
             text = tail.read()
@@ -33,6 +56,38 @@ def show_log(path: Path, last_lines: int | None, follow: Callable[[], bool]) -> 
             console.write(text)
     except KeyboardInterrupt:  # the usual way to end it
         return
+
+
+def chosen(pieces: Iterable[str], last_lines: int | None, since: datetime | None) -> Iterator[str]:
+    """What is wanted of a log that comes in pieces: lines since a time, or the last of them."""
+    if since is not None:
+        pieces = _since(pieces, since)
+    if last_lines is None:
+        yield from pieces
+        return
+    kept = ""
+    for piece in pieces:
+        kept = "\n".join((kept + piece).split("\n")[-last_lines - 1 :])
+    lines = kept.split("\n")
+    surplus = len(lines) - last_lines - (not lines[-1])
+    yield "\n".join(lines[max(0, surplus) :])
+
+
+def _since(pieces: Iterable[str], since: datetime) -> Iterator[str]:
+    """The log from the first line on whose time is not before `since`."""
+    limit = since.astimezone(UTC).isoformat(timespec="milliseconds")[:23]
+    rest, found = "", False
+    for piece in pieces:
+        if found:
+            yield piece
+            continue
+        text = rest + piece
+        for match in _TIMED.finditer(text):
+            if (match[1] or match[2]) >= limit:
+                yield text[match.start() :]
+                found = True
+                break
+        rest = text[text.rfind("\n") + 1 :]
 
 
 class Tail:
@@ -101,9 +156,14 @@ class Tail:
         return b"".join(deque(self._file, self._last_lines))
 
 
-def older(log: Path) -> Iterator[str]:
-    """The rotated parts of a log, oldest first, in pieces; without the current file."""
+def older(log: Path, since: datetime | None = None) -> Iterator[str]:
+    """The rotated parts of a log, oldest first, in pieces; without the current file.
+
+    Parts to which nothing was written `since` a time are left out.
+    """
     for part in log_files.older_parts(log):
+        if since is not None and part.stat().st_mtime < since.timestamp():
+            continue
         with part.open(encoding="utf-8", errors="replace", newline="") as file:
             while piece := file.read(_BLOCK_BYTES):
                 yield piece

@@ -13,7 +13,7 @@ from drcli.cli.log_tail import Tail
 from drcli.cli.views import iterations, training_view
 
 if TYPE_CHECKING:
-    from drcli.config.settings import RunConfig
+    from drcli.config.run_config import RunConfig
     from drcli.exchange.iteration import IterationRecord
     from drcli.runs.status import RunReport
 

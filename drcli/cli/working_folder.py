@@ -1,6 +1,7 @@
 """Finds the racer's working folder and reads its settings."""
 
 import os
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -61,6 +62,42 @@ def settings() -> "Settings":
             remedy="Correct DR_DIR, or `unset DR_DIR` and change to the folder with your run.env.",
         )
     return load_settings(folder)
+
+
+def settings_or_defaults(flags: Mapping[str, str] | None = None) -> "Settings":
+    """The settings of the working folder; the defaults in a folder that is yet to become one.
+
+    Args:
+        flags: Values of options by DR_ name.
+
+    Raises:
+        SettingsError: One is wrong, or DR_DIR is.
+    """
+    from drcli.config.loading import load_settings
+
+    folder = working_folder()
+    if os.environ.get("DR_DIR") or (folder / "run.env").exists():
+        loaded = settings()
+        return load_settings(loaded.directory, flags=flags) if flags else loaded
+    return load_settings(folder, flags=flags, contents={"run.env": b""})
+
+
+def settings_for_files(words: Sequence[str]) -> "Settings":
+    """The settings of the working folder; outside of one, the defaults if all words name files.
+
+    Args:
+        words: What the racer named: files and folders, or models.
+
+    Raises:
+        SettingsError: As for `settings`.
+    """
+    from drcli.config.loading import load_settings
+
+    folder = working_folder()
+    on_disk = bool(words) and all(Path(word).expanduser().exists() for word in words)
+    if on_disk and not (folder / "run.env").is_file() and not os.environ.get("DR_DIR"):
+        return load_settings(folder, contents={"run.env": b""})
+    return settings()
 
 
 @cache

@@ -64,8 +64,8 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
     if slash and first in RUN_FOLDERS:
         yield problem(
             ("DR_LOCAL_S3_MODEL_PREFIX",),
-            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} is inside {first}/, where running "
-            "trainings keep their files.",
+            f"DR_LOCAL_S3_MODEL_PREFIX={settings.model_prefix} is inside {first}/, where "
+            "trainings and races keep files of their own.",
             f"Choose a prefix that starts with another name, such as my-{first}/.",
         )
     if settings.max_cost > 0.0 and not settings.spot_price:

@@ -1,6 +1,7 @@
 """Changes values in settings files, and leaves everything else in them as it is."""
 
 import codecs
+import hashlib
 import io
 import os
 import re
@@ -11,6 +12,7 @@ from pathlib import Path
 from dotenv.parser import parse_stream
 
 from drcli.base.atomic_file import rewrite
+from drcli.base.errors import SettingsError
 from drcli.base.file_lock import only_writer
 from drcli.base.problems import Place, Problem, ProblemsError, shown
 from drcli.config import activation
@@ -69,12 +71,24 @@ class Edit:
     warnings: tuple[str, ...]
 
 
+class FilesChanged(SettingsError):
+    """Somebody else has changed a file since it was read."""
+
+
+def version_of(data: bytes | None) -> str:
+    """A short text that changes with the content of a file; empty if there is no file."""
+    return "" if data is None else hashlib.sha256(data).hexdigest()[:24]
+
+
 def set_values(
     directory: Path,
     wanted: Mapping[str, str],
     *,
     file: FileName | None = None,
     environ: Mapping[str, str] | None = None,
+    seen: Mapping[str, str] | None = None,
+    keep_old: bool = False,
+    write: bool = True,
 ) -> Edit:
     """Write values into the files in which they belong.
 
@@ -86,9 +100,14 @@ def set_values(
         wanted: Texts by name, maybe with `$NAME` in them.
         file: Write into that file instead; run.env is the one of the experiment, if there is one.
         environ: Process environment; `os.environ` when None.
+        seen: Versions of the files that the values were made for, by name; other files are changed
+            whatever is in them.
+        keep_old: Whether a file that changes is kept as NAME.bak.
+        write: Whether to write at all, or only to check.
 
     Raises:
         ProblemsError: A value would be wrong; nothing was changed.
+        FilesChanged: A file is not as it was seen; nothing was changed.
         SettingsError: A file cannot be read or written.
     """
     outside = activation.chosen(os.environ if environ is None else environ)
@@ -97,10 +116,14 @@ def set_values(
         run_file = active_run_file(directory, flags=flags, environ=outside)
         SettingsFiles(directory).read(run_file)  # refuses a folder that has no run.env
         files = _Texts(directory, run_file)
+        for name, version in (seen or {}).items():
+            files.refuse_other(name, version)
         for name, value in wanted.items():
             files.set(name, value, files.named(file) if file else files.of(name))
         warnings = _refuse_mistakes(directory, wanted, files.changed, outside)
-        for name, data in files.changed.items():
+        for name, data in files.changed.items() if write else ():
+            if keep_old:
+                rewrite(directory / f"{name}.bak", files.original(name))
             rewrite(directory / name, data)
     stronger = [
         text for change in files.changes if (text := files.stronger(change, outside)) is not None
@@ -184,6 +207,22 @@ class _Texts:
     def changed(self) -> dict[str, bytes]:
         """New contents by name."""
         return {name: data for name, data in self._data.items() if data != self._original[name]}
+
+    def original(self, name: str) -> bytes:
+        """What a file had before."""
+        return self._original[name]
+
+    def refuse_other(self, name: str, version: str) -> None:
+        """Refuse a file that is not of this version; others are not touched.
+
+        Raises:
+            FilesChanged: It is not.
+        """
+        if name in self._original and version_of(self._original[name]) != version:
+            raise FilesChanged(
+                f"{name} was changed on the disk after this page had read it.",
+                remedy="Compare both versions, and choose which one to keep.",
+            )
 
     def named(self, file: FileName) -> str:
         """The file as it is called in the working folder."""

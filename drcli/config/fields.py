@@ -64,6 +64,8 @@ class Setting:
         effect: Whether it does something here.
         reason: Why it has no effect.
         own_file: Where it belongs, if not where its group does.
+        cosmetic: Whether it only changes how something looks: a wrong value is a warning, and the
+            default is used.
         field: Attribute of `Settings`.
         kind: What its text must be: text, flag, whole, number, choice, path or list.
         shape: What a text may be.
@@ -79,6 +81,7 @@ class Setting:
     effect: Effect
     reason: str
     own_file: FileName | None
+    cosmetic: bool = False
     file: FileName = "run.env"
     field: str = ""
     group: str = ""
@@ -158,6 +161,7 @@ def setting(
     planned: str = "",
     ignored: str = "",
     file: FileName | None = None,
+    cosmetic: bool = False,
 ) -> T:
     """Declare a field of a group: see `Setting`. Texts of defaults may hold `$NAME`.
 
@@ -168,7 +172,8 @@ def setting(
     effect: Effect = "planned" if planned else "accepted" if ignored else "used"
     reason = planned or ignored
     low, high = between or (low, None)
-    return cast(T, Setting(name, default, meaning, low, high, old_names, effect, reason, file))
+    given = name, default, meaning, low, high, old_names, effect, reason, file, cosmetic
+    return cast(T, Setting(*given))
 
 
 @cache

@@ -14,8 +14,9 @@ from drcli.base.problems import BadValue, Place, Problem, ProblemsError, shown
 from drcli.config import activation
 from drcli.config.cross_checks import contradictions
 from drcli.config.fields import Setting
+from drcli.config.run_config import RaceConfig
 from drcli.config.setting_problems import file_problem, hidden, setting_problem
-from drcli.config.settings import Override, RaceConfig, Settings, catalogue
+from drcli.config.settings import Override, Settings, catalogue
 from drcli.config.settings_files import EXPERIMENT, Entry, Layers, SettingsFiles, given, references
 from drcli.config.track_names import track_problem
 from drcli.config.unused_names import effect_warnings, old_names, rename_old, unknown_names
@@ -289,9 +290,15 @@ class _Loader:
             raise BadValue(reason, "Write the whole path, or set HOME.") from e
 
     def _blame(self, name: str, problem: Problem, dropped: set[str]) -> None:
-        """Add what is wrong with a setting; only a warning where the setting has no effect."""
-        if catalogue()[name].effect != "used":
-            message = f"{problem.message} It has no effect here."
+        """Add what is wrong with a setting; only a warning where it does not matter."""
+        setting = catalogue()[name]
+        harmless = ""
+        if setting.effect != "used":
+            harmless = "It has no effect here."
+        elif setting.cosmetic:
+            harmless = f"{setting.default_text} is used instead."
+        if harmless:
+            message = f"{problem.message} {harmless}"
             problem = replace(problem, severity="warning", message=message)
             dropped.add(name)
         self._add([problem])

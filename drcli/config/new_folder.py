@@ -24,6 +24,9 @@ from drcli.config.write_folder import FolderPlan, NewFile
 CURRICULUM = "curriculum.yaml"
 """The example of a training in stages."""
 
+OVERTAKE = "overtake.py"
+"""The reward function of its stage with bots: staying near the middle would not let a car pass."""
+
 EXAMPLES = {"OBJECT_AVOIDANCE": "rewards/object_avoidance/", "HEAD_TO_BOT": "rewards/head_to_bot/"}
 """Folders of the example files for a race; other races use those at the top."""
 
@@ -82,8 +85,10 @@ def with_curriculum(plan: FolderPlan) -> FolderPlan:
         data, (here, _, name) = file.data, file.name.rpartition("/")
         if name == "run.env":
             data = _filled(data, {"DR_CURRICULUM_FILE": CURRICULUM}, file.name)
-            beside = f"{here}/{CURRICULUM}" if here else CURRICULUM
-            files.append(NewFile(beside, model_file(CURRICULUM).read_bytes()))
+            beside = f"{here}/" if here else ""
+            overtake = model_file(f"{EXAMPLES['HEAD_TO_BOT']}reward_function.py")
+            files.append(NewFile(f"{beside}{CURRICULUM}", model_file(CURRICULUM).read_bytes()))
+            files.append(NewFile(f"{beside}{OVERTAKE}", overtake.read_bytes()))
         files.append(NewFile(file.name, data))
     return replace(plan, files=tuple(files))
 

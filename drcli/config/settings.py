@@ -1,11 +1,10 @@
-"""All settings as one frozen object, and the narrow values that the parts of a run are given."""
+"""All settings as one frozen object, from which planners take narrow values."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
-from drcli.base.json_record import from_json
 from drcli.base.problems import Place, Problem, few
 from drcli.config.bucket_config import (
     CustomFilesConfig,
@@ -17,8 +16,11 @@ from drcli.config.bucket_config import (
     UploadConfig,
 )
 from drcli.config.checkpoint_words import parse_checkpoint
-from drcli.config.fields import FrozenGroups, Setting, declared
+from drcli.config.fields import FrozenGroups, Setting
 from drcli.config.groups.failures import FailureSettings
+from drcli.config.groups.figures import FigureSettings
+from drcli.config.groups.live_settings import LiveSettings
+from drcli.config.groups.log_settings import LogSettings
 from drcli.config.groups.opponents import BotSettings, ObstacleSettings, OpponentSettings
 from drcli.config.groups.physical_car import PhysicalCarSettings
 from drcli.config.groups.processor import ProcessorSettings
@@ -44,132 +46,20 @@ from drcli.config.groups.unattended import (
     TimedWorkSettings,
     WatchSettings,
 )
-from drcli.config.setting_problems import hidden, setting_problem
-
-SUPERVISOR_ONLY = frozenset({*declared(MessageSettings), "DR_ON_END"})
-"""Settings that no worker or command of a run needs. They hold addresses of people, and a command
-that may contain anything, so no copy of a model tells them."""
-
-
-class PlacedSettings(FrozenGroups):
-    """Settings that know where each of them was given.
-
-    Attributes:
-        directory: Folder with run.env and system.env, absolute.
-        sources: Place at which each setting was given; defaults are absent.
-    """
-
-    directory: Path
-    sources: Mapping[str, Place]
-    tracks_dir: Path | None
-
-    @property
-    def tracks_folder(self) -> Path:
-        """Folder with the racer's own route files; it need not exist."""
-        return self.directory / (self.tracks_dir or "tracks")
-
-    def place(self, name: str) -> Place:
-        """Where a DR_ setting was given; the file is `default` where nobody gave it."""
-        return self.sources.get(name, Place("default"))
-
-    def source(self, name: str) -> str:
-        """The place as text: `run.env line 7`, `environment`, `flag` or `default`."""
-        return str(self.place(name))
-
-
-class RaceConfig(
+from drcli.config.groups.web import WebSettings
+from drcli.config.run_config import (
+    SUPERVISOR_ONLY,
+    EvaluationConfig,
+    FigureConfig,
+    LogConfig,
     PlacedSettings,
-    RaceSettings,
-    EpisodeSettings,
-    ObstacleSettings,
-    BotSettings,
-    RealismSettings,
-    OwnCarSettings,
-):
-    """What one simulation worker drives: track, race, starts of episodes, sim-to-real extras."""
-
-    @property
-    def untrainable(self) -> Problem | None:
-        """Why no model can be trained in this race; None where one can."""
-        if self.race_type != "HEAD_TO_MODEL":
-            return None
-        return setting_problem(
-            "DR_RACE_TYPE",
-            self.place("DR_RACE_TYPE"),
-            "DR_RACE_TYPE=HEAD_TO_MODEL races two trained models; it is for evaluations only.",
-            "Choose another DR_RACE_TYPE, or use `dr-evaluate`.",
-        )
-
-    def to_json(self) -> dict[str, Any]:
-        """The texts by field, the folder and the places."""
-        folder = str(self.directory)
-        return super().to_json() | {"directory": folder, "sources": dict(self.sources)}
-
-    @classmethod
-    def from_json(cls, value: Any) -> Self:
-        """Read what `to_json` made, and check every value.
-
-        Raises:
-            RecordError: Something is missing or its value is not allowed.
-        """
-        return cls(**cls.values_of(value), **vars(from_json(_Places, value)))
-
-
-@dataclass(frozen=True)
-class _Places:
-    directory: Path
-    sources: Mapping[str, Place]
-
-
-class TrainConfig(FrozenGroups, TrainSettings, FailureSettings, ProcessorSettings):
-    """How to train: workers, goals, evaluations during the training, failures, the processor."""
-
-
-class EvaluationConfig(FrozenGroups, EvaluationSettings, OpponentSettings):
-    """How to evaluate, and against which model."""
-
-
-class UnattendedConfig(
-    FrozenGroups,
-    InterruptionSettings,
-    TimedWorkSettings,
-    CostSettings,
-    WatchSettings,
-    MessageSettings,
-):
-    """What happens to a training that nobody watches."""
-
-
-@dataclass(frozen=True)
-class RunConfig:
-    """Everything that the processes of a training or an evaluation need to know.
-
-    Attributes:
-        races: For the first worker, and for all others that have a race of their own.
-        given: The settings that somebody has given, without secrets, as texts by DR_ name: for
-            commands that the run calls while the files may be edited for another training.
-        eval_world_place: Where DR_TRAIN_EVAL_WORLD was given.
-    """
-
-    run_id: int
-    directory: Path
-    log_max_mb: int
-    model: ModelConfig
-    storage: StorageConfig
-    train: TrainConfig
-    evaluation: EvaluationConfig
-    unattended: UnattendedConfig
-    races: tuple[RaceConfig, ...]
-    eval_world_place: Place = field(default_factory=lambda: Place("default"))
-    given: Mapping[str, str] = field(default_factory=dict)
-
-    def race(self, worker: int = 0) -> RaceConfig:
-        """What a simulation worker drives, counted from 0."""
-        return self.races[worker if worker < len(self.races) else 0]
-
-    def second_race(self, race: RaceConfig) -> RaceConfig | None:
-        """The same race on DR_TRAIN_EVAL_WORLD; None without that second track."""
-        return on_world(race, self.train.train_eval_world, self.eval_world_place)
+    RaceConfig,
+    RunConfig,
+    TrainConfig,
+    UnattendedConfig,
+    WebConfig,
+)
+from drcli.config.setting_problems import hidden
 
 
 @dataclass(frozen=True)
@@ -190,8 +80,12 @@ class Settings(
     InterruptionSettings,
     DroaSettings,
     ServiceSettings,
+    FigureSettings,
+    WebSettings,
+    LiveSettings,
     ScreenSettings,
     ContainerSettings,
+    LogSettings,
     RealismSettings,
     OwnCarSettings,
     OpponentSettings,
@@ -277,6 +171,15 @@ class Settings(
         )
 
     @property
+    def web(self) -> WebConfig:
+        """Where the console listens."""
+        return WebConfig(
+            self.webviewer_host,
+            self.webviewer_port,
+            self.place("DR_WEBVIEWER_PORT"),
+        )
+
+    @property
     def custom_files(self) -> CustomFilesConfig:
         """The racer's own three files."""
         return CustomFilesConfig(
@@ -331,15 +234,17 @@ class Settings(
         return RunConfig(
             run_id=self.run_id,
             directory=self.directory,
-            log_max_mb=self.log_max_mb,
+            logs=LogConfig(**self._of(LogConfig)),
             model=self.model,
             storage=self.storage,
             train=TrainConfig(**self._of(TrainConfig)),
             evaluation=EvaluationConfig(**self._of(EvaluationConfig)),
             unattended=UnattendedConfig(**self._of(UnattendedConfig)),
+            figures=FigureConfig(**self._of(FigureConfig)),
             races=self.races,
             eval_world_place=self.place("DR_TRAIN_EVAL_WORLD"),
             given=self._given(),
+            live_view=self.live_view,
         )
 
     def _given(self) -> dict[str, str]:
@@ -354,13 +259,6 @@ class Settings(
     def _of(self, part: type[FrozenGroups]) -> dict[str, Any]:
         """The values of the groups that a narrow value has."""
         return {item.field: getattr(self, item.field) for item in part.declared.values()}
-
-
-def on_world(race: RaceConfig, world: str, place: Place) -> RaceConfig | None:
-    """A race on another track, whose name was given at that place; None without a name."""
-    if not world:
-        return None
-    return race.replaced(world_name=world, sources={**race.sources, "DR_WORLD_NAME": place})
 
 
 def catalogue() -> Mapping[str, Setting]:

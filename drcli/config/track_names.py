@@ -6,8 +6,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from drcli.base.problems import Problem, closest, shown
+from drcli.config.run_config import RaceConfig
 from drcli.config.setting_problems import setting_problem
-from drcli.config.settings import RaceConfig
 
 ROUTE_FILES = (".npy", ".csv")
 

@@ -3,10 +3,9 @@
 import re
 from math import isfinite
 from typing import Annotated
-from urllib.parse import urlsplit
 
 from drcli.base.problems import BadValue
-from drcli.config.value_types import Check, Shape
+from drcli.config.value_types import Check, Shape, is_address
 
 _HIGHEST_PRICE = 10_000.0
 """USD per hour; the dearest machines that can be rented cost some hundreds."""
@@ -66,12 +65,7 @@ def _mail_addresses(value: str) -> str:
 
 
 def _smtp_url(value: str) -> str:
-    try:
-        address = urlsplit(value)
-        fit = address.scheme in ("smtp", "smtps") and bool(address.hostname) and address.port != 0
-    except ValueError:
-        fit = False
-    if value and not fit:
+    if value and not is_address(value, "smtp", "smtps"):
         raise BadValue(
             "is not the address of a mail server",
             "Write smtps://user:password@mail.example.com:465, or smtp:// for STARTTLS on port "

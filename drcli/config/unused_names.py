@@ -26,8 +26,8 @@ REMEDY = "Keep the lines or remove them."
 PASSWORDS = frozenset({"DR_CAR_PASSWORD"})
 """Variables of the environment that a command reads itself, because no file should hold them."""
 
-_VIEWER = "the viewer is not available in this version"
-_TOURNAMENT = "races against another model are evaluations (DR_RACE_TYPE=HEAD_TO_MODEL)"
+_VIEWER = "the console needs no files of nginx"
+_TOURNAMENT = "`dr-race create NAME --type HEAD_TO_MODEL` makes a tournament"
 _IMPORT = "models are not imported into the console"
 _PROFILE = "keys come from the profile DR_LOCAL_S3_PROFILE"
 _CUT_OFF = "the name is cut off; write {}"

@@ -22,8 +22,9 @@ of which a model's files need some, and file systems allow 255."""
 LONGEST_TEXT = 2000
 """Characters of what a racer writes about a model."""
 
-RUN_FOLDERS = ("runs", "rollouts")
-"""Folders of the bucket with the files of running trainings."""
+RUN_FOLDERS = ("runs", "rollouts", "training-records", "races")
+"""Folders of the bucket with the files of running trainings, records of all trainings, and races.
+"""
 
 BUCKET_RULE = (
     "Write 3 to 63 lowercase letters, digits, dots and hyphens, with a letter or digit first and "
@@ -121,14 +122,17 @@ _gpus = _matching(
 )
 
 
-def _address(value: str) -> str:
+def is_address(value: str, *schemes: str) -> bool:
+    """Whether a text is an address with one of these schemes, a host, and a port other than 0."""
     try:
         address = urlsplit(value)
-        fit = address.scheme in ("http", "https") and bool(address.hostname)
-        fit = fit and address.port != 0
+        return address.scheme in schemes and bool(address.hostname) and address.port != 0
     except ValueError:
-        fit = False
-    if value and not fit:
+        return False
+
+
+def _address(value: str) -> str:
+    if value and not is_address(value, "http", "https"):
         raise BadValue("is not a web address", "Write it as in http://192.168.1.5:9000.")
     return value
 
@@ -172,7 +176,12 @@ def _model_text(value: str) -> str:
     return value
 
 
-def _colour(value: str) -> str:
+def colour(value: str) -> str:
+    """The colour of a car as the reference spells it, whatever the case of the letters.
+
+    Raises:
+        BadValue: There is no such colour. Names of whole shells (f1_car_...) pass.
+    """
     named = {colour.casefold(): colour for colour in _COLOURS}
     if value.casefold() not in named and not value.startswith("f1_car_"):
         raise BadValue(
@@ -214,6 +223,26 @@ def _start_offset(value: str) -> str:
     return f"{metres:g}"
 
 
+def _log_group(name: str) -> str:
+    """The name of a log group, by the rules of CloudWatch."""
+    if not re.fullmatch(r"[A-Za-z0-9._/#-]{1,512}", name):
+        raise BadValue(
+            "is not the name of a log group",
+            "Write 1 to 512 letters, digits and . _ - / #, as in /deepracer-for-cloud.",
+        )
+    return name
+
+
+def _log_stream_prefix(text: str) -> str:
+    """The beginning of the name of a log stream, by the rules of CloudWatch."""
+    if len(text) > 200 or not text.isprintable() or set(text) & set(":*"):
+        raise BadValue(
+            "cannot begin the name of a log stream",
+            "Write at most 200 characters without : and *, or leave it out.",
+        )
+    return text
+
+
 _COLOURS = ("Black", "Grey", "Blue", "Red", "Orange", "White", "Purple")
 
 ObjectKey = Annotated[
@@ -248,7 +277,7 @@ CarHost = Annotated[str, Check(_car_address), Shape("a host, host:port, or nothi
 """Address of a car's web page, or empty."""
 Region = Annotated[str, Check(lambda name: _region(name) or HOME_REGION), Shape("an AWS region")]
 Colour = Annotated[
-    str, Check(_colour), Shape(f"one of {', '.join(_COLOURS)}, or f1_car_ and a colour")
+    str, Check(colour), Shape(f"one of {', '.join(_COLOURS)}, or f1_car_ and a colour")
 ]
 FolderName = Annotated[
     str, Check(_folder_name), Shape("the name of a folder in experiments/, or nothing")
@@ -257,6 +286,16 @@ Gpus = Annotated[
     str, Check(_gpus), Shape("numbers or ids of GPUs separated by commas, -1 for none, or nothing")
 ]
 """As CUDA_VISIBLE_DEVICES has them."""
+LogGroup = Annotated[
+    str,
+    Check(_log_group),
+    Shape("the name of a log group: letters, digits and . _ - / #"),
+]
+LogStreamPrefix = Annotated[
+    str,
+    Check(_log_stream_prefix),
+    Shape("at most 200 characters without : and *"),
+]
 ModelText = Annotated[str, Check(_model_text), Shape(f"at most {LONGEST_TEXT} characters")]
 """What a racer writes about a model."""
 Positions = Annotated[tuple[tuple[float, float], ...], Check(_positions)]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drcli.base.json_record import JsonRecord, RecordError, parse_json
-from drcli.exchange.trace import STATUS_LABELS, Episode, Phase, TracedEpisode
+from drcli.exchange.trace import STATUS_LABELS, VIOLATIONS, Episode, Phase, TracedEpisode
 
 FILE_VERSION = 2.0
 """Of TrainingMetrics.json. Source: the reference simulator."""
@@ -154,8 +154,7 @@ class TrialMetrics(JsonRecord):
         crashes, immobilized = status.count("crashed"), status.count("immobilized")
         off_track, reversed_ = status.count("off_track"), status.count("reversed")
         # The violation that ended the trial did not put the car back.
-        last = episode.rows[-1]
-        ended_by_violation = last.done and not completed and not episode.discarded
+        ended_by_violation = episode.rows[-1].done and episode.status in VIOLATIONS
         return TrialMetrics(
             completion_percentage=completion_percentage(episode.progress),
             metric_time=start_ms + elapsed_ms,

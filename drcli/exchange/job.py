@@ -14,7 +14,7 @@ from drcli.base.atomic_file import load_record, save_record
 from drcli.base.errors import DrError, NoAnswer, SettingsError
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.config import secret_environment
-from drcli.config.settings import RunConfig
+from drcli.config.run_config import RunConfig
 from drcli.exchange.evaluation_task import EvaluationTask
 from drcli.exchange.journal_entry import JournalEntry
 from drcli.exchange.policy_source import PolicySource
@@ -75,6 +75,7 @@ class Job:
         noted: What the start has to say in the journal.
         stages: Of the training, in order; empty without a curriculum.
         tasks: Evaluations that the worker processes of one command share.
+        training: Id of the record of the training; empty if there is none.
     """
 
     config: RunConfig
@@ -93,6 +94,7 @@ class Job:
     noted: tuple[JournalEntry, ...] = ()
     stages: tuple[Stage, ...] = ()
     tasks: tuple[EvaluationTask, ...] = ()
+    training: str = ""
 
     @property
     def directory(self) -> Path:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drcli.config.settings import RaceConfig
+from drcli.config.run_config import RaceConfig
 
 
 @dataclass(frozen=True)

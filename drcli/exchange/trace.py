@@ -13,9 +13,13 @@ from typing import Literal
 CSV_HEADER = (
     "episode,steps,X,Y,yaw,steer,throttle,action,reward,done,all_wheels_on_track,progress,"
     "closest_waypoint,track_len,tstamp,episode_status,pause_duration,obstacle_crash_counter,"
-    "wall_clock"
+    "wall_clock,reward_ms"
 )
-"""First line of a simtrace. Source: the reference simulator, version 6."""
+"""First line of a simtrace.
+
+Source: the reference simulator, version 6. Only the last column is ours; traces of the
+reference and of our earlier versions lack it.
+"""
 
 STATUS_LABELS = {
     "lap_complete": "Lap complete",
@@ -31,6 +35,9 @@ STATUS_LABELS = {
     "discarded": "Discarded",
 }
 """How metrics files spell the status of a trace."""
+
+VIOLATIONS = ("crashed", "immobilized", "off_track", "reversed")
+"""Status of the step in which a car broke a rule: it is put back, or the episode ends."""
 
 STEP_S = 1.0 / 15.0
 """Simulated time of one step, seconds."""
@@ -57,6 +64,8 @@ class Row:
         pause_s: Rest of a penalty, seconds.
         time_s: Simulated seconds since the episode's reset.
         crashes: Crashes into an object in the episode so far.
+        reward_ms: Wall time of the call of the reward function, milliseconds; 0 where there was no
+            call. Not compared: equal drives differ in what was measured.
     """
 
     steps: int
@@ -75,6 +84,7 @@ class Row:
     pause_s: float
     time_s: float
     crashes: int = 0
+    reward_ms: float = field(default=0.0, compare=False)
 
 
 @dataclass
@@ -204,6 +214,7 @@ def _fields(episode: Episode, row: Row, track_length_m: float, wall_clock: float
         str(row.pause_s),
         str(row.crashes),
         str(wall_clock),
+        str(round(row.reward_ms, 3)),
     ]
 
 

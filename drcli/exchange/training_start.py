@@ -48,6 +48,7 @@ class TrainingStart(JsonRecord):
             limits them.
         pretrained: None if the model began with new weights.
         earlier: The starts that this one resumes, oldest first.
+        training: Id of the record of the training; empty before there were records.
     """
 
     seed: int
@@ -59,6 +60,7 @@ class TrainingStart(JsonRecord):
     machine: dict[str, Any] = field(default_factory=dict)
     pretrained: Pretrained | None = None
     earlier: list["TrainingStart"] = field(default_factory=list)
+    training: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """The record as JSON: only the latest start lists the earlier ones."""

@@ -137,7 +137,7 @@ ERROR_TEXTS: tuple[ErrorText, ...] = (
     ErrorText(
         "No running robomakers. Exiting.",
         "the viewer found no simulator",
-        "the viewer is not available in this version; `dr-status` shows the curves",
+        "`dr-start-viewer` starts without a training, and shows its workers as soon as they drive",
     ),
     ErrorText(
         "Target equals source. Exiting.",

@@ -24,5 +24,7 @@ TRACE_COLUMNS: Mapping[str, str] = {
     "pause_duration": "Seconds of a penalty that are left.",
     "obstacle_crash_counter": "Crashes into objects in this episode.",
     "wall_clock": "Time of day, seconds since 1970.",
+    "reward_ms": "How long the call of the reward function took, milliseconds; 0 in steps without "
+    "a call. Traces of DeepRacer-for-Cloud do not have this column.",
 }
 """Columns of the table in `training-simtrace/` and `evaluation-*/`, in their order."""

@@ -6,7 +6,7 @@ expect; it knows the formats of GNU tar, BSD tar and Python (ustar, GNU, pax).
 """
 
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
@@ -99,6 +99,33 @@ def unpack_archive(file: BinaryIO, origin: str) -> dict[str, bytes]:
         place = f": {shown(fault.member)}" if fault.member else ""
         raise SettingsError(f"{origin}{place} {fault}.", remedy=_REMEDY) from None
     return found
+
+
+def unpack_readable(
+    file: BinaryIO, wanted: Callable[[str], bool]
+) -> tuple[dict[str, bytes], ArchiveFault | None]:
+    """Read some files of an archive as far as it can be read.
+
+    Nothing in it is executed or written, so that links, doubles and the weights of a model are no
+    reason to refuse it. The limits of `open_stream` hold.
+
+    Args:
+        file: The archive, `.tar.gz` or `.tar`.
+        wanted: Whether a file of this name is to be kept; the others are only skipped.
+
+    Returns:
+        The content by name, the last one where a name occurs twice; and what ended the reading
+        before the end of the archive, or None.
+    """
+    found: dict[str, bytes] = {}
+    try:
+        for name, data in _members(open_stream(file)):
+            if not wanted(name):
+                continue
+            found[name] = data
+    except ArchiveFault as fault:
+        return found, fault
+    return found, None
 
 
 def _members(stream: Stream) -> Iterator[tuple[str, bytes]]:

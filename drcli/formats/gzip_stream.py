@@ -8,8 +8,8 @@ LARGEST_BYTES = 1 << 30
 
 READ_BYTES = 1 << 18
 
-_LARGEST_RATIO = 100
-_RATIO_FROM_BYTES = 16 << 20
+LARGEST_RATIO = 100
+RATIO_FROM_BYTES = 16 << 20
 """Weights hardly shrink when they are compressed; a small archive that grows a lot is a trap."""
 
 _GZIP = b"\x1f\x8b"
@@ -92,8 +92,8 @@ class _Gzip(Stream):
             self._waiting = self._unpack.unconsumed_tail
             self._consumed += len(packed) - len(self._waiting)
             grown = self._produced + len(piece)
-            if grown > max(_RATIO_FROM_BYTES, _LARGEST_RATIO * self._consumed):
-                raise ArchiveFault(f"unpacks to more than {_LARGEST_RATIO} times its size")
+            if grown > max(RATIO_FROM_BYTES, LARGEST_RATIO * self._consumed):
+                raise ArchiveFault(f"unpacks to more than {LARGEST_RATIO} times its size")
             if piece:
                 return piece
 

@@ -153,6 +153,11 @@ class DataParallelPolicy:
         """The shape of the policy."""
         return self._policy.spec
 
+    @property
+    def policy(self) -> Policy:
+        """The policy that chooses."""
+        return self._policy
+
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
     ) -> tuple[Tensor, Tensor, Tensor]:

@@ -1,6 +1,7 @@
 """Puts other actions into a model_metadata.json, and tells what that means for a trained model."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -108,7 +109,7 @@ def plan_change(file: Path, actions: list[dict[str, float]] | dict[str, Any]) ->
         )
     values["action_space"] = actions
     values["action_space_type"] = "discrete" if discrete else "continuous"
-    new = _text(values).encode()
+    new = metadata_text(values).encode()
     after = ModelMetadata.from_bytes(new, str(file))
     before = None
     if found is not None:
@@ -171,7 +172,25 @@ def _called(space: ActionSpace) -> str:
     return f"{space.num_actions} action{'s' if space.num_actions != 1 else ''}"
 
 
-def _text(values: dict[str, Any]) -> str:
+def with_metadata(data: bytes, name: str, changes: Mapping[str, Any]) -> bytes:
+    """A model_metadata.json with other values for some keys; all else in it stays.
+
+    Args:
+        data: The content of the file, or of the shipped one.
+        name: The file in messages.
+        changes: Values by key; None removes a key.
+
+    Raises:
+        ProblemsError: The file cannot be read, or it would be wrong.
+    """
+    values = {**read_json_object(data, name, "V-30").values, **changes}
+    kept = {key: value for key, value in values.items() if value is not None}
+    new = metadata_text(kept).encode()
+    ModelMetadata.from_bytes(new, name)
+    return new
+
+
+def metadata_text(values: dict[str, Any]) -> str:
     """JSON with one action a line, as people write it."""
     parts = []
     for key, value in values.items():

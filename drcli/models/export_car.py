@@ -8,7 +8,8 @@ from pathlib import Path
 from drcli.base.atomic_file import rewrite
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError, of_severity, refuse
-from drcli.config.settings import RaceConfig, Settings
+from drcli.config.run_config import RaceConfig
+from drcli.config.settings import Settings
 from drcli.config.track_names import is_installed
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.formats.archive import read_packed

@@ -1,11 +1,11 @@
 """Lists the models in a bucket with their checkpoints."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
 from drcli.exchange.scores import Score
-from drcli.store import keys, lease
+from drcli.store import keys, lease, race_keys
 from drcli.store.bucket import Bucket, ObjectInfo
 from drcli.store.notes import headline
 from drcli.store.repair import Model, readable_scores
@@ -78,11 +78,52 @@ class ModelList:
 
 def list_models(bucket: Bucket, pattern: str = "") -> ModelList:
     """List the models whose prefix contains a pattern, or fits one with `*` and `?`."""
-    listed = bucket.list("")
-    prefixes = _prefixes(listed)
-    own = _by_model(listed, prefixes)
-    found = [_entry(bucket, p, own[p]) for p in sorted(prefixes) if _fits(p, pattern)]
-    return ModelList(bucket.name, pattern, found)
+    return ModelListReader().read(bucket, pattern)
+
+
+class ModelListReader:
+    """Lists models again and again; reads only those again that have changed."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[Signature, ModelEntry]] = {}
+
+    def read(
+        self, bucket: Bucket, pattern: str = "", listed: Iterable[ObjectInfo] | None = None
+    ) -> ModelList:
+        """As `list_models`; `listed` are all objects of the bucket, if they are known already."""
+        objects = list(bucket.list("") if listed is None else listed)
+        prefixes = {prefix for prefix in _prefixes(objects) if _fits(prefix, pattern)}
+        own = _by_model(objects, _prefixes(objects))
+        leased = {info.key for info in objects if info.key.endswith("/lease.json")}
+        known = {}
+        for prefix in sorted(prefixes):
+            signature = signature_of(own[prefix])
+            before = self._known.get(prefix)
+            if before is not None and before[0] == signature:
+                training = keys.lease(prefix) in leased and _is_trained(bucket, prefix)
+                known[prefix] = (signature, replace(before[1], training=training))
+            else:
+                known[prefix] = (signature, _entry(bucket, prefix, own[prefix]))
+        self._known = known
+        return ModelList(bucket.name, pattern, [entry for _, entry in known.values()])
+
+
+Signature = tuple[int, int, float]
+"""Changes when an object of a group is written, replaced or deleted."""
+
+
+def signature_of(objects: Iterable[ObjectInfo]) -> Signature:
+    """Number of the objects, their size, and when the newest of them was written, Unix seconds."""
+    count, size, newest = 0, 0, 0.0
+    for info in objects:
+        count += 1
+        size += info.size_bytes
+        newest = max(newest, info.modified.timestamp())
+    return count, size, newest
+
+
+def _is_trained(bucket: Bucket, prefix: str) -> bool:
+    return lease.live_holder(bucket, prefix) is not None
 
 
 def model_prefixes(bucket: Bucket) -> set[str]:
@@ -96,7 +137,13 @@ def fits(prefix: str, pattern: str) -> bool:
 
 
 def _prefixes(listed: Iterable[ObjectInfo]) -> set[str]:
-    return {info.key.removesuffix(m) for info in listed for m in _MARKS if info.key.endswith(m)}
+    copies = race_keys.folder()  # submissions to races: nobody trains them on
+    return {
+        info.key.removesuffix(mark)
+        for info in listed
+        for mark in _MARKS
+        if info.key.endswith(mark) and not info.key.startswith(copies)
+    }
 
 
 def _by_model(listed: Iterable[ObjectInfo], prefixes: set[str]) -> dict[str, list[ObjectInfo]]:
@@ -128,7 +175,7 @@ def _entry(bucket: Bucket, prefix: str, objects: list[ObjectInfo]) -> ModelEntry
         objects=len(objects),
         size_bytes=sum(info.size_bytes for info in objects),
         modified=max(info.modified for info in objects).isoformat(timespec="seconds"),
-        training=lease.live_holder(bucket, prefix) is not None,
+        training=_is_trained(bucket, prefix),
         damaged=damaged,
         note=headline(bucket, prefix, {info.key: info for info in objects}),
     )

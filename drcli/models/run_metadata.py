@@ -15,8 +15,9 @@ from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
+from drcli.config.run_config import SUPERVISOR_ONLY
 from drcli.config.setting_problems import hidden
-from drcli.config.settings import SUPERVISOR_ONLY, Settings, catalogue
+from drcli.config.settings import Settings, catalogue
 from drcli.exchange.training_start import GitState, Pretrained, TrainingStart
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, read_record
@@ -33,10 +34,12 @@ def describe_start(
     seed: int,
     pretrained: Pretrained | None,
     before: TrainingStart | None,
+    training: str = "",
 ) -> TrainingStart:
     """Record everything that can change the course of a training.
 
-    `before` is the start that this one resumes, None for a new model.
+    `before` is the start that this one resumes, None for a new model. `training` is the id of the
+    record of the training.
     """
     return TrainingStart(
         seed=seed,
@@ -56,6 +59,7 @@ def describe_start(
         },
         pretrained=pretrained if before is None else before.pretrained or pretrained,
         earlier=[] if before is None else [*before.earlier, replace(before, earlier=[])],
+        training=training,
     )
 
 

@@ -102,7 +102,7 @@ def open_source(ends: TransferConfig, source: str, *, local: bool) -> SourceFile
     path = Path(source).expanduser()
     try:
         if path.is_dir():
-            return _in_folder(path)
+            return files_in_folder(path)
         if path.is_file() and path.name.casefold().endswith(_ARCHIVES):
             return _in_archive(path)
         return _single(path)
@@ -130,7 +130,13 @@ def _in_bucket(ends: TransferConfig, source: str, *, local: bool) -> SourceFiles
     )
 
 
-def _in_folder(path: Path) -> SourceFiles:
+def files_in_folder(path: Path) -> SourceFiles:
+    """All files of a folder; hidden folders are left out.
+
+    Raises:
+        OSError: It cannot be listed.
+        SettingsError: It has more files than any model.
+    """
     sizes: dict[str, int] = {}
 
     def refuse(error: OSError) -> None:

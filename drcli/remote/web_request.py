@@ -7,6 +7,7 @@ from urllib.parse import urlsplit
 
 from drcli import __version__
 from drcli.base.backoff import delays_s
+from drcli.base.connection_cause import cause_of
 from drcli.base.errors import StorageError
 from drcli.config.setting_problems import hidden
 
@@ -123,13 +124,14 @@ def explain(error: Exception, url: str, setting: str) -> StorageError:
     host = urlsplit(url).netloc.rpartition("@")[2]
     if isinstance(error, requests.exceptions.SSLError):
         return StorageError(
-            f"The certificate of {host} is not valid, or it does not speak HTTPS: {_cause(error)}.",
+            f"The certificate of {host} is not valid, or it does not speak HTTPS: "
+            f"{cause_of(error)}.",
             remedy=f"Check {setting} and the clock of this machine; behind a company's proxy, set "
             "REQUESTS_CA_BUNDLE to its certificate.",
         )
     if isinstance(error, requests.exceptions.ProxyError):
         return StorageError(
-            f"The proxy on the way to {host} does not work: {_cause(error)}.",
+            f"The proxy on the way to {host} does not work: {cause_of(error)}.",
             remedy="Correct HTTPS_PROXY, or unset it.",
         )
     if isinstance(error, requests.Timeout):
@@ -143,7 +145,7 @@ def explain(error: Exception, url: str, setting: str) -> StorageError:
             remedy=f"Correct {setting}, as in https://deepracer.example.com.",
         )
     return StorageError(
-        f"{host} cannot be reached: {_cause(error)}.",
+        f"{host} cannot be reached: {cause_of(error)}.",
         remedy=f"Check the network connection and {setting}.",
     )
 
@@ -155,31 +157,3 @@ def _may_pass(error: Exception) -> bool:
     lasting = (requests.exceptions.SSLError, requests.exceptions.InvalidURL)
     passing = (requests.ConnectionError, requests.Timeout, requests.exceptions.ChunkedEncodingError)
     return isinstance(error, passing) and not isinstance(error, lasting)
-
-
-_WORDS = {
-    "NameResolutionError": "its name is unknown",
-    "gaierror": "its name is unknown",
-    "ConnectionRefusedError": "it refuses the connection",
-    "ConnectionResetError": "it closed the connection",
-    "RemoteDisconnected": "it closed the connection",
-    "IncompleteRead": "it closed the connection too early",
-    "SSLCertVerificationError": "nobody whom this machine trusts has signed it",
-}
-"""Causes of failures in words, by the names of their exceptions."""
-
-
-def _cause(error: BaseException) -> str:
-    """The innermost known cause of a failure, in a few words."""
-    seen: list[BaseException] = []
-    waiting: list[object] = [error]
-    while waiting:
-        one = waiting.pop()
-        if isinstance(one, BaseException) and one not in seen:
-            seen.append(one)
-            waiting += [one.__cause__, one.__context__, getattr(one, "reason", None), *one.args]
-    known = [_WORDS[type(one).__name__] for one in seen if type(one).__name__ in _WORDS]
-    if known:
-        return known[-1]
-    systems = [one.strerror for one in seen if isinstance(one, OSError) and one.strerror]
-    return (systems[-1] if systems else type(error).__name__).rstrip(".")

@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, cast
 
+from drcli.base.png_picture import INK, png
 from drcli.modelfiles.action_space import ActionSpace
-from drcli.rewards.pictures import INK, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -166,7 +166,7 @@ def check(settings: Settings, file: Path | None, directory: Path) -> RewardRepor
     for own in each_race(settings.races):
         tried += try_rewards([path], Course.of(drive(own)), directory)
     first, *others = map(report, tried)
-    return _with_others(first, others)
+    return with_others(first, others)
 
 
 def report(tried: TriedReward) -> RewardReport:
@@ -212,7 +212,7 @@ def report(tried: TriedReward) -> RewardReport:
     )
 
 
-def _with_others(first: RewardReport, others: list[RewardReport]) -> RewardReport:
+def with_others(first: RewardReport, others: list[RewardReport]) -> RewardReport:
     """A report with the problems that only show in other races."""
     errors, warnings = list(first.errors), list(first.warnings)
     for other in others:

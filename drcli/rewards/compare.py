@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.atomic_file import rewrite
+from drcli.base.replaceable import refuse_replacing
 from drcli.config.settings import Settings
 from drcli.rewards.course import Course, TriedReward, position, scaled, try_rewards
-from drcli.rewards.pictures import draw_comparison, refuse_replacing
+from drcli.rewards.pictures import draw_comparison
 from drcli.rewards.scripted_drive import drive
 from drcli.rewards.source import files_of
 

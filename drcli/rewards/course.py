@@ -1,9 +1,11 @@
 """The calls that reward functions are tried with, and the rewards of one function."""
 
 import math
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -161,25 +163,43 @@ def try_rewards(files: list[Path], course: Course, directory: Path) -> list[Trie
     Raises:
         SettingsError: A file cannot be read.
     """
+    texts = []
+    for file in files:
+        try:
+            texts.append((file, read_regular(file)))
+        except OSError as error:
+            raise SettingsError(
+                f"{file}: the reward function cannot be read: {error.strerror}.",
+                remedy="Choose a file that you can read, such as custom_files/reward_function.py.",
+            ) from None
+    return try_texts(texts, course, directory)
+
+
+def try_texts(
+    texts: Sequence[tuple[Path, bytes]],
+    course: Course,
+    directory: Path,
+    given_up: Event | None = None,
+) -> list[TriedReward]:
+    """Call reward functions on a course, all at the same time.
+
+    Args:
+        texts: The contents of files, which need not be written yet, with their paths.
+        course: The calls.
+        directory: The racer's working folder.
+        given_up: Ends the trial early when it is set; its values are then of no use.
+    """
     ways = course.drive.waypoints()
     waypoints = [[list(point) for point in ways[way]] for way in (False, True)]
     repeated = len(course.drive.trips)
     with ExitStack() as stack:
         running = []
-        for file in files:
-            try:
-                text = read_regular(file)
-            except OSError as error:
-                raise SettingsError(
-                    f"{file}: the reward function cannot be read: {error.strerror}.",
-                    remedy="Choose a file that you can read, such as "
-                    "custom_files/reward_function.py.",
-                ) from None
+        for file, text in texts:
             name = display_name(file, directory)
             request = SandboxRequest(name, course.sequences, waypoints, repeated)
             sandbox = stack.enter_context(Sandbox(request, text, directory))
             running.append((name, sandbox, file, text))
         return [
-            TriedReward(name, course, sandbox.result(), file, text)
+            TriedReward(name, course, sandbox.result(given_up), file, text)
             for name, sandbox, file, text in running
         ]

@@ -1,18 +1,14 @@
 """Pictures of rewards: maps of the track, and curves along the lap."""
 
-import io
 import itertools
-import logging
-import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.base.errors import SettingsError
+from drcli.base.png_picture import INK, LINES, png
 from drcli.rewards.course import TriedReward, as_array, scaled
 from drcli.rewards.drivers import FAST, STEADY
 from drcli.rewards.scripted_drive import Trip
@@ -25,33 +21,14 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_DPI = 100
 _WIDTH_IN = 14.0
-_STYLE: dict[Any, Any] = {
-    "font.size": 11.0,
-    "axes.titlesize": 12.0,
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#787e86",
-    "axes.grid": True,
-    "grid.color": "#e2e4e6",
-    "axes.axisbelow": True,
-    "axes.formatter.useoffset": False,
-    "text.parse_math": False,  # a file may have dollar signs in its name
-}
-INK, _UNKNOWN = "#262a30", "#cdcfd1"
-_LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d00", "#000000", "#56b4e9")
-"""Colour-blind people can distinguish them. Source: Okabe and Ito, 2008, the yellow darkened."""
+_UNKNOWN = "#cdcfd1"
 
 _MARKS = (0.25, 0.5, 0.75)
 """Places on the lap that are marked on the map and on the curves."""
 
 _FINISH = 2.0
 """A finish that pays this many times more than the rest would flatten all curves: it is cut off."""
-
-_PNG = b"\x89PNG\r\n\x1a\n"
-"""The first bytes of a PNG file."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +49,7 @@ def draw_reward(tried: TriedReward) -> bytes:
     values = tried.grid_values
     curves = [
         _curve_of(tried, trip, color)
-        for trip, color in zip(drive.trips, itertools.cycle(_LINES), strict=False)
+        for trip, color in zip(drive.trips, itertools.cycle(LINES), strict=False)
     ]
     low, high, cut = curve_range(curves)
 
@@ -136,58 +113,11 @@ def curve_range(curves: Sequence[Curve]) -> tuple[float, float, str]:
     return low, high, ""
 
 
-def refuse_replacing(path: Path) -> None:
-    """Refuse to replace a file that is not a PNG picture, or to write into a missing folder.
-
-    Raises:
-        SettingsError: It is one of these.
-    """
-    remedy = "Choose a file in a folder that exists and that you can write to."
-    if not path.parent.is_dir():
-        raise SettingsError(
-            f"{path} cannot be written: the folder {path.parent} does not exist.", remedy=remedy
-        )
-    try:
-        with path.open("rb") as file:
-            start = file.read(len(_PNG))
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise SettingsError(
-            f"{path} cannot be written: {error.strerror or error}.", remedy=remedy
-        ) from None
-    if start and start != _PNG:
-        raise SettingsError(
-            f"{path} exists and is not a PNG picture, so it is not replaced.",
-            remedy="Choose another file with --out, such as --out rewards.png.",
-        )
-
-
 def number(value: float) -> str:
     """A short number."""
     if value == 0 or 1e-3 <= abs(value) < 1e5:
         return f"{value:,.4g}" if abs(value) < 1e4 else f"{value:,.0f}"
     return f"{value:.2g}"
-
-
-def png(draw: Callable[["Figure"], None], size_in: tuple[float, float]) -> bytes:
-    """A drawing of that size, as a PNG file."""
-    import matplotlib  # here: it takes half a second to load, and most commands draw nothing
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
-    # It warns about letters that its font lacks and about its cache.
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)
-    with matplotlib.rc_context(_STYLE), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12)
-        figure = Figure(size_in, dpi=_DPI, layout=layout)
-        FigureCanvasAgg(figure)
-        draw(figure)
-        data = io.BytesIO()
-        figure.savefig(data, format="png", metadata={"Software": None})
-    return data.getvalue()
 
 
 def _draw_map(
@@ -207,7 +137,7 @@ def _draw_map(
         colors, label = "viridis", "reward per step"
         # A few extremes have the same colour as the values next to them.
         low, high = np.percentile(known, [0.5, 99.5]).tolist() if len(known) else (0.0, 0.0)
-    edges = _edges(grid.xy)
+    edges = cell_edges(grid.xy)
     if track.closed:
         edges = np.concatenate([edges, edges[:, :1]], axis=1)
     corners = [edges[:-1, :-1], edges[:-1, 1:], edges[1:, 1:], edges[1:, :-1]]
@@ -317,7 +247,7 @@ def _curve_of(tried: TriedReward, trip: Trip, color: str) -> Curve:
 def _scaled_curves(first: TriedReward, second: TriedReward) -> list[Curve]:
     """The slow and the fast lap of two functions, each scaled to its range on the drive."""
     curves = []
-    for name, tried, color in (("A", first, _LINES[0]), ("B", second, _LINES[1])):
+    for name, tried, color in (("A", first, LINES[0]), ("B", second, LINES[1])):
         for driver, style in ((STEADY, "-"), (FAST, "--")):
             curve = _curve_of(tried, tried.trip(driver), color)
             values = scaled(curve.values, tried.drive_values)
@@ -346,7 +276,7 @@ def _margin_m(track: Track) -> float:
     return 1.1 * float(np.hypot(*(track.outer - track.inner).T).max())
 
 
-def _edges(xy: Floats) -> Floats:
+def cell_edges(xy: Floats) -> Floats:
     """The borders of rows of places. Shape (rows + 1, n, 2)."""
     between = (xy[:-1] + xy[1:]) / 2
     first, last = 2 * xy[:1] - between[:1], 2 * xy[-1:] - between[-1:]

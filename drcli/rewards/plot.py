@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from drcli.base.atomic_file import rewrite
+from drcli.base.replaceable import refuse_replacing
 from drcli.config.settings import Settings
 from drcli.rewards.course import Course, try_rewards
-from drcli.rewards.pictures import draw_reward, refuse_replacing
+from drcli.rewards.pictures import draw_reward
 from drcli.rewards.scripted_drive import drive
 from drcli.rewards.source import file_of
 

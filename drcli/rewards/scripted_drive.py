@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drcli.base.errors import SettingsError
-from drcli.config.settings import RaceConfig
+from drcli.config.run_config import RaceConfig
 from drcli.rewards.drivers import (
     FAST,
     LEAVING,
@@ -19,7 +19,8 @@ from drcli.rewards.drivers import (
     ScriptedDriver,
 )
 from drcli.workers.build_race import car_parameters_of, load_race, load_world, race_of
-from drsim.car.car import CONTROL_HZ, CarParameters
+from drsim.car.car import CONTROL_HZ
+from drsim.car.car_parameters import CarParameters
 from drsim.episode.episode_rules import EpisodeRules, Status
 from drsim.episode.reward import RewardFunction, RewardParams
 from drsim.episode.simulation import Simulation

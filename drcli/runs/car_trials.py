@@ -15,7 +15,7 @@ from drcli.config.settings import Settings
 from drcli.config.track_names import track_problem
 from drcli.exchange.car_trial import TRIALS_FILE, CarTrial, CarTrials, decode_trials
 from drcli.exchange.job import Job, WorkerExit
-from drcli.runs.run_logs import log_file
+from drcli.exchange.log_places import log_file
 from drcli.runs.worker_processes import end_process, start_process
 
 STARTS = 16

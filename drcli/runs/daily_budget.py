@@ -13,7 +13,7 @@ from typing import Protocol
 
 from drcli.base.errors import BudgetUsedUp
 from drcli.base.log import get_logger
-from drcli.config.settings import UnattendedConfig
+from drcli.config.run_config import UnattendedConfig
 from drcli.exchange.daily_spending import (
     FOLDER,
     DayBudget,

@@ -1,18 +1,16 @@
 """Runs an evaluation: one worker process, its trace and metrics, and a report."""
 
+import logging
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
-from types import FrameType
-from typing import ClassVar
 
-from drcli.base import log_files
+from drcli.base import notices
 from drcli.base.backoff import wait_until
 from drcli.base.errors import (
     DrError,
@@ -25,15 +23,19 @@ from drcli.base.errors import (
 from drcli.base.json_record import RecordError
 from drcli.base.log import LogFile, get_logger
 from drcli.base.process_identity import started_s
+from drcli.base.termination import until_sigterm
 from drcli.checks.reward_timeout import exit_of_stuck
 from drcli.config.settings import Settings
 from drcli.exchange.episode_metrics import REPORT_FILE, EvaluationTrials
 from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.job import Job, WorkerExit
+from drcli.exchange.log_places import log_file
 from drcli.exchange.policy_source import PolicySource
+from drcli.runs.cloud_watch import sent_to_cloud_watch
 from drcli.runs.evaluation_plan import CHECKPOINT, EvaluationPlan, prepare_evaluation
 from drcli.runs.evaluation_report import EvaluationReport, trial_reports
-from drcli.runs.run_logs import log_file
+from drcli.runs.evaluation_video import filmed
+from drcli.runs.run_logs import empty_logs
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import keys
 from drcli.store.connect import open_bucket
@@ -46,17 +48,13 @@ READY_TIMEOUT_S = 20.0
 LAUNCHED_EXIT_S = 5.0
 """The same for an evaluation that was not ready in time: it may already have a worker."""
 
+STOPPED = "The evaluation was stopped."
+"""What its log says then."""
+
 _FAILURES: dict[int, type[DrError]] = {
     kind.code: kind for kind in (SettingsError, StorageError, TrainingFailed, NotAvailable)
 }
 """Failures that are not the worker's fault, by exit code."""
-
-
-class EvaluationStopped(DrError):
-    """SIGTERM stopped the evaluation; `dr-stop-evaluation` sends it."""
-
-    code: ClassVar[int] = 143
-    final: ClassVar[bool] = True
 
 
 def evaluate(
@@ -81,16 +79,18 @@ def evaluate(
     Raises:
         SettingsError: The model or checkpoint does not exist.
         WorkerDied: The evaluation worker failed.
-        EvaluationStopped: SIGTERM came.
+        Stopped: SIGTERM came.
     """
-    with until_sigterm():
+    with until_stopped():
         plan = prepare_evaluation(
             settings, clone=clone, seed=seed, own=own, opponent=opponent, on_progress=on_progress
         )
-        return run_evaluation(plan)
+        return run_evaluation(plan, on_progress)
 
 
-def run_evaluation(plan: EvaluationPlan) -> EvaluationReport:
+def run_evaluation(
+    plan: EvaluationPlan, on_progress: Callable[[str], None] = lambda text: None
+) -> EvaluationReport:
     """Drive in a worker process, wait for its end, and remove everything except its results.
 
     Raises:
@@ -106,7 +106,7 @@ def run_evaluation(plan: EvaluationPlan) -> EvaluationReport:
                 f"The evaluation worker left no results: {error}.",
                 remedy="Read the reason with `dr-logs evaluation`, then run `dr-evaluate` again.",
             ) from error
-        return _report(plan, driven)
+        return filmed(plan, _report(plan, driven), on_progress)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -171,20 +171,18 @@ def _run(plan: EvaluationPlan) -> None:
     """Run the worker until it exits, with a new log."""
     job = plan.job
     path = log_file(job.directory, job.config.model.prefix, "evaluation")
-    for part in log_files.older_parts(path):
-        part.unlink(missing_ok=True)
-    if path.exists():
-        os.truncate(path, 0)
+    empty_logs(job.directory, job.config.model.prefix, "evaluation")
     WorkerExit.delete(job.folder, "evaluation")
-    process = start_process(
-        job, "evaluation", "drcli.workers.evaluator", plan.stamp, *plan.checkpoints
-    )
-    try:
-        _write_record(plan, process.pid)
-        code = process.wait()
-    except BaseException:
-        _end(plan, process)
-        raise
+    with sent_to_cloud_watch(job, ["evaluation"]):
+        process = start_process(
+            job, "evaluation", "drcli.workers.evaluator", plan.stamp, *plan.checkpoints
+        )
+        try:
+            _write_record(plan, process.pid)
+            code = process.wait()
+        except BaseException:
+            _end(plan, process)
+            raise
     if code == 0:
         return
     words = WorkerExit.read(job.folder, "evaluation") or exit_of_stuck(
@@ -225,30 +223,12 @@ def _end(plan: EvaluationPlan, process: subprocess.Popen[bytes]) -> None:
     if not end_process(process, EXIT_S):
         with suppress(StorageError):
             bucket = open_bucket(plan.job.config.storage, patience_s=0.0)
-            bucket.delete([plan.simtrace, plan.metrics])
+            bucket.delete([plan.simtrace, plan.metrics, keys.recording_of(plan.simtrace)])
 
 
-class _Terminated(BaseException):
-    """SIGTERM came. Not an Exception, so that `except Exception` does not catch it."""
-
-
-@contextmanager
-def until_sigterm() -> Iterator[None]:
-    """Let SIGTERM end the `with` block, with cleanup, as Ctrl-C does."""
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        raise _Terminated
-
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    except _Terminated:
-        raise EvaluationStopped(
-            "The evaluation was stopped.", remedy="Start it again with `dr-evaluate`."
-        ) from None
-    finally:
-        signal.signal(signal.SIGTERM, before)
+def until_stopped() -> AbstractContextManager[None]:
+    """Let SIGTERM, which `dr-stop-evaluation` sends, end the `with` block as `Stopped`."""
+    return until_sigterm(STOPPED, "Start it again with `dr-evaluate`.")
 
 
 def _wait_in_background() -> None:
@@ -257,15 +237,22 @@ def _wait_in_background() -> None:
     Started as `python -m drcli.runs.evaluation STAMP CHECKPOINT [OPPONENT]`.
     """
     job, (_, stamp, *checkpoints) = Job.received_or_exit(), sys.argv
+    notices.warn = lambda text: _log(job, logging.WARNING, text)
     try:
-        with until_sigterm():
+        with until_stopped():
             here = replace(job, launcher_pid=os.getpid())
             run_evaluation(EvaluationPlan(here, checkpoints, stamp))
     except DrError as error:
-        path = log_file(job.directory, job.config.model.prefix, "evaluation")
-        LogFile(path, job.config.log_max_mb << 20)  # not earlier: the worker wrote it alone
-        get_logger(__name__).error("%s %s", error, error.remedy)
+        _log(job, logging.ERROR, f"{error} {error.remedy}")
         raise SystemExit(error.code) from None
+
+
+def _log(job: Job, level: int, text: str) -> None:
+    """Add a line to the log when the worker has ended: until then, it writes the log alone."""
+    path = log_file(job.directory, job.config.model.prefix, "evaluation")
+    log = LogFile(path, job.config.logs.log_max_mb << 20)
+    get_logger(__name__).log(level, "%s", text)
+    log.end()
 
 
 if __name__ == "__main__":

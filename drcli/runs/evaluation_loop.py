@@ -11,9 +11,10 @@ from datetime import UTC, datetime
 from drcli.base.errors import DrError
 from drcli.base.json_record import JsonRecord, RecordError
 from drcli.base.process_identity import started_s
+from drcli.base.termination import Stopped
 from drcli.config.settings import Settings
 from drcli.exchange.evaluation_record import EvaluationRecord
-from drcli.runs.evaluation import EvaluationStopped, run_evaluation, until_sigterm
+from drcli.runs.evaluation import run_evaluation, until_stopped
 from drcli.runs.evaluation_plan import choose_checkpoint, claim_stamp, prepare_evaluation
 from drcli.runs.evaluation_report import EvaluationReport
 from drcli.store import keys
@@ -21,7 +22,7 @@ from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 
 MOST_ROWS = 20
-"""Rounds in the table. Traces and metrics of all others are deleted."""
+"""Rounds in the table. Traces, videos and metrics of all others are deleted."""
 
 LOOK_S = 2.0
 """Pause between two looks for a new checkpoint."""
@@ -122,17 +123,17 @@ def run_loop(
         started_at=time.time(),
     ).write(folder)
     try:
-        with until_sigterm():
+        with until_stopped():
             while True:
                 try:
                     on_progress(loop.drive())
                 except DrError as error:
-                    if not loop.rounds or isinstance(error, EvaluationStopped):
+                    if not loop.rounds or isinstance(error, Stopped):
                         raise
                     on_failure(f"{error} {error.remedy} The loop goes on.")
                     loop.pause_after_failure()
                 loop.wait_for_something_new()
-    except (KeyboardInterrupt, EvaluationStopped):
+    except (KeyboardInterrupt, Stopped):
         return loop.report()
     finally:
         shutil.rmtree(folder, ignore_errors=True)
@@ -152,6 +153,7 @@ class _Loop:
         self._key = keys.best_laps(settings.metrics_prefix)
         self._table = read_best_laps(bucket, self._key)
         self._loose: list[str] = []
+        self._noted: set[str] = set()
 
     def drive(self) -> str:
         """Drive one round, keep the table, and say how it went."""
@@ -165,14 +167,17 @@ class _Loop:
         self._failures_in_a_row = 0
         self._last = report
         before = self._best_here()
-        said = f"Round {self.rounds}: {report.completed} of {len(report.trials)} laps, "
+        laps = "lap" if len(report.trials) == 1 else "laps"
+        said = f"Round {self.rounds}: {report.completed} of {len(report.trials)} {laps}, "
         said += report.checkpoint
         self._keep(report, plan.stamp)
         if report.best_lap_s is not None:
             said += f", best {report.best_lap_s:.2f} s"
             if before is None or report.best_lap_s < before:
                 said += ", the best lap so far"
-        return said + "."
+        fresh = [note for note in report.notes if note not in self._noted]
+        self._noted.update(fresh)
+        return " ".join([f"{said}.", *fresh])
 
     def _best_here(self) -> float | None:
         laps = [
@@ -199,8 +204,11 @@ class _Loop:
         kept = {lap.stamp for lap in self._table.laps}
         gone = (before | set(self._loose)) - kept
         model = self._settings.model
+        traces = [keys.evaluation_trace(model.prefix, old) for old in sorted(gone)]
         self._bucket.delete(
-            [keys.evaluation_trace(model.prefix, old) for old in sorted(gone)]
+            traces
+            + [keys.recording_of(trace) for trace in traces]
+            + [keys.evaluation_video(model.prefix, old) for old in sorted(gone)]
             + [keys.evaluation_metrics(model.metrics_prefix, old) for old in sorted(gone)]
         )
         self._loose = [] if stamp in kept else [stamp]  # the newest stays until the next round

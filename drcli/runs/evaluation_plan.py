@@ -74,7 +74,7 @@ def prepare_evaluation(
     Raises:
         SettingsError: The track, the model or the checkpoint does not exist, or a file cannot
             drive.
-        NotAvailable: The engine of a policy is not installed.
+        NotAvailable: The engine of a policy, or the encoder of videos, is not installed.
     """
     if opponent is not None and settings.race_type != "HEAD_TO_MODEL":
         raise SettingsError(
@@ -89,6 +89,10 @@ def prepare_evaluation(
             "kept in a HEAD_TO_MODEL race, where the cars start side by side.",
             remedy="Write DR_EVAL_START_OFFSET=centre, or leave it out.",
         )
+    if settings.eval_save_mp4:
+        from drcli.video.encode import require_encoder
+
+        require_encoder()
     sources = [checked_source(own), checked_source(opponent or CHECKPOINT)]
     directory = settings.directory
     track = track_problem(settings.race)

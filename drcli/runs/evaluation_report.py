@@ -49,6 +49,7 @@ class EvaluationReport:
         opponent: The report of the other model in a HEAD_TO_MODEL race.
         average_laps: Number of consecutive laps of which `best_average_s` is the mean.
         notes: What was driven otherwise than the settings ask, and why.
+        videos: Keys of its videos in the bucket; empty without DR_EVAL_SAVE_MP4.
     """
 
     prefix: str
@@ -63,6 +64,7 @@ class EvaluationReport:
     opponent: "EvaluationReport | None" = None
     average_laps: int = 3
     notes: list[str] = field(default_factory=list)
+    videos: list[str] = field(default_factory=list)
 
     @property
     def completed(self) -> int:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drcli.base.errors import DrError
 from drcli.base.log import get_logger
-from drcli.config.settings import UnattendedConfig
+from drcli.config.run_config import UnattendedConfig
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.journal import Journal
 from drcli.runs.outcome import Ending, Outcome, interrupted

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 
 from drcli.base.atomic_file import load_record
@@ -17,11 +16,13 @@ from drcli.base.process_identity import started_s
 from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.evaluation_task import EvaluationTask, TaskOutcome
 from drcli.exchange.job import WorkerExit
+from drcli.exchange.log_places import log_file
 from drcli.exchange.robust_result import RobustResult
-from drcli.runs.evaluation import EXIT_S, failure, until_sigterm
+from drcli.runs.cloud_watch import sent_to_cloud_watch
+from drcli.runs.evaluation import EXIT_S, failure, until_stopped
 from drcli.runs.evaluation_report import COMPLETE, best_average_s, trial_reports
 from drcli.runs.many_evaluations_plan import ManyPlan
-from drcli.runs.run_logs import log_file
+from drcli.runs.run_logs import empty_logs
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import keys
 from drcli.store.connect import open_bucket
@@ -104,12 +105,12 @@ def run_many(plan: ManyPlan, on_progress: Callable[[str], None] = lambda text: N
     """Drive all evaluations of a plan, and put the table into the bucket.
 
     Raises:
-        EvaluationStopped: SIGTERM came.
+        Stopped: SIGTERM came.
         DrError: There is one evaluation only, and it failed.
     """
     job = plan.job
     try:
-        with until_sigterm():
+        with until_stopped():
             _drive(plan, on_progress)
         outcomes = [_outcome(plan, task) for task in job.tasks]
     finally:
@@ -127,16 +128,22 @@ def _drive(plan: ManyPlan, on_progress: Callable[[str], None]) -> None:
     """Run the worker processes until all have ended."""
     job = plan.job
     shares = min(usable_cores(job.config.train), len(job.tasks))
+    names = ["evaluation", *(f"evaluation-{share}" for share in range(1, shares))]
+    for name in names:
+        empty_logs(job.directory, job.config.model.prefix, name)
+    with sent_to_cloud_watch(job, names):
+        _work(plan, names, on_progress)
+
+
+def _work(plan: ManyPlan, names: Sequence[str], on_progress: Callable[[str], None]) -> None:
+    """Start a process for each of these logs, and wait for their end."""
+    job = plan.job
     processes: list[subprocess.Popen[bytes]] = []
     said: set[int] = set()
     try:
-        for share in range(shares):
-            name = "evaluation" if share == 0 else f"evaluation-{share}"
-            path = log_file(job.directory, job.config.model.prefix, name)
-            with suppress(OSError):
-                os.truncate(path, 0)
+        for share, name in enumerate(names):
             module = "drcli.workers.evaluate_many"
-            processes.append(start_process(job, name, module, str(share), str(shares)))
+            processes.append(start_process(job, name, module, str(share), str(len(names))))
             if share == 0:
                 _write_record(plan, processes[0].pid)
         while any(process.poll() is None for process in processes):

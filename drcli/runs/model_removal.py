@@ -1,28 +1,34 @@
-"""Deletes models and all their traces: objects in the bucket, metrics, logs, records of runs."""
+"""Deletes models and all their traces: in the bucket, and logs, records and reports here."""
 
 import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.base.errors import SettingsError
+from drcli.analysis.report_place import report_file, report_folder
+from drcli.base import notices
+from drcli.base.errors import SettingsError, StorageError
 from drcli.config.settings import Settings
 from drcli.exchange.evaluation_record import running_evaluations
+from drcli.exchange.log_places import log_file
 from drcli.exchange.run_record import RunRecord
 from drcli.models.model_list import fits
+from drcli.models.record_training import settle
 from drcli.models.run_metadata import read_start
-from drcli.runs.run_logs import log_file
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectNewer
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.model_traces import ModelTraces, models_in, traces_of
+from drcli.store.repair import Model
+from drcli.store.training_records import forget_training, trainings_of
+from drcli.tracking.open_sinks import event_folder, tensorboard_folder
 
 BATCH = 500
 """Objects in a request; between two of them, the lock of the model is renewed."""
 
 _METRICS = "DR_LOCAL_S3_METRICS_PREFIX"
 
-_LOGGED = ("sim-0", "trainer")
+_LOGGED = ("sim-0", "trainer", "reward-0")
 """A worker for each folder of logs."""
 
 
@@ -36,7 +42,7 @@ class RemovedModel:
         objects: Its objects in the bucket: checkpoints, metrics, traces, logs, rollouts, records.
         size_bytes: Their size.
         modified: When the newest of them was written, ISO 8601; empty without any.
-        files: Its logs and records on this machine, by path.
+        files: Its logs, event files, records and report on this machine, by path.
         files_bytes: Their size.
         warning: What speaks against it; empty if nothing does.
     """
@@ -60,12 +66,16 @@ class RemovalReport:
         models: What was deleted.
         dry_run: Whether nothing was deleted.
         size_bytes: Of all objects.
+        records: Records of trainings of these models; they stay unless `forgotten`.
+        forgotten: Whether these records were deleted, too.
     """
 
     bucket: str
     models: list[RemovedModel]
     dry_run: bool
     size_bytes: int
+    records: int = 0
+    forgotten: bool = False
 
 
 @dataclass(frozen=True)
@@ -77,7 +87,12 @@ class PlannedRemoval:
 
 
 def plan_removal(
-    settings: Settings, names: Sequence[str], keep: Sequence[str] = (), *, dry_run: bool = False
+    settings: Settings,
+    names: Sequence[str],
+    keep: Sequence[str] = (),
+    *,
+    dry_run: bool = False,
+    forget: bool = False,
 ) -> PlannedRemoval:
     """Find what would go; nothing is deleted yet.
 
@@ -86,12 +101,14 @@ def plan_removal(
         names: Prefixes, or patterns with `*` and `?`.
         keep: The same, for what stays although `names` match it.
         dry_run: Whether the report is all that is wanted.
+        forget: Whether the records of their trainings go, too.
 
     Raises:
         SettingsError: A name fits no model, or a model is being trained or evaluated.
     """
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    known = models_in(bucket.list(""))
+    listed = bucket.list("")
+    known = models_in(listed)
     chosen: dict[str, None] = {}
     for name in names:
         plain = name.rstrip("/")
@@ -107,7 +124,10 @@ def plan_removal(
     traces = tuple(all_traces(settings, bucket, prefix) for prefix in left)
     models = [described(settings, bucket.name, each) for each in traces]
     size = sum(model.size_bytes for model in models)
-    return PlannedRemoval(RemovalReport(bucket.name, models, dry_run, size), traces)
+    recorded = [place[0] for info in listed if (place := keys.training_of(info.key)) is not None]
+    records = sum(prefix in left for prefix in recorded)
+    report = RemovalReport(bucket.name, models, dry_run, size, records, forget)
+    return PlannedRemoval(report, traces)
 
 
 def remove_models(planned: PlannedRemoval, settings: Settings) -> RemovalReport:
@@ -119,11 +139,25 @@ def remove_models(planned: PlannedRemoval, settings: Settings) -> RemovalReport:
     """
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     for traces in planned.traces:
+        if not planned.report.forgotten:
+            _complete_record(settings, bucket, traces.prefix)
         remove_traces(settings, bucket, traces)
+        if planned.report.forgotten:
+            for training in trainings_of(bucket, traces.prefix):
+                forget_training(bucket, traces.prefix, training)
         for path in map(Path, local_files(settings, bucket.name, traces.prefix)):
             path.unlink(missing_ok=True)
         _remove_empty_folders(settings, traces.prefix)
     return planned.report
+
+
+def _complete_record(settings: Settings, bucket: Bucket, prefix: str) -> None:
+    """Complete the record of the model's training, which stays."""
+    refuse_busy(settings, bucket, prefix)
+    try:
+        settle(Model.of(settings.model, bucket, prefix), gone=True)
+    except StorageError as error:
+        notices.warn(f"The record of {prefix} could not be completed: {error}")
 
 
 def remove_traces(settings: Settings, bucket: Bucket, traces: ModelTraces) -> None:
@@ -192,10 +226,10 @@ def described(settings: Settings, bucket: str, traces: ModelTraces) -> RemovedMo
 
 
 def local_files(settings: Settings, bucket: str, prefix: str) -> list[str]:
-    """Logs and records of a model on this machine; not those of models inside it.
+    """Logs, event files, records and report of a model on this machine; not of models inside it.
 
-    Logs do not say from which bucket a model is: where a run of the same name in another bucket is
-    on record, they stay.
+    Only the records say from which bucket a model is: where a run of the same name in another
+    bucket is on record, the other files stay.
     """
     if not keys.is_valid_prefix(prefix):  # of another program; its `..` would lead out of data/logs
         return []
@@ -210,8 +244,10 @@ def local_files(settings: Settings, bucket: str, prefix: str) -> list[str]:
         elif not record.alive:
             found += [path for path in _entries(folder) if path.is_file()]
     if not elsewhere:
-        for folder in _log_folders(settings, prefix):
+        for folder in _local_folders(settings, prefix):
             found += [path for path in _entries(folder) if path.is_file() or path.is_symlink()]
+        report = report_file(settings.directory, prefix)
+        found += [report] if report.is_file() else []
     return sorted(map(str, found))
 
 
@@ -224,14 +260,22 @@ def logged_models(settings: Settings) -> set[str]:
     return found
 
 
-def _log_folders(settings: Settings, prefix: str) -> list[Path]:
-    return [log_file(settings.directory, prefix, worker).parent for worker in _LOGGED]
+def _local_folders(settings: Settings, prefix: str) -> list[Path]:
+    """Where logs and event files of a model are on this machine."""
+    logs = [log_file(settings.directory, prefix, worker).parent for worker in _LOGGED]
+    return [*logs, tensorboard_folder(settings.directory, prefix)]
 
 
 def _remove_empty_folders(settings: Settings, prefix: str) -> None:
-    for folder in _log_folders(settings, prefix):
-        top = settings.directory / "data" / "logs"
-        while folder.is_relative_to(top) and folder.parent != top and folder.is_dir():
+    data = settings.directory / "data"
+    reports = report_file(settings.directory, prefix).parent
+    single = event_folder(settings.directory), report_folder(settings.directory)
+    for folder in (*_local_folders(settings, prefix), reports):
+        if not folder.is_relative_to(data):  # the name of a model of another program
+            continue
+        # data/logs/TOOL, data/tensorboard and data/analysis stay.
+        fixed = 1 if any(map(folder.is_relative_to, single)) else 2
+        while len(folder.relative_to(data).parts) > fixed and folder.is_dir():
             if any(folder.iterdir()):
                 break
             folder.rmdir()

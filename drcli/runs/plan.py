@@ -27,6 +27,7 @@ from drcli.runs.freeze_inputs import freeze, parameter_files
 from drcli.runs.journal_of_start import start_entries
 from drcli.runs.planned_job import begun_by, first_start, planned_job
 from drcli.runs.planned_stages import examine_stages, plan_stages
+from drcli.runs.record_keeping import StartRecorder
 from drcli.runs.run_logs import begin_logs
 from drcli.runs.take_model import refuse_second_run, taken
 from drcli.spot.notice_watch import command_words
@@ -39,6 +40,7 @@ from drcli.store.last_outcome import read_outcome, write_outcome
 from drcli.store.model_prefix import is_aborted_start, is_used, newest_checkpoint, wipe
 from drcli.store.notes import describe
 from drcli.store.repair import Model
+from drcli.tracking.open_sinks import check_figures
 from drcli.workers.goals import ending
 
 NOT_SHOWN = ("V-20",)
@@ -116,6 +118,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     refuse_second_run(settings.run_id, run_folder(directory, settings.run_id))
     refuse_without_budget(directory, settings.run.unattended)
     command_words(settings.interruption_command)
+    check_figures(settings.run.figures)
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     bucket.probe(keys.run_folder(prefix))
     lease.refuse_other_owner(bucket, prefix)
@@ -126,7 +129,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             f"s3://{bucket.name}/{prefix} has no checkpoint to resume from.",
             remedy=f"Start it {'with -w' if is_used(bucket, prefix) else 'without --resume'}.",
         )
-    repairs = repair_all(Model.of(settings.model, bucket, prefix)) if options.resume else []
+    model = Model.of(settings.model, bucket, prefix)
+    repairs = repair_all(model) if options.resume else []
     for sentence in repairs:
         # Show these now: the plan's warnings are lost if the start is refused.
         notices.warn(sentence)
@@ -167,6 +171,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             refuse(review_prefix(prefix, bucket))
 
     with taken(job, bucket, review):
+        records = StartRecorder(model, settings)
+        training = records.prepare(before, resumes=options.resume)
         wiping = options.wipe and is_used(bucket, prefix)
         if wiping:
             wipe(bucket, prefix, spared=[keys.lease(prefix)])
@@ -175,8 +181,9 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         write_outcome(bucket, prefix, begun)
         freeze(settings, bucket, inputs, design, staged.frozen)
         warnings += _forget_other_scores(settings, bucket, before)
-        start = describe_start(settings, directory, job.seed, source, before)
+        start = describe_start(settings, directory, job.seed, source, before, training)
         bucket.put(keys.training_start(prefix), start.encode())
+        training = records.record(start, begun, resumes, previous)
         describe(bucket, prefix, settings.model_description, is_new=not options.resume)
         noted = start_entries(start, resumes, previous, repairs)
         if transfer is not None:
@@ -185,7 +192,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             CheckpointStore(bucket, prefix).save(0, 0, transfer.tensors, counters=counters)
         if not options.resume:
             begin_logs(directory, prefix, settings.log_max_mb)
-    job = replace(job, begun=begun, noted=noted)
+    job = replace(job, begun=begun, noted=noted, training=training)
     return RunPlan(job, inputs, warnings, resumes, ends, source, wiping)
 
 

@@ -7,7 +7,8 @@ from drcli.base.json_record import RecordError
 from drcli.base.problems import Problem, refuse, shown
 from drcli.checks.before_start import Examined, Plans, examine
 from drcli.checks.parameter_rules import review_parameters
-from drcli.checks.stage_rules import SETTING, StagesReview, review_stages
+from drcli.checks.stage_files import SETTING
+from drcli.checks.stage_rules import StagesReview, review_stages
 from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Settings
 from drcli.exchange.frozen_curriculum import FrozenCurriculum

@@ -4,11 +4,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from drcli.base.process_identity import exists
-from drcli.config.settings import RunConfig
+from drcli.config.run_config import RunConfig
 from drcli.exchange.evaluation_record import running_evaluations
+from drcli.exchange.log_places import log_file
 from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.exchange.trace import STEP_S
-from drcli.runs.run_logs import log_file
+from drcli.exchange.trace import STEP_S, read_csv
 from drcli.runs.worker_processes import TRAINER
 from drcli.store import keys
 from drcli.store.bucket import ObjectMissing
@@ -100,17 +100,17 @@ def speed_of(process: Process, config: RunConfig) -> SpeedReport:
     iteration = history[-1].iteration
     key = keys.training_trace(record.prefix, iteration, worker=number, workers=workers)
     try:
-        rows = bucket.get(key).decode().splitlines()[1:]
+        episodes = read_csv(bucket.get(key))
     except ObjectMissing:
         return unknown
-    seconds = [float(row.rpartition(",")[2]) for row in rows]  # wall time of each step
-    if len(seconds) < 2 or seconds[-1] <= seconds[0]:
+    rows = sum(episode.steps + 1 for episode in episodes)
+    seconds = [at for episode in episodes for at in episode.wall_s]
+    if not seconds or max(seconds) <= min(seconds):
         return unknown
-    # There is one step more than there are pauses between steps.
-    driven_s = (seconds[-1] - seconds[0]) * len(seconds) / (len(seconds) - 1)
-    steps_per_s = len(seconds) / driven_s
+    # There is one row more than there are pauses between rows.
+    steps_per_s = (rows - 1) / (max(seconds) - min(seconds))
     factor = steps_per_s * STEP_S
-    return SpeedReport(process.name, process.pid, iteration, len(seconds), steps_per_s, factor)
+    return SpeedReport(process.name, process.pid, iteration, rows, steps_per_s, factor)
 
 
 def _workers(directory: Path, run_id: int, kind: str) -> list[Process]:

@@ -4,23 +4,24 @@ Each process writes its own log. A thread of the supervisor uploads new lines; n
 """
 
 import math
+import os
 import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base import log_files
-from drcli.base.atomic_file import load_record, save_record
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.log import get_logger
+from drcli.config.run_config import LogConfig
+from drcli.exchange.log_places import KINDS, json_log, log_file, log_folder, log_kind, reward_log
+from drcli.runs.event_file_copies import EventFileCopies
+from drcli.runs.unread_log import UnreadLog, read_piece
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 
 _logger = get_logger(__name__)
-
-_FOLDERS = ("robomaker", "sagemaker")
 
 INTERVAL_S = 300.0
 
@@ -34,22 +35,9 @@ _COMPARED_BYTES = 4 << 10
 """Two logs that begin with so many equal bytes are the same log: they contain times."""
 
 
-def log_file(directory: Path, prefix: str, worker: str) -> Path:
-    """The log of a worker ("trainer", "supervisor", "sim-0", ...) on this machine.
-
-    Simulation logs have their own folder, because log-guru fails if it finds any other log there.
-    """
-    return _folder(directory, prefix, log_kind(worker)) / f"{worker}.log"
-
-
-def log_kind(worker: str) -> str:
-    """The folder of a worker's log, on disk and in the bucket."""
-    return _FOLDERS[0] if worker.startswith("sim") else _FOLDERS[1]
-
-
 def begin_logs(directory: Path, prefix: str, max_mb: int) -> None:
     """Start new logs for a new training, and keep those of the last few trainings."""
-    folders = [_folder(directory, prefix, kind) for kind in _FOLDERS]
+    folders = [log_folder(directory, prefix, kind) for kind in KINDS]
     try:
         for folder in folders:
             folder.mkdir(parents=True, exist_ok=True)
@@ -61,15 +49,21 @@ def begin_logs(directory: Path, prefix: str, max_mb: int) -> None:
         ) from e
 
 
-@dataclass
-class _Position:
-    """How far a log is uploaded in complete parts: all files before `number`, `offset` bytes of it.
+def empty_logs(directory: Path, prefix: str, name: str) -> None:
+    """Start the log of an evaluation worker anew, with its JSON lines and its prints.
 
-    The numbers are those of `log_files.current_number`.
+    The log itself is emptied, not deleted: a command may be following it.
     """
-
-    number: int = 1
-    offset: int = 0
+    log = log_file(directory, prefix, name)
+    beside = [json_log(log), log_file(directory, prefix, reward_log(name))]
+    with suppress(OSError):
+        for path in (log, *beside):
+            for part in log_files.older_parts(path):
+                part.unlink(missing_ok=True)
+            path.with_name(f"{path.name}{log_files.SENT}").unlink(missing_ok=True)
+        for path in beside:
+            path.unlink(missing_ok=True)
+        os.truncate(log, 0)
 
 
 class LogCopy:
@@ -91,8 +85,8 @@ class LogCopy:
         self._key = key
         self._log = log
         self._max_bytes = max_bytes
-        self._position_file = log.with_name(f"{log.name}{log_files.UPLOADED}")
-        self._position = _read_position(self._position_file, log)
+        position_file = log.with_name(f"{log.name}{log_files.UPLOADED}")
+        self._unread = UnreadLog(log, position_file, PART_BYTES)
         self._known = False
         self._parts: list[tuple[str, int]] = []
         self._next = 1
@@ -108,43 +102,35 @@ class LogCopy:
             ends = [_end_of(path) for path in (*log_files.older_parts(self._log)[-1:], self._log)]
             self._bucket.put(self._key, b"".join(ends)[-PART_BYTES:])
         while not over():
-            path, data = self._next_bytes()
+            path, data = self._unread.next_piece()
             if path is None:
                 continue
-            at = self._position
+            at = self._unread.at
             complete = path != self._log
             if complete and not data:
-                self._position = _Position(at.number + 1)
+                self._unread.next_file()
             elif complete or len(data) >= PART_BYTES:
-                self._position = _Position(at.number, at.offset + self._put_part(data))
+                self._unread.advance(self._put_part(data))
             else:
                 newest = (at.number, at.offset, len(data))
                 if newest != self._newest:
                     self._bucket.put(self._key, data)
                     self._newest = newest
                 return
-            with suppress(OSError):  # a full disk: the next start uploads this part again
-                save_record(self._position_file, self._position)
+            self._unread.save()
 
     def left_bytes(self) -> int:
         """Size of the part of the log that is not uploaded yet."""
-        at = self._position
-        left = -at.offset - (self._newest[2] if self._newest[:2] == (at.number, at.offset) else 0)
-        for path in [*log_files.older_parts(self._log), self._log]:
-            with suppress(OSError):
-                number = None if path == self._log else log_files.number_of(path)
-                left += path.stat().st_size if number is None or number >= at.number else 0
-        return max(0, left)
+        at, left = self._unread.at, self._unread.left_bytes()
+        return max(0, left - (self._newest[2] if self._newest[:2] == (at.number, at.offset) else 0))
 
     def _list_parts(self) -> None:
         """List the parts of an earlier start, and keep the newest lines of another machine."""
-        folder = self._key.rpartition("/")[0] + "/"
-        start = f"{self._key}.part-"
-        for info in self._bucket.list(folder):
-            number = info.key.removeprefix(start)
-            if info.key.startswith(start) and number.isdigit():
+        for info in self._bucket.list(self._key.rpartition("/")[0] + "/"):
+            number = keys.part_number(self._key, info.key)
+            if number is not None:
                 self._parts.append((info.key, info.size_bytes))
-                self._next = int(number) + 1
+                self._next = number + 1
         data = self._bucket.get(self._key) if self._bucket.exists(self._key) else b""
         if data and not self._is_ours(data):
             # The newest lines of another machine: make them a part, or we would overwrite them.
@@ -156,33 +142,18 @@ class LogCopy:
 
         They follow the uploaded parts, or are the end of the log, uploaded first in a hurry.
         """
-        at, older = self._position, log_files.older_parts(self._log)
+        at, older = self._unread.at, log_files.older_parts(self._log)
         path = next((part for part in older if log_files.number_of(part) == at.number), self._log)
-        own = _read(path, at.offset)
+        own = read_piece(path, at.offset, PART_BYTES)
         if data[:_COMPARED_BYTES] == own[: len(data)][:_COMPARED_BYTES]:
             return True
         ends = b"".join(_end_of(part) for part in (*older[-1:], self._log))
         return data[-_COMPARED_BYTES:] in ends
 
-    def _next_bytes(self) -> tuple[Path | None, bytes]:
-        """The next file to upload and its new bytes; None if it has just been rotated."""
-        at = self._position
-        for part in log_files.older_parts(self._log):
-            number = log_files.number_of(part)
-            if number > at.number:  # files between were deleted because the log grew too large
-                at = self._position = _Position(number)
-            if number == at.number:
-                return part, _read(part, at.offset)
-        data = _read(self._log, at.offset)
-        current = log_files.current_number(self._log)
-        if current < at.number:  # the older files were deleted
-            self._position = _Position(current)
-        return (self._log if current == at.number else None), data
-
     def _put_part(self, data: bytes, *, whole: bool = False) -> int:
         """Upload a part that ends with a whole line; returns its size."""
         end = len(data) if whole or len(data) < PART_BYTES else data.rfind(b"\n") + 1 or len(data)
-        key = f"{self._key}.part-{self._next:06d}"
+        key = keys.part(self._key, self._next)
         self._bucket.put(key, data[:end])
         self._parts.append((key, end))
         self._next += 1
@@ -191,24 +162,48 @@ class LogCopy:
         return end
 
 
+def written_logs(
+    directory: Path, prefix: str, settings: LogConfig, names: Sequence[str]
+) -> list[tuple[str, Path]]:
+    """The logs that these workers write on this machine, by name, the most important first.
+
+    What the racer's code prints and JSON lines come last. Some of the files may never appear.
+    """
+    logs = [(name, log_file(directory, prefix, name)) for name in names]
+    prints = [reward_log(name) for name in names if name.startswith("sim")]
+    lines = [(name, json_log(path)) for name, path in logs] if settings.log_json else []
+    return [*logs, *((name, log_file(directory, prefix, name)) for name in prints), *lines]
+
+
 class LogUpload:
-    """Uploads the logs of the named workers in a thread, the most important first."""
+    """Uploads the logs of the named workers in a thread, the most important first.
+
+    Args:
+        open_bucket: Opens the bucket for the thread.
+        directory: The racer's working folder.
+        prefix: The model.
+        settings: Of the logs.
+        names: Of the workers.
+        events: Folder with TensorBoard event files, which come last; None for none.
+    """
 
     def __init__(
         self,
         open_bucket: Callable[[], Bucket],
         directory: Path,
         prefix: str,
-        max_mb: int,
+        settings: LogConfig,
         names: Sequence[str],
+        events: Path | None = None,
     ) -> None:
         self._open_bucket = open_bucket
-        self._max_bytes = max_mb << 20
+        self._prefix, self._events = prefix, events
+        self._max_bytes = settings.log_max_mb << 20
         self._logs = {
-            keys.log(prefix, log_kind(name), name): log_file(directory, prefix, name)
-            for name in names
+            keys.log(prefix, log_kind(name), path.name): path
+            for name, path in written_logs(directory, prefix, settings, names)
         }
-        self._copies: list[LogCopy] = []
+        self._copies: list[LogCopy | EventFileCopies] = []
         self._ending = threading.Event()
         self._deadline_s = math.inf
         self._thread = threading.Thread(target=self._run, name="log upload", daemon=True)
@@ -227,9 +222,11 @@ class LogUpload:
         if left or self._thread.is_alive():
             how_much = f"{left / 1e6:,.1f} MB" if left else "The newest part"
             _logger.warning(
-                "%s of the logs could not be uploaded in time and is in data/logs only. "
-                "A start with --resume uploads it.",
+                "%s of the %s could not be uploaded in time and is on this machine only, in "
+                "%s. A start with --resume uploads it.",
                 how_much,
+                "logs" if self._events is None else "logs and event files",
+                "data/logs" if self._events is None else "data/logs and data/tensorboard",
             )
 
     def _run(self) -> None:
@@ -244,6 +241,9 @@ class LogUpload:
                 self._copies = [
                     LogCopy(bucket, key, path, self._max_bytes) for key, path in self._logs.items()
                 ]
+                if self._events is not None:
+                    events = EventFileCopies(bucket, self._prefix, self._events, self._max_bytes)
+                    self._copies.append(events)
             for copy in self._copies:
                 copy.update(self._is_over, hurried=self._ending.is_set())
         except DrError as error:
@@ -255,32 +255,6 @@ class LogUpload:
         return time.monotonic() > self._deadline_s
 
 
-def _folder(directory: Path, prefix: str, kind: str) -> Path:
-    return directory / "data" / "logs" / kind / prefix
-
-
-def _read_position(path: Path, log: Path) -> _Position:
-    """The position where an earlier start stopped, or the beginning if it fits no file."""
-    position = load_record(_Position, path)
-    if position is None:
-        return _Position()
-    try:
-        current = log_files.current_number(log)
-        size = log.stat().st_size if position.number == current else math.inf
-        if 1 <= position.number <= current and 0 <= position.offset <= size:
-            return position
-    except OSError:
-        pass
-    return _Position()
-
-
-def _read(path: Path, offset: int) -> bytes:
-    """Bytes from an offset on, at most one part."""
-    with path.open("rb") as file:
-        file.seek(offset)
-        return file.read(PART_BYTES)
-
-
 def _end_of(path: Path) -> bytes:
     """The last bytes of a file, at most one part."""
-    return _read(path, max(0, path.stat().st_size - PART_BYTES))
+    return read_piece(path, max(0, path.stat().st_size - PART_BYTES), PART_BYTES)

@@ -5,9 +5,10 @@ from dataclasses import dataclass, field, replace
 
 from drcli.base.errors import StorageError
 from drcli.base.process_identity import exists
-from drcli.config.settings import RunConfig
+from drcli.config.run_config import RunConfig
 from drcli.exchange.daily_spending import DayBudget
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.log_places import log_file
 from drcli.exchange.milestone_record import MilestoneKind
 from drcli.exchange.reward_error_record import RewardCounts, sum_of
 from drcli.exchange.rollback_record import Rollback
@@ -18,7 +19,6 @@ from drcli.exchange.stage import StageMark
 from drcli.exchange.watch_record import WatchRecord
 from drcli.models.model_list import CheckpointEntry
 from drcli.runs.daily_budget import budget_of
-from drcli.runs.run_logs import log_file
 from drcli.runs.spending_report import RequestReport, money_left, request_report, time_left_s
 from drcli.runs.worker_health import WorkerHealth
 from drcli.runs.worker_processes import TRAINER
@@ -102,6 +102,8 @@ class RunReport:
         advice: What to do about them, a sentence for each.
         damaged: A sentence about each damaged object in the bucket. The history and the checkpoints
             are reconstructed then, as far as possible.
+        unreachable: Why the bucket cannot be read; iterations and checkpoints are then missing.
+            Empty if it can be.
         iterations: Finished iterations.
         iterations_left: Until DR_TRAIN_MAX_ITERATIONS; None without that limit.
         time_left_s: Until the time limit; None without one.
@@ -139,6 +141,7 @@ class RunReport:
     last: CheckpointEntry | None = None
     warning: str = ""
     damaged: list[str] = field(default_factory=list)
+    unreachable: str = ""
     iterations: int = 0
     iterations_left: int | None = None
     time_left_s: float | None = None
@@ -191,6 +194,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     failed: RewardCounts | None = None
     rollbacks: list[Rollback] = []
     stage: StageMark | None = None
+    unreachable = "" if bucket is not None else "The local S3 server does not run."
     if bucket is not None:
         try:
             model = Model.of(config.model, bucket, record.prefix)
@@ -213,6 +217,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             activities = {name: _activity(bucket, record.prefix, name) for name in names}
         except StorageError as error:
             activities = {TRAINER: f"the bucket does not answer: {error}"}
+            unreachable = str(error)
     if record.state in LIVE_STATES and not alive:
         record = replace(
             record,
@@ -260,6 +265,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         rollbacks=rollbacks,
         convergence=convergence(history),
         damaged=damaged,
+        unreachable=unreachable,
         iterations=len(history),
         iterations_left=max(0, most - len(history)) if most > 0 else None,
         time_left_s=time_left_s(spending),

@@ -12,7 +12,7 @@ from drcli.base.backoff import wait_until
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.process_identity import is_alive
 from drcli.config.bucket_config import StorageConfig
-from drcli.config.settings import RunConfig
+from drcli.config.run_config import RunConfig
 from drcli.exchange.evaluation_record import EvaluationRecord, running_evaluations
 from drcli.exchange.run_record import RunRecord, StopRequest, WaitingStart, run_folder
 from drcli.runs.status import RunReport, inspect
@@ -51,10 +51,12 @@ class StopReport:
     Attributes:
         stopped: Trainings and evaluations, in that order.
         server: Whether the local S3 server was stopped too.
+        viewer: Whether the console was stopped too.
     """
 
     stopped: list[Stopped] = field(default_factory=list)
     server: bool = False
+    viewer: bool = False
 
 
 def running_trainings(directory: Path) -> list[RunRecord]:
@@ -116,6 +118,13 @@ def stop_evaluations(directory: Path, run_id: int) -> list[Stopped]:
     return _stop([], running_evaluations(directory, run_id), directory)
 
 
+def stop_evaluations_of(directory: Path, bucket: str, prefix: str) -> list[Stopped]:
+    """Stop the evaluations of one model, of all DR_RUN_IDs."""
+    running = running_evaluations(directory)
+    own = [each for each in running if (each.bucket, each.prefix) == (bucket, prefix)]
+    return _stop([], own, directory)
+
+
 def stop_all(directory: Path, load: Callable[[], StorageConfig]) -> StopReport:
     """Stop everything that was started in a working folder, and nothing else on the machine.
 
@@ -126,7 +135,10 @@ def stop_all(directory: Path, load: Callable[[], StorageConfig]) -> StopReport:
     Raises:
         SettingsError: They are wrong, and no server runs in the default folder.
     """
+    from drcli.runs.tensorboard_server import stop_tensorboard  # slow, and only needed here
+
     stopped = stop_runs(directory)
+    stop_tensorboard(directory)
     try:
         storage = load()
     except SettingsError:

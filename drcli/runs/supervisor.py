@@ -11,6 +11,7 @@ from drcli.base.errors import DrError, SettingsError, StorageError
 from drcli.base.log import get_logger
 from drcli.checks.reward_timeout import exit_of_stuck
 from drcli.exchange.job import Job, WorkerExit
+from drcli.exchange.log_places import log_file
 from drcli.exchange.run_record import RunRecord, State, StopRequest, WorkerRecord
 from drcli.models.repair_model import restore_parameters
 from drcli.runs.duty import Duty, RunningTraining, attempt
@@ -19,12 +20,13 @@ from drcli.runs.lease_renewal import LOOK_S, Renewal
 from drcli.runs.outcome import CTRL_C, TERMINATED, Outcome, interrupted
 from drcli.runs.periodic import Periodic
 from drcli.runs.run_ending import RunEnding
-from drcli.runs.run_logs import LogUpload, log_file
+from drcli.runs.run_logs import LogUpload
 from drcli.runs.worker_deaths import died_too_often
 from drcli.runs.worker_processes import TRAINER, Child, start_process
 from drcli.runs.worker_stacks import REWARD_REMEDY
 from drcli.store.bucket import Bucket
 from drcli.store.repair import Model
+from drcli.tracking.open_sinks import tensorboard_folder
 
 _logger = get_logger(__name__)
 
@@ -89,9 +91,10 @@ class Supervisor:
         self._open_bucket = open_bucket
         self._journal = Journal(job.config.model.prefix, job.term, job.session, job.noted)
         self._running = RunningTraining(job, bucket, open_bucket, self._children, self._journal)
-        self._logs = LogUpload(
-            open_bucket, job.directory, job.config.model.prefix, job.config.log_max_mb, names
-        )
+        prefix = job.config.model.prefix
+        writes_events = job.config.figures.tensorboard
+        events = tensorboard_folder(job.directory, prefix) if writes_events else None
+        self._logs = LogUpload(open_bucket, job.directory, prefix, job.config.logs, names, events)
 
     def run(self) -> int:
         """Supervise until the training is over; returns the exit code of the command."""

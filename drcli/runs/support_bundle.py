@@ -4,12 +4,8 @@ The archive contains text only. Every text goes through `Redactor`; the finished
 again and searched for all known secrets before anybody gets its name.
 """
 
-import gzip
-import io
 import json
 import os
-import tarfile
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -19,21 +15,21 @@ from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
 
+from drcli.base import log_files
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.problems import ProblemsError
 from drcli.checks.doctor.diagnose import diagnose
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.config.settings_report import inspect_values
+from drcli.exchange.live_record import LIVE_FILES
+from drcli.runs.bundle_archive import check_writable, write_checked
 from drcli.runs.bundled_objects import objects_of
 from drcli.runs.known_secrets import known_secrets, private_words
 from drcli.runs.redaction import Redactor
 from drcli.runs.status import inspect
 from drcli.runs.text_tail import text_tail
 from drcli.store.server.state import own_file
-
-FOLDER = "drcli-support"
-"""Folder in the archive."""
 
 MANIFEST = "manifest.json"
 MOST_BYTES = 12 << 20
@@ -109,7 +105,7 @@ def make_bundle(
     """
     if target.exists() and not overwrite:
         raise SettingsError(f"{target} exists.", remedy="Choose another name, or use --force.")
-    _check_writable(target)  # before collecting, which takes a while
+    check_writable(target)  # before collecting, which takes a while
     return _Bundle(directory, with_custom_files=with_custom_files).write(target)
 
 
@@ -147,7 +143,7 @@ class _Bundle:
             MANIFEST: _manifest(texts, redactor, left_out),
             **texts,
         }
-        _write_checked(target, texts, redactor)
+        write_checked(target, texts, redactor)
         return _report(target, texts, redactor, left_out)
 
     def _load(self) -> Settings | None:
@@ -207,12 +203,15 @@ class _Bundle:
     def _run_records(self) -> Iterator[tuple[str, str]]:
         runs = self._directory / "data" / "runs"
         for path in sorted([*runs.glob("*/*.json"), *runs.glob("*/evaluations/*/*.json")]):
+            if path.match(LIVE_FILES):
+                continue  # it holds a key
             yield from self._file(path, RECORD_BYTES)
 
     def _logs(self) -> Iterator[tuple[str, str]]:
         folder = self._directory / "data" / "logs"
         crashes = sorted(folder.glob("crash-*.txt"), reverse=True)
-        logs = [path for path in folder.rglob("*.log*") if not path.name.endswith(".uploaded")]
+        positions = (log_files.UPLOADED, log_files.SENT)
+        logs = [path for path in folder.rglob("*.log*") if not path.name.endswith(positions)]
         logs += [own_file(self._data_dir, "log")]
         for path in [*crashes[:MOST_CRASHES], *sorted(logs, key=_age_s)]:
             yield from self._file(path, LOG_BYTES)
@@ -248,70 +247,6 @@ def _manifest(texts: Mapping[str, str], redactor: Redactor, left_out: tuple[str,
             "left_out": list(left_out),
         }
     )
-
-
-def _check_writable(target: Path) -> None:
-    """Try to write beside the archive.
-
-    Raises:
-        SettingsError: That is impossible.
-    """
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=target.parent):
-            pass
-    except OSError as error:
-        raise _unwritable(target, error) from error
-
-
-def _write_checked(target: Path, texts: Mapping[str, str], redactor: Redactor) -> None:
-    """Write the archive under another name, search it for secrets, and give it its name."""
-    try:
-        number, scratch = tempfile.mkstemp(prefix=f".{target.name}-", dir=target.parent)
-    except OSError as error:
-        raise _unwritable(target, error) from error
-    try:
-        with os.fdopen(number, "wb") as file:
-            file.write(_archive(texts))
-        leaks = _leaks(Path(scratch), redactor)
-        if leaks:
-            raise SettingsError(
-                f"The bundle would contain a secret: {'; '.join(leaks[:5])}.",
-                remedy="No bundle was written. Report this as a fault of drcli, without the file.",
-            )
-        Path(scratch).replace(target)
-    except OSError as error:
-        raise _unwritable(target, error) from error
-    finally:
-        Path(scratch).unlink(missing_ok=True)
-
-
-def _archive(texts: Mapping[str, str]) -> bytes:
-    """A compressed archive that says nothing about the user who wrote it."""
-    packed = io.BytesIO()
-    now = int(time.time())
-    with (
-        gzip.GzipFile(filename="", fileobj=packed, mode="wb", mtime=now) as compressed,
-        tarfile.open(fileobj=compressed, mode="w", format=tarfile.PAX_FORMAT) as archive,
-    ):
-        for name, text in texts.items():
-            data = text.encode()
-            entry = tarfile.TarInfo(f"{FOLDER}/{name}")
-            entry.size, entry.mtime, entry.mode = len(data), now, 0o644
-            archive.addfile(entry, io.BytesIO(data))
-    return packed.getvalue()
-
-
-def _leaks(path: Path, redactor: Redactor) -> list[str]:
-    """Secrets in the finished archive, as `file: kind`."""
-    found = []
-    with tarfile.open(path) as archive:
-        for entry in archive:
-            content = archive.extractfile(entry)
-            text = "" if content is None else content.read().decode()
-            found += [f"{entry.name}: {kind}" for kind in redactor.leaks(text)]
-            found += [f"a file name: {kind}" for kind in redactor.leaks(entry.name)]
-    return found
 
 
 def _report(
@@ -359,10 +294,3 @@ def _age_s(path: Path) -> float:
 
 def _json(value: object) -> str:
     return json.dumps(value, indent=1, default=str) + "\n"
-
-
-def _unwritable(target: Path, error: OSError) -> SettingsError:
-    return SettingsError(
-        f"{target}: the bundle cannot be written ({error.strerror or error}).",
-        remedy="Name a file in a folder that you can write.",
-    )

@@ -8,12 +8,15 @@ from drcli.base import notices
 from drcli.base.backoff import wait_until
 from drcli.base.errors import DrError, WorkerDied
 from drcli.base.file_lock import only_writer
+from drcli.base.json_log import JsonLog
 from drcli.base.log import LogFile, get_logger
 from drcli.base.low_priority import lower_priority
 from drcli.base.process_identity import started_s
 from drcli.exchange.job import Job
+from drcli.exchange.log_places import json_log, log_file
 from drcli.exchange.run_record import RunRecord, StorageRecord
 from drcli.runs.checkpoint_watch import CheckpointWatch
+from drcli.runs.cloud_watch import CloudWatchLogs
 from drcli.runs.cost import Cost
 from drcli.runs.daily_budget import DailyBudget
 from drcli.runs.duty import Duty
@@ -22,12 +25,13 @@ from drcli.runs.end_of_training import EndOfTraining
 from drcli.runs.interruption_watch import InterruptionWatch
 from drcli.runs.lease_renewal import Renewal
 from drcli.runs.plan import EndWorkPlan, RunPlan
-from drcli.runs.run_logs import log_file
+from drcli.runs.record_keeping import RecordKeeping
 from drcli.runs.run_messages import Messages
 from drcli.runs.stage_watch import StageWatch
 from drcli.runs.supervisor import Supervisor
 from drcli.runs.take_model import refuse_second_run
 from drcli.runs.timed_uploads import TimedUploads
+from drcli.runs.warnings_board import WarningsBoard
 from drcli.runs.watches import watches
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import lease
@@ -90,7 +94,9 @@ def supervise_job(job: Job) -> int:
         SettingsError: Another start has just taken the DR_RUN_ID or the model.
     """
     path = log_file(job.directory, job.config.model.prefix, "supervisor")
-    log = LogFile(path, job.config.log_max_mb << 20)
+    max_bytes = job.config.logs.log_max_mb << 20
+    log = LogFile(path, max_bytes)
+    lines = JsonLog(json_log(path), max_bytes, "supervisor") if job.config.logs.log_json else None
     if job.config.train.priority == "low":
         get_logger(__name__).info("DR_PRIORITY=low: %s.", lower_priority())
     if job.config.train.threads:
@@ -102,6 +108,8 @@ def supervise_job(job: Job) -> int:
         raise
     finally:
         log.end()
+        if lines is not None:
+            lines.end()
 
 
 def _supervise(job: Job) -> int:
@@ -154,16 +162,19 @@ def _supervise(job: Job) -> int:
 def _duties(job: Job) -> list[Duty]:
     """What the supervisor does besides its workers, in the order in which it matters at the end."""
     watch, cost = CheckpointWatch(), Cost(job)
+    board = WarningsBoard(job.folder, job.session)
     return [
         InterruptionWatch(),
-        *watches(job),
+        *watches(job, board),
         StageWatch(job),
         TimedUploads(job, watch),
         EndOfTraining(job),
         cost,
+        RecordKeeping(job, cost),
         DailyBudget(job, cost),
         Messages(job, watch, cost.end_facts),
         EndCommand(job, watch, cost.end_facts),
+        CloudWatchLogs(job, board),
     ]
 
 

@@ -13,9 +13,8 @@ from drcli.runs.stall_watch import StallWatch
 from drcli.runs.warnings_board import WarningsBoard
 
 
-def watches(job: Job) -> list[Duty]:
+def watches(job: Job, board: WarningsBoard) -> list[Duty]:
     """All watches, in their order: the first one looks at the pulses, which the next ones use."""
-    board = WarningsBoard(job.folder, job.session)
     pulses = SeenPulses(job.folder)
     settings = job.config.unattended
     return [

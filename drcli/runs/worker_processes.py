@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from drcli.base import log_files
 from drcli.exchange.job import Job
-from drcli.runs.run_logs import log_file
+from drcli.exchange.log_places import log_file
 
 TRAINER = "trainer"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drcli.checks.reward_timeout import source_line, stuck_place
 from drcli.exchange.job import Job
-from drcli.runs.run_logs import log_file
+from drcli.exchange.log_places import log_file
 from drcli.runs.worker_processes import Child
 from drcli.workers.pulse import STACKS_SIGNAL
 

@@ -244,6 +244,7 @@ def _places(account: Account, settings: Settings, wishes: Wishes) -> Places:
         upload if elsewhere else "",
         settings.upload_s3_prefix if elsewhere else "",
         key_of(account, wishes.bucket),
+        settings.cloud_watch_log_group if settings.cloud_watch_enable else "",
     )
 
 

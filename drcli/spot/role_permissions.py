@@ -40,6 +40,7 @@ class Places:
         upload_bucket: Of finished models; empty if it is the same, or if there is none.
         upload_folder: The prefix there.
         key_arn: The KMS key of the bucket; empty for Amazon's own encryption.
+        log_group: Log group of CloudWatch that the logs are sent to; empty if they are not.
     """
 
     bucket: str
@@ -48,11 +49,17 @@ class Places:
     upload_bucket: str = ""
     upload_folder: str = ""
     key_arn: str = ""
+    log_group: str = ""
 
 
 def run_folders(prefix: str) -> tuple[str, ...]:
     """The prefixes in which a training of this model writes."""
-    folders = (keys.folder(prefix), keys.rollouts_folder(prefix), keys.run_folder(prefix))
+    folders = (
+        keys.folder(prefix),
+        keys.rollouts_folder(prefix),
+        keys.run_folder(prefix),
+        keys.training_records_folder(prefix),
+    )
     return tuple(folder.rstrip("/") for folder in folders)
 
 
@@ -93,6 +100,21 @@ def permissions(places: Places, groups: Sequence[str], topic: str) -> list[Permi
         Permission("ec2:DescribeSpotPriceHistory", (ANY,), "knows what the machine costs per hour"),
         *_session_manager(),
     ]
+    if places.log_group:
+        group = (
+            "arn:${AWS::Partition}:logs:${AWS::Region}:${AWS::AccountId}:log-group:"
+            + places.log_group
+        )
+        streams = (f"{group}:log-stream:*",)
+        found += [
+            Permission("logs:CreateLogGroup", (group, f"{group}:*"), "makes the group of the logs"),
+            Permission(
+                "logs:CreateLogStream",
+                (group, f"{group}:*", *streams),
+                "makes a stream for each log",
+            ),
+            Permission("logs:PutLogEvents", streams, "sends the logs to CloudWatch"),
+        ]
     if places.key_arn:
         found += [
             Permission("kms:Decrypt", (places.key_arn,), "reads objects that this key encrypts"),

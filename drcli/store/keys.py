@@ -101,7 +101,12 @@ def is_part(key: str) -> bool:
 
 def evaluation_metrics(metrics: str, stamp: str) -> str:
     """Metrics of one stand-alone evaluation, below the metrics prefix."""
-    return f"{folder(metrics)}evaluation/evaluation-{_checked_stamp(stamp)}.json"
+    return f"{evaluation_metrics_folder(metrics)}evaluation-{_checked_stamp(stamp)}.json"
+
+
+def evaluation_metrics_folder(metrics_prefix: str) -> str:
+    """Folder with the metrics of stand-alone evaluations."""
+    return f"{folder(metrics_prefix)}evaluation/"
 
 
 def robust_result(metrics: str, stamp: str) -> str:
@@ -131,6 +136,11 @@ def evaluation_trace(prefix: str, stamp: str, index: int = 0) -> str:
     return f"{folder(prefix)}{name}/evaluation-simtrace/{index}-iteration.csv"
 
 
+def recording_of(trace: str) -> str:
+    """What a trace of an evaluation does not tell; it lies beside the folder of the trace."""
+    return trace.rpartition("evaluation-simtrace/")[0] + "recording.json"
+
+
 def opponent_trace(prefix: str) -> str:
     """The steps of a model in the last race in which it was the opponent."""
     return f"{folder(prefix)}evaluation-simtrace/0-iteration.csv"
@@ -146,9 +156,24 @@ def video(prefix: str, camera: str, index: int = 0) -> str:
     return f"{folder(prefix)}mp4/{camera}/{index}-video.mp4"
 
 
-def log(prefix: str, kind: str, name: str) -> str:
-    """The log of one process of the run; each kind of process has its own folder."""
-    return f"{folder(prefix)}logs/{kind}/{name}.log"
+def log(prefix: str, kind: str, file: str) -> str:
+    """A log of one process of the run, by the name of its file; each kind has its own folder."""
+    return f"{folder(prefix)}logs/{kind}/{file}"
+
+
+def event_folder(prefix: str) -> str:
+    """Folder of the TensorBoard event files."""
+    return f"{folder(prefix)}tensorboard/"
+
+
+def event_file(prefix: str, name: str) -> str:
+    """A TensorBoard event file, by the name that it has on the machine that wrote it."""
+    return event_folder(prefix) + name
+
+
+def evaluation_video(prefix: str, stamp: str) -> str:
+    """The video of one stand-alone evaluation, which a later one does not replace."""
+    return f"{folder(prefix)}evaluation-{_checked_stamp(stamp)}/video.mp4"
 
 
 # State of a run while it goes on. It is outside the model: a copy of the model must not look as if
@@ -206,6 +231,30 @@ def note(prefix: str, name: str) -> str:
     return f"{notes_folder(prefix)}{name}.json"
 
 
+def training_records_folder(prefix: str = "") -> str:
+    """Folder with the records of the trainings of a model, or of all models.
+
+    It is outside the models: the records stay when a model is deleted.
+    """
+    return f"training-records/{folder(prefix)}" if prefix else "training-records/"
+
+
+def training_record(prefix: str, training: str) -> str:
+    """The record of one training."""
+    return f"{training_records_folder(prefix)}{training}.json"
+
+
+def training_files(prefix: str, training: str) -> str:
+    """The files of one training."""
+    return f"{training_records_folder(prefix)}{training}.files.json"
+
+
+def training_of(key: str) -> tuple[str, str] | None:
+    """The model and the id of the training whose record this is; None for other keys."""
+    found = re.fullmatch(r"training-records/(.+)/([0-9a-f]{8})\.json", key)
+    return (found[1], found[2]) if found else None
+
+
 def damaged_folder(prefix: str) -> str:
     """Folder of damaged objects that were moved out of the model."""
     return f"{run_folder(prefix)}damaged/"
@@ -240,11 +289,12 @@ def reward_errors(prefix: str, worker: int) -> str:
 def decides(key: str) -> bool:
     """Whether readers use this object directly: pointers, manifests, traces, metrics, curves.
 
-    Tensors, parts and records are only read when such an object names them; activities and logs
-    are for people.
+    Tensors, parts and records are only read when such an object names them; activities, logs and
+    event files are for people.
     """
     named = (".safetensors", ".ckpt.json")
-    return not (key.endswith(named) or "/status/" in key or "/logs/" in key)
+    folders = ("/status/", "/logs/", "/tensorboard/")
+    return not (key.endswith(named) or any(name in key for name in folders))
 
 
 # Checkpoints.

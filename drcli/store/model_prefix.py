@@ -74,6 +74,7 @@ def is_aborted_start(bucket: Bucket, prefix: str, parameter_files: Collection[st
     }
     folders = (
         f"{keys.folder(prefix)}logs/",
+        keys.event_folder(prefix),
         keys.journal_folder(prefix),
         keys.notes_folder(prefix),
     )

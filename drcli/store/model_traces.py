@@ -7,7 +7,7 @@ import re
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
-from drcli.store import keys
+from drcli.store import keys, race_keys
 from drcli.store.bucket import Bucket, ObjectInfo
 
 POINTERS = ("model/deepracer_checkpoints.json", "model/.coach_checkpoint")
@@ -58,12 +58,15 @@ class ModelTraces:
         return len(found - {None})
 
 
+_NO_MODELS = ("runs/", "rollouts/", keys.training_records_folder(), race_keys.folder())
+
+
 def models_in(listed: Iterable[ObjectInfo]) -> dict[str, bool]:
     """Prefixes of all models in a listing of a whole bucket, and whether each has a pointer."""
     found: dict[str, bool] = {}
     for info in listed:
         key = info.key
-        if key.startswith(("runs/", "rollouts/")):
+        if key.startswith(_NO_MODELS):
             continue
         for mark in _MARKS:
             if key.endswith(f"/{mark}"):

@@ -304,7 +304,6 @@ def _is_safetensors(data: bytes) -> bool:
     from safetensors import SafetensorError, deserialize  # here, to keep commands fast
 
     try:
-        # The ignored check: safetensors has no types for this function.
         # The type is ignored because safetensors has no type for it.
         return bool(data) and bool(deserialize(data))  # type: ignore[no-untyped-call]
     except (SafetensorError, ValueError):

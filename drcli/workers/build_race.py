@@ -8,7 +8,7 @@ from typing import Literal
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError
-from drcli.config.settings import RaceConfig
+from drcli.config.run_config import RaceConfig
 from drcli.config.track_names import remedy, track_problem
 from drcli.exchange.stage import Stage
 from drcli.modelfiles.model_metadata import ModelMetadata
@@ -17,11 +17,13 @@ from drcli.store.bucket import Bucket
 from drcli.workers import print_limit
 from drcli.workers.reward_failures import file_of, message_of
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
-from drsim.car.car import CONTROL_HZ, MIN_SPEED_MPS, CarParameters
+from drsim.car.car import CONTROL_HZ
+from drsim.car.car_parameters import MIN_SPEED_MPS, CarParameters
 from drsim.car.car_sets import car_of
 from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules
-from drsim.episode.reward import RewardFunction, load_reward_function
+from drsim.episode.load_reward import load_reward_function
+from drsim.episode.reward import RewardFunction
 from drsim.episode.simulation import Simulation
 from drsim.errors import RewardError, TrackError
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race

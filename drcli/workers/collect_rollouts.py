@@ -22,6 +22,10 @@ LEAST_PATIENCE_S = 20.0
 """Least time to wait for the other workers once the first has delivered: a worker that died needs
 it to start again."""
 
+STARTING_PATIENCE_S = 120.0
+"""The same in the first iteration after a start. On a busy machine one worker may be ready long
+before another, and analysis tools need the first trace of every worker."""
+
 
 @dataclass(frozen=True)
 class Collected:
@@ -89,6 +93,7 @@ class Collector:
         self._workers = workers
         self._max_steps = max_steps
         self._absent: set[int] = set()
+        self._least_patience_s = STARTING_PATIENCE_S
 
     def collect(
         self, iteration: int, checkpoints: Sequence[str], should_stop: Callable[[], bool]
@@ -120,10 +125,11 @@ class Collector:
         expected = everybody - self._absent
         if manifests and not expected <= manifests.keys() and not should_stop():
             took_s = max(m.notes.drive_s for m in manifests.values())
-            patience_s = max(LEAST_PATIENCE_S, took_s)
+            patience_s = max(self._least_patience_s, took_s)
             manifests = wait(enough=len(expected), arrived=manifests, patience_s=patience_s)
         if not manifests:
             return None
+        self._least_patience_s = LEAST_PATIENCE_S
         self._absent = everybody - manifests.keys()
         if self._absent:
             _logger.warning("Continuing without simulation worker %s.", sorted(self._absent))

@@ -6,7 +6,7 @@ from contextlib import suppress
 import torch
 from torch import Tensor
 
-from drcli.config.settings import RaceConfig
+from drcli.config.run_config import RaceConfig
 from drcli.formats.build_network import build_policy, load_weights
 from drcli.formats.graph_comparison import GraphComparison, compare_graph
 from drcli.learn.actor_critic import ActorCritic
@@ -16,7 +16,8 @@ from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.modelfiles.network_shape import Design
 from drcli.workers.build_race import actions_of, build_simulation, load_world
 from drcli.workers.cores import cores
-from drcli.workers.driving import Driver, Plan, Racer
+from drcli.workers.driven_episode import Plan
+from drcli.workers.driving import Driver, Racer
 from drcli.workers.worker_process import StopRequested
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import centre_line_reward

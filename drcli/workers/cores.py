@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drcli.base.control_groups import ROOT, group_folders
 from drcli.base.system_calls import cores_of_process
-from drcli.config.settings import TrainConfig
+from drcli.config.run_config import TrainConfig
 
 OVERLAP_CORES = 4
 """With this many cores or more, driving and learning run at the same time."""

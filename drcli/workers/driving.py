@@ -2,23 +2,25 @@
 
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from time import time as unix_s
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.log import get_logger
-from drcli.exchange.rollout import Episodes
-from drcli.exchange.trace import STEP_S, Episode, Phase, Row
+from drcli.exchange.trace import STEP_S, Phase, Row
 from drcli.learn.policy import Decision, Observation, Policy, PolicySpec, decide
-from drcli.learn.rollout_buffer import Rollout
 from drcli.workers import print_limit
+from drcli.workers.driven_episode import Driven, Plan
+from drcli.workers.live_moment import Look, Moment, Onlooker, Rider
 from drcli.workers.worker_process import StopRequested
 from drsim.car.actions import Actions
 from drsim.car.conditions import Conditions
 from drsim.episode.episode_rules import Status
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult
+from drsim.race.traffic import Traffic
 
 _logger = get_logger(__name__)
 
@@ -27,102 +29,6 @@ DRAWS = 256
 
 STATUS_WORDS = [status.label for status in Status]
 """Words of the trace by the simulation's status numbers."""
-
-
-@dataclass(frozen=True)
-class Plan:
-    """An episode to drive.
-
-    Attributes:
-        number: Number of the `Episode`.
-        phase: Training samples from the policy, evaluation takes its most likely action.
-        start_fraction: Where on the lap it starts, 0 to 1.
-        reverse: Whether it drives against the direction of the simulation's track.
-        racer: Index of the racer that drives it.
-        attempt: How often it was driven before, because the reward function declared it broken.
-        offset_m: How far to the left of the centre line it starts.
-        angle_deg: How far the car is turned to the left at its start.
-        conditions: What it is driven under, instead of what the settings draw.
-        world: Episodes with the same number here have the same seed; None for its own number.
-    """
-
-    number: int
-    phase: Phase
-    start_fraction: float
-    reverse: bool = False
-    racer: int = 0
-    attempt: int = 0
-    offset_m: float = 0.0
-    angle_deg: float = 0.0
-    conditions: Conditions | None = None
-    world: int | None = None
-
-    def seed(self, run: int) -> int:
-        """Seed of everything random in the episode's world.
-
-        All racers of a race have the same seed. An evaluation episode has the same seed for every
-        checkpoint, so that checkpoints can be compared.
-        """
-        number = self.number if self.world is None else self.world
-        words = [run, number, int(self.phase == "evaluation")]
-        if self.attempt:
-            words.append(self.attempt)
-        return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
-
-
-@dataclass
-class Driven(Episode):
-    """An episode with the learner's data of each step except the first.
-
-    Attributes:
-        racer: Index of the racer that drove it.
-        frames: What the car saw. Each of shape (eyes, 120, 160).
-        scans: Lidar values. Each of shape (scan_dims,).
-        states: What only the critic sees. Each of shape (state_dims,).
-        actions: An index, or unclipped values of shape (dims,).
-        log_probs: Log-probability of each action.
-        values: The critic's estimates.
-        cut: Whether the step limit ended it.
-        last_value: The critic's estimate of the rest if the step limit ended it, else 0.
-    """
-
-    racer: int = 0
-    frames: list[NDArray[np.uint8]] = field(default_factory=list)
-    scans: list[NDArray[np.float32]] = field(default_factory=list)
-    states: list[NDArray[np.float32]] = field(default_factory=list)
-    actions: list[NDArray[np.float32] | int] = field(default_factory=list)
-    log_probs: list[float] = field(default_factory=list)
-    values: list[float] = field(default_factory=list)
-    cut: bool = False
-    last_value: float = 0.0
-
-
-def episodes_of(driven: Sequence[Driven]) -> Episodes:
-    """Training episodes in the form that travels to the learner; their frames are freed.
-
-    None of them may be discarded: nobody may learn from these.
-    """
-    rollout = Rollout(
-        frames=np.stack([frame for e in driven for frame in e.frames]),
-        actions=np.array([action for e in driven for action in e.actions]),
-        log_probs=np.array([p for e in driven for p in e.log_probs], np.float32),
-        values=np.array([v for e in driven for v in e.values]),
-        rewards=np.array([row.reward for e in driven for row in e.rows[1:]]),
-        lengths=np.array([e.steps for e in driven]),
-        last_values=np.array([e.last_value for e in driven]),
-        cut=np.array([e.cut for e in driven]),
-        scans=np.stack([scan for e in driven for scan in e.scans]),
-        states=np.stack([state for e in driven for state in e.states]),
-    )
-    for episode in driven:
-        episode.frames.clear()
-    return Episodes(
-        rollout,
-        numbers=np.array([e.number for e in driven]),
-        progress=np.array([e.progress for e in driven]),
-        completed=np.array([e.completed for e in driven]),
-        duration_s=np.array([e.duration_s for e in driven]),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +85,7 @@ class _Seat:
             pause_s=result.pause_s.item(car),
             time_s=result.sim_time_s.item(car) - self._began_s,
             crashes=result.crashes.item(car),
+            reward_ms=1000.0 * result.reward_time_s.item(car),
         )
 
 
@@ -199,13 +106,25 @@ class Driver:
     """Drives the cars of a simulation with the policies of one or more racers.
 
     With several racers, car k belongs to racer k modulo their number and must get that racer's
-    plans. All random numbers come from the seed.
+    plans. All random numbers come from the seed. It `keeps_objects` for those who want to show
+    what was on the track.
     """
 
-    def __init__(self, simulation: Simulation, racers: Sequence[Racer], seed: int) -> None:
+    def __init__(
+        self,
+        simulation: Simulation,
+        racers: Sequence[Racer],
+        seed: int,
+        *,
+        keeps_objects: bool = False,
+        onlooker: Onlooker | None = None,
+    ) -> None:
+        """Prepare; the `onlooker` changes nothing about the driving."""
         self._simulation = simulation
         self._racers = racers
         self._seed = seed
+        self._traffic = simulation.traffic if keeps_objects else None
+        self._onlooker = onlooker
 
     def drive(
         self,
@@ -236,7 +155,10 @@ class Driver:
                 raise StopRequested
             driving = [seats[car] for car in sorted(seats)]
             for seat in self._step(driving, None if epsilon is None else epsilon(trained)):
-                on_episode(seats.pop(seat.car).episode)
+                episode = seats.pop(seat.car).episode
+                if self._onlooker is not None:
+                    self._onlooker.ended(episode, episode.racer, self._simulation.track.name)
+                on_episode(episode)
             trained += sum(seat.plan.phase == "training" for seat in driving)
 
     def _fill(self, seats: dict[int, _Seat], waiting: deque[Plan]) -> None:
@@ -278,12 +200,70 @@ class Driver:
             _tell_of_unstable([seat for seat in driving if self._simulation.unstable[seat.car]])
         for group, frames, seen, decision in chosen:
             _record(group, frames, seen, decision, (steering, speed), result)
+            if self._traffic is not None:
+                self._keep_objects(group, self._traffic)
             cut = [
                 seat for seat in group if result.truncated[seat.car] and not seat.episode.discarded
             ]
             if cut:
                 self._expect(cut)
+        if self._onlooker is not None and self._onlooker.wanted:
+            self._onlooker.see(self._moment(driving, chosen, (steering, speed), result))
         return [seat for seat in driving if result.done[seat.car]]
+
+    def _moment(
+        self,
+        driving: Sequence[_Seat],
+        chosen: Sequence[tuple[Sequence[_Seat], NDArray[np.uint8], Observation, Decision]],
+        requests: tuple[NDArray[np.float64], NDArray[np.float64]],
+        result: StepResult,
+    ) -> Moment:
+        """The step that was just driven."""
+        simulation, traffic = self._simulation, self._simulation.traffic
+        objects = np.empty((simulation.num_cars, 0, 3))
+        if traffic is not None:
+            objects = np.concatenate([traffic.xy, traffic.yaw_rad[:, :, None]], axis=2)
+        return Moment(
+            unix_s(),
+            simulation.track,
+            result,
+            simulation.poses,
+            simulation.speeds_mps,
+            *requests,
+            riders=[
+                Rider(
+                    seat.car,
+                    seat.plan.racer,
+                    seat.plan.number,
+                    seat.plan.phase,
+                    seat.plan.reverse,
+                    seat.episode.rows,
+                    len(seat.episode.rows),
+                )
+                for seat in driving
+            ],
+            looks=[
+                Look(
+                    [seat.car for seat in group],
+                    frames,
+                    seen,
+                    decision,
+                    group[0].racer.model,
+                    group[0].racer.actions,
+                )
+                for group, frames, seen, decision in chosen
+            ],
+            shapes=() if traffic is None else traffic.shapes,
+            objects=objects,
+        )
+
+    @staticmethod
+    def _keep_objects(group: Sequence[_Seat], traffic: Traffic) -> None:
+        """Note where the objects of cars are, for videos; the first two rows share a place."""
+        for seat in group:
+            poses = np.column_stack([traffic.xy[seat.car], traffic.yaw_rad[seat.car]])
+            missing = len(seat.episode.rows) - len(seat.episode.objects)
+            seat.episode.objects.extend([poses] * missing)
 
     def _observe(self, group: Sequence[_Seat]) -> tuple[NDArray[np.uint8], Observation]:
         """The newest frame of each car of a racer, and everything as the policy takes it."""

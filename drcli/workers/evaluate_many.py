@@ -12,7 +12,7 @@ from drcli.base import signal_guard
 from drcli.base.atomic_file import save_record
 from drcli.base.errors import DrError
 from drcli.base.log import get_logger
-from drcli.config.settings import RunConfig
+from drcli.config.run_config import RunConfig
 from drcli.exchange.evaluation_task import EvaluationTask, TaskOutcome
 from drcli.exchange.job import Job
 from drcli.store import keys
@@ -21,6 +21,8 @@ from drcli.workers import worker_process
 from drcli.workers.build_race import reward_failure
 from drcli.workers.cores import usable_cores
 from drcli.workers.evaluator import Entry, evaluate
+from drcli.workers.live_scene import facts_of
+from drcli.workers.live_view import LiveShow, live_show
 from drcli.workers.robust_drive import evaluate_robustly
 from drcli.workers.worker_process import Lifeline
 from drsim.errors import RewardError
@@ -28,13 +30,15 @@ from drsim.errors import RewardError
 _logger = get_logger(__name__)
 
 
-def drive_share(job: Job, lifeline: Lifeline, share: int, shares: int) -> None:
+def drive_share(
+    job: Job, lifeline: Lifeline, share: int, shares: int, live: LiveShow | None = None
+) -> None:
     """Drive the tasks of this share, each with an outcome."""
     threads = max(1, usable_cores(job.config.train) // shares)
     for task in job.tasks[share::shares]:
         _logger.info("Evaluates %s of %s on %s.", task.checkpoint, task.prefix, task.world)
         try:
-            outcome = _driven(job, lifeline, task, threads)
+            outcome = _driven(job, lifeline, task, threads, live)
         except RewardError as error:
             outcome = _refused(reward_failure(error))
         except DrError as error:
@@ -49,7 +53,9 @@ def config_of(config: RunConfig, task: EvaluationTask) -> RunConfig:
     return replace(config, model=model, races=(race,))
 
 
-def _driven(job: Job, lifeline: Lifeline, task: EvaluationTask, threads: int) -> TaskOutcome:
+def _driven(
+    job: Job, lifeline: Lifeline, task: EvaluationTask, threads: int, live: LiveShow | None
+) -> TaskOutcome:
     config = config_of(job.config, task)
     entry = Entry(
         task.prefix,
@@ -61,10 +67,10 @@ def _driven(job: Job, lifeline: Lifeline, task: EvaluationTask, threads: int) ->
     if task.robust:
         bucket = open_bucket(config.storage, hurried=lifeline.should_stop)
         robust = evaluate_robustly(
-            job, lifeline, bucket, entry, config, stamp=task.stamp, threads=threads
+            job, lifeline, bucket, entry, config, stamp=task.stamp, threads=threads, live=live
         )
         return TaskOutcome(robust=robust)
-    found = evaluate(job, lifeline, [entry], config=config, threads=threads)
+    found = evaluate(job, lifeline, [entry], config=config, threads=threads, live=live)
     return TaskOutcome(trials=found.racers[0], notes=found.notes)
 
 
@@ -77,7 +83,10 @@ def main(job: Job, lifeline: Lifeline) -> None:
     """Drive a share of the tasks in this process."""
     signal_guard.install()
     share, shares = map(int, sys.argv[1:])
-    drive_share(job, lifeline, share, shares)
+    facts = facts_of(job.config.race(), [job.config.model.prefix])
+    name = f"evaluation-{share}"
+    with live_show(job, name, lambda: lifeline.pulse.activity, facts) as live:
+        drive_share(job, lifeline, share, shares, live)
 
 
 if __name__ == "__main__":

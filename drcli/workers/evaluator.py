@@ -16,8 +16,8 @@ import torch
 
 from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
-from drcli.base.log import plain
-from drcli.config.settings import EvaluationConfig, RunConfig
+from drcli.base.log import plain, traces
+from drcli.config.run_config import EvaluationConfig, RunConfig
 from drcli.config.value_types import START_SIDES
 from drcli.exchange.episode_metrics import (
     REPORT_FILE,
@@ -39,6 +39,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
+from drcli.tracking.open_sinks import sender_of_episodes
 from drcli.workers import reference_log, worker_process
 from drcli.workers.build_race import (
     actions_of,
@@ -48,7 +49,13 @@ from drcli.workers.build_race import (
     sensors_of_model,
 )
 from drcli.workers.cores import usable_cores
-from drcli.workers.driving import Driven, Driver, Plan, Racer
+from drcli.workers.driven_episode import Driven, Plan
+from drcli.workers.driving import Driver, Racer
+from drcli.workers.episode_log import log_trial
+from drcli.workers.live_figures import trial_points
+from drcli.workers.live_scene import facts_of
+from drcli.workers.live_view import LiveShow, live_show
+from drcli.workers.race_record import recording_of_race
 from drcli.workers.reward_failures import RewardFailures
 from drcli.workers.worker_process import Lifeline
 from drsim.car.car import CONTROL_HZ
@@ -57,6 +64,9 @@ from drsim.episode.reward import centre_line_reward
 from drsim.episode.start_poses import Side, offset_of, start_pose
 from drsim.track.track import Track
 from drsim.track.worlds import directed
+
+OPPONENT_COLOR = "Orange"
+"""Of the second car in a race between two models. Source: the reference."""
 
 MOST_ENGINE_THREADS = 2
 """Of an engine that is not PyTorch: more do not help a few pictures at a time."""
@@ -74,6 +84,11 @@ class Entry:
     trace: str
     metrics: str
     source: PolicySource = field(default_factory=PolicySource)
+
+    @property
+    def recording(self) -> str:
+        """Key of what its trace does not tell."""
+        return keys.recording_of(self.trace)
 
     @property
     def name(self) -> str:
@@ -119,6 +134,7 @@ def evaluate(
     *,
     config: RunConfig | None = None,
     threads: int | None = None,
+    live: LiveShow | None = None,
 ) -> EvaluationTrials:
     """Drive the trials of the settings, and put traces and metrics into the bucket.
 
@@ -130,6 +146,7 @@ def evaluate(
         entered: The model, and its opponent in a race between two.
         config: What to drive, if it is not that of the job.
         threads: For physics and camera; as many as there are cores when left out.
+        live: Shows the cars to those who watch.
 
     Raises:
         SettingsError: A model cannot be used, or the two cannot race each other.
@@ -177,6 +194,10 @@ def evaluate(
         seed=job.seed,
         on_reward_error=RewardFailures(job.config.train).handle,
     )
+    if live is not None:
+        names = [entry.name for entry in entered]
+        live.about(None, entered[0].checkpoint, facts_of(race, names, OPPONENT_COLOR))
+        lifeline.pulse.say(f"evaluates {entered[0].checkpoint} of {names[0]}", waits=False)
     driven: list[Driven] = []
     begin, began_s = time.time(), time.monotonic()
     start, notes = start_of(config.evaluation, track)
@@ -186,7 +207,9 @@ def evaluate(
         for racer in range(len(racers))
     ]
     try:
-        Driver(simulation, racers, job.seed).drive(plans, driven.append, lifeline.step_done)
+        driver = Driver(simulation, racers, job.seed, keeps_objects=True, onlooker=live)
+        driver.drive(plans, driven.append, lifeline.step_done)
+        shapes = [] if simulation.traffic is None else list(simulation.traffic.shapes)
     finally:
         simulation.close()
     driven.sort(key=lambda episode: episode.number)
@@ -199,9 +222,25 @@ def evaluate(
             schedule(episodes, 0.0)
         trials.append([TrialMetrics.of(episode) for episode in episodes])
         lines = (log_lines(episode, track.length_m, wall_clock[1]) for episode in episodes)
-        plain.info("\n".join([reference_log.OWN_LINE, *lines]))
+        traces.info("\n".join([reference_log.OWN_LINE, *lines]))
+        for episode in episodes:
+            log_trial(episode, entry.name)
         bucket.put(entry.trace, csv_text(episodes, track.length_m, wall_clock).encode())
         bucket.put(entry.metrics, encode_metrics_file(trials[-1]))
+        recording = recording_of_race(config, entry.name, shapes, own, episodes)
+        if len(entered) > 1:
+            recording = replace(recording, other_color=OPPONENT_COLOR)
+        if racer > 0:
+            first, second = recording.color, recording.other_color
+            recording = replace(
+                recording, racer=s.eval_opp_racer_name, color=second, other_color=first
+            )
+        if entry.source.file is None:
+            recording = replace(recording, checkpoint=entry.checkpoint)
+        bucket.put(entry.recording, recording.encode())
+        figures = sender_of_episodes(config.figures, entry.name)
+        figures.send(*trial_points(trials[-1], wall_clock))
+        figures.close()  # may wait for a slow tool, so it comes last
     return EvaluationTrials(trials, notes)
 
 
@@ -277,7 +316,10 @@ def main(job: Job, lifeline: Lifeline) -> None:
     signal_guard.install()
     stamp, *checkpoints = sys.argv[1:]
     entered = entries(job.config, stamp, checkpoints, job.sources)
-    (job.folder / REPORT_FILE).write_bytes(evaluate(job, lifeline, entered).encode())
+    facts = facts_of(job.config.race(), [entered[0].name])
+    with live_show(job, "evaluation", lambda: lifeline.pulse.activity, facts) as live:
+        found = evaluate(job, lifeline, entered, live=live)
+    (job.folder / REPORT_FILE).write_bytes(found.encode())
 
 
 if __name__ == "__main__":

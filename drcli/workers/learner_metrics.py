@@ -5,14 +5,18 @@ import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from drcli.base.errors import StorageError
 from drcli.base.log import get_logger
 from drcli.exchange.iteration import IterationRecord
-from drcli.learn.update_result import Stats
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.growing_file import GrowingFile, Layout, list_parts
+
+if TYPE_CHECKING:
+    from drcli.learn.update_result import Stats  # loads torch, which a command does without
 
 _logger = get_logger(__name__)
 
@@ -24,7 +28,7 @@ Row = dict[str, float]
 """Numbers of an iteration by name; unknown ones are left out."""
 
 
-def row_of(record: IterationRecord, stats: Stats | None = None) -> Row:
+def row_of(record: IterationRecord, stats: "Stats | None" = None) -> Row:
     """The numbers of an iteration from the history and, if it was learned just now, its update."""
     row: dict[str, float | None] = {
         NUMBER: record.iteration,
@@ -43,6 +47,21 @@ def row_of(record: IterationRecord, stats: Stats | None = None) -> Row:
     if stats is not None:
         row |= stats.metrics()
     return {name: x for name, x in row.items() if x is not None and math.isfinite(x)}
+
+
+def with_losses(record: IterationRecord, stats: "Stats | None") -> IterationRecord:
+    """The record of an iteration with the numbers of its update, None if there was none."""
+    numbers = {} if stats is None else stats.metrics()
+    return replace(
+        record,
+        entropy=numbers.get("losses/entropy", math.nan),
+        surrogate_loss=numbers.get("losses/policy_loss", math.nan),
+        value_loss=numbers.get("losses/value_loss", math.nan),
+        kl=numbers.get("losses/approx_kl", math.nan),
+        actor_loss=numbers.get("losses/actor_loss"),
+        critic_loss=numbers.get("losses/qf_loss"),
+        alpha=numbers.get("losses/alpha"),
+    )
 
 
 def line_of(row: Row) -> str:

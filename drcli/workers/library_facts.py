@@ -27,7 +27,9 @@ def library_facts(precision: str, batch_size: int, threads: int) -> dict[str, An
     }
     if torch.version.cuda is not None:
         try:
-            torch.cuda.init()  # type: ignore[no-untyped-call]  # says why not, unlike is_available
+            # Unlike `is_available`, this raises an error with the reason. The type is ignored
+            # because torch has no type for it.
+            torch.cuda.init()  # type: ignore[no-untyped-call]
             facts["cuda"] = torch.cuda.is_available()
             # A GPU that torch has no code for fails here.
             torch.zeros(8, device="cuda").sum().item()

@@ -98,10 +98,13 @@ class TrainingMetrics:
 
     def add(
         self, iteration: int, training: Sequence[Episode], evaluation: Sequence[Episode] = ()
-    ) -> None:
+    ) -> list[EpisodeMetrics]:
         """Append one iteration's training and evaluation episodes, in order, and publish them.
 
         Evaluation episodes get the number of the iteration's last training episode.
+
+        Returns:
+            The new records.
         """
         records = [
             self._record(episode, iteration, trial)
@@ -116,6 +119,7 @@ class TrainingMetrics:
             before = self._file.entry(iteration)
             text = encode_records(records)
             self._file.put(iteration, text if before is None else before + SEPARATOR + text)
+        return records
 
     def finish(self) -> None:
         """Write the file that analysis tools read for the last time."""

@@ -2,8 +2,10 @@
 
 import io
 import sys
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from threading import get_ident
 from time import monotonic  # which the racer's code may replace in `time`
 from typing import TextIO
 
@@ -18,7 +20,10 @@ CHARACTERS_S = 64 << 10
 TEXT_CHARACTERS = 16 << 10
 """Longest text of a reward function that is printed whole."""
 
-_logger = get_logger(__name__)
+reward_logger = get_logger("drcli.reward")
+"""For what people must know about their reward function: it is also in the log of its prints."""
+
+_MAIN_THREAD = threading.main_thread().ident
 
 
 class PrintLimit:
@@ -26,11 +31,14 @@ class PrintLimit:
 
     def __init__(
         self,
-        warn: Callable[[str], None] = _logger.warning,
+        warn: Callable[[str], None] = reward_logger.warning,
         clock: Callable[[], float] = monotonic,
     ) -> None:
         self.active = False
         """Whether the racer's code runs; our own output has no limit."""
+        self.threads = False
+        """Whether the racer's code has run, so that other threads than the main one may print for
+        it at any time. Ours write with `logging` alone."""
         self._warn = warn
         self._clock = clock
         self._left = float(BURST_CHARACTERS)
@@ -38,6 +46,10 @@ class PrintLimit:
         self._silent = False
         self._omitted_prints = 0
         self._omitted_characters = 0
+
+    def applies(self) -> bool:
+        """Whether it is the racer's code that prints."""
+        return self.active or (self.threads and get_ident() != _MAIN_THREAD)
 
     def admit(self, text: str) -> str:
         """The part of a printed text that goes into the log."""
@@ -74,31 +86,50 @@ class PrintLimit:
 
 
 class LimitedStream(io.TextIOWrapper):
-    """Standard output or error with a limit. It writes line by line."""
+    """Standard output or error with a limit. It writes line by line.
 
-    def __init__(self, inner: TextIO, limit: PrintLimit) -> None:
+    Args:
+        inner: The stream that it replaces.
+        limit: Of what the racer's code prints.
+        copies: Take what the racer's code prints within the limit, too.
+    """
+
+    def __init__(
+        self, inner: TextIO, limit: PrintLimit, copies: Sequence[Callable[[str], None]] = ()
+    ) -> None:
         super().__init__(inner.buffer, inner.encoding, inner.errors, line_buffering=True)
         self._limit = limit
+        self._copies = copies
 
     def write(self, text: str, /) -> int:
         """Write a text, or the part that the limit admits."""
-        super().write(self._limit.admit(text) if self._limit.active else text)
+        if not self._limit.applies():
+            super().write(text)
+            return len(text)
+        admitted = self._limit.admit(text)
+        super().write(admitted)
+        if admitted:
+            for copy in self._copies:
+                copy(admitted)
         return len(text)
 
 
 _limit = PrintLimit()
 
 
-def install() -> None:
-    """Take over this process's standard output and error."""
-    sys.stdout = LimitedStream(sys.stdout, _limit)
-    sys.stderr = LimitedStream(sys.stderr, _limit)
+def install(copies: Sequence[Callable[[str], None]] = ()) -> None:
+    """Take over this process's standard output and error.
+
+    Each of the `copies` gets what the racer's code prints, as far as the limit admits it.
+    """
+    sys.stdout = LimitedStream(sys.stdout, _limit, copies)
+    sys.stderr = LimitedStream(sys.stderr, _limit, copies)
 
 
 @contextmanager
 def limited_prints() -> Iterator[None]:
     """Limit what is printed inside, where the racer's code runs."""
-    _limit.active = True
+    _limit.active = _limit.threads = True
     try:
         yield
     finally:
@@ -107,5 +138,5 @@ def limited_prints() -> Iterator[None]:
 
 def end_limit() -> None:
     """Lift the limit and log what was left out, even if the racer's code never returned."""
-    _limit.active = False
+    _limit.active = _limit.threads = False
     _limit.report()

@@ -53,6 +53,11 @@ class Pulse:
         """Note what the worker does, or which other worker it waits for."""
         self._activity, self._waits = activity, waits
 
+    @property
+    def activity(self) -> tuple[str, bool]:
+        """What the worker does, and whether it waits for another worker."""
+        return self._activity, self._waits
+
     def start(self, folder: Path, name: str) -> None:
         """Begin to write the pulse of the worker of this name.
 

@@ -6,7 +6,7 @@
 import json
 from collections.abc import Sequence
 
-from drcli.config.settings import RaceConfig
+from drcli.config.run_config import RaceConfig
 from drcli.exchange.trace import Episode, log_lines
 from drcli.learn.update_result import PPOStats, Stats
 from drcli.modelfiles.hyperparameters import Hyperparameters

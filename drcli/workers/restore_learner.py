@@ -1,15 +1,26 @@
-"""Restores a trainer from a checkpoint: optimizer, and results that no longer count."""
+"""Restores a trainer from a checkpoint: weights, optimizer, and results that no longer count."""
 
 from safetensors.torch import load as load_tensors
 
 from drcli.base.log import get_logger
+from drcli.formats.build_network import load_weights
 from drcli.store import keys
 from drcli.store.best_checkpoint import evaluated_numbers
 from drcli.store.bucket import Bucket
-from drcli.store.checkpoints import checkpoint_objects
+from drcli.store.checkpoints import Checkpoint, checkpoint_objects
 from drcli.workers.build_learner import Learner
 
 _logger = get_logger(__name__)
+
+
+def restore_learner(learner: Learner, found: Checkpoint) -> None:
+    """Load weights, optimizer state and the progress of a new critic from a checkpoint."""
+    load_weights(learner.model, found.tensors, found.record.name)
+    if found.optimizer is None:
+        _logger.warning("The optimizer starts over: the checkpoint has no state of it.")
+    else:
+        restore_optimizer(learner, found.optimizer)
+    learner.critic_warmup = found.record.counters.critic_warmup or 0
 
 
 def restore_optimizer(learner: Learner, state: bytes) -> None:

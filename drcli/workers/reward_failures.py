@@ -15,6 +15,7 @@ from drcli.exchange.reward_error_record import (
 )
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.workers.print_limit import reward_logger
 from drsim.errors import RewardError
 
 _logger = get_logger(__name__)
@@ -38,10 +39,13 @@ class RewardFailures:
 
     Attributes:
         record: What was counted so far, also by earlier processes of this worker.
+        newest_discard: Where and why the function last declared an episode broken. The record
+            describes only the first `MOST_ERRORS` errors.
     """
 
     def __init__(self, settings: FailureSettings, worker: int = 0) -> None:
         self.record = RewardErrorRecord(worker)
+        self.newest_discard = ""
         self._settings = settings
         self._calls = 0
         self._failed_at: deque[int] = deque()
@@ -124,13 +128,15 @@ class RewardFailures:
             first_iteration=iteration,
             last_iteration=iteration,
         )
+        if discarded:
+            self.newest_discard = entry.text
         known = self.record.total.errors
         is_new = len(known) < MOST_ERRORS and entry.key not in {each.key for each in known}
         counts = RewardCounts(failed=failed, discarded=discarded, errors=[entry])
         self.record = replace(self.record, newest=self.record.newest.joined(counts))
         if is_new:
             what = "declares an episode broken" if discarded else "failed and is counted"
-            _logger.warning("The reward function %s: %s", what, message_of(error))
+            reward_logger.warning("The reward function %s: %s", what, message_of(error))
 
 
 def message_of(error: RewardError) -> str:

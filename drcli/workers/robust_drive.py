@@ -8,15 +8,19 @@ from statistics import fmean
 
 import torch
 
-from drcli.config.settings import RunConfig
+from drcli.config.run_config import RunConfig
 from drcli.exchange.job import Job
 from drcli.exchange.robust_result import RobustCell, RobustResult
 from drcli.exchange.trace import STATUS_LABELS
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.workers.build_race import build_simulation, load_world, longest_episode
-from drcli.workers.driving import Driven, Driver, Plan
+from drcli.workers.driven_episode import Driven, Plan
+from drcli.workers.driving import Driver
 from drcli.workers.evaluator import Entry, enter
+from drcli.workers.live_moment import Onlooker
+from drcli.workers.live_scene import facts_of
+from drcli.workers.live_view import LiveShow
 from drcli.workers.robust_grid import PLACES, Cell, grid, with_patterns
 from drcli.workers.worker_process import Lifeline
 from drsim.car.car import CONTROL_HZ
@@ -39,11 +43,15 @@ def evaluate_robustly(
     *,
     stamp: str,
     threads: int,
+    live: LiveShow | None = None,
 ) -> RobustResult:
     """Drive the whole grid with one model, and put the result into the bucket."""
     cells = grid(job.seed, closed=load_world(config.race()).closed)
+    if live is not None:
+        live.about(None, entry.checkpoint, facts_of(config.race(), [entry.name]))
+        lifeline.pulse.say(f"evaluates {entry.checkpoint} of {entry.name}", waits=False)
     began_s = time.monotonic()
-    found = drive_cells(job, lifeline, bucket, entry, config, cells, threads=threads)
+    found = drive_cells(job, lifeline, bucket, entry, config, cells, threads=threads, onlooker=live)
     result = RobustResult(
         prefix=entry.prefix,
         checkpoint=entry.checkpoint,
@@ -66,6 +74,7 @@ def drive_cells(
     *,
     threads: int,
     laps: int = 1,
+    onlooker: Onlooker | None = None,
 ) -> list[RobustCell]:
     """Drive some cells from every place on the lap. An episode ends at its first violation.
 
@@ -80,6 +89,7 @@ def drive_cells(
         cells: What to drive under.
         threads: For physics and camera.
         laps: Laps of an episode; progress counts all of them.
+        onlooker: May look at the driving.
 
     Raises:
         SettingsError: The model cannot be used.
@@ -109,7 +119,8 @@ def drive_cells(
     )
     driven: list[Driven] = []
     try:
-        Driver(simulation, [racer], job.seed).drive(plans, driven.append, lifeline.step_done)
+        driver = Driver(simulation, [racer], job.seed, onlooker=onlooker)
+        driver.drive(plans, driven.append, lifeline.step_done)
     finally:
         simulation.close()
     driven.sort(key=lambda episode: episode.number)

@@ -7,10 +7,12 @@ an interrupted rollback, a completed one and `--resume` run the same code.
 import time
 from dataclasses import replace
 
+from drcli.base.errors import TrainingFailed
 from drcli.base.log import get_logger
 from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
 from drcli.exchange.job import Job
 from drcli.exchange.rollback_record import RATE_FACTOR, Reason, Rollback, Rollbacks
+from drcli.learn.update_result import NonFiniteLossError
 from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import Checkpoint, CheckpointStore, checkpoint_objects
@@ -113,6 +115,24 @@ class RollbackControl:
         self.known = Rollbacks([*self.known.entries, rollback])
         write_rollbacks(self._bucket, self._prefix, self.known)
         return rollback
+
+    def nan_failure(self, error: NonFiniteLossError, iteration: int) -> TrainingFailed:
+        """The failure of a training that cannot go back from a loss that is NaN."""
+        remedy = (
+            "Lower `lr` to a third, or set `max_grad_norm` to 0.5, in hyperparameters.json, then "
+            "continue with `dr-start-training --resume`. DR_TRAIN_MAX_ROLLBACKS=2 does it "
+            "without you."
+        )
+        best = CheckpointName.parse(self._checkpoints.best_name() or "")
+        if best is not None:
+            remedy += f" Or start a new model from checkpoint {best.number}, the best, with "
+            remedy += "DR_LOCAL_S3_PRETRAINED=True."
+        return TrainingFailed(
+            "NaN detected in loss function, aborting training. "
+            f"Iteration {iteration}: {error} "
+            "The weights from before this iteration are kept as the last checkpoint.",
+            remedy=remedy,
+        )
 
     def _target(self, reason: Reason, newest: CheckpointName, first: int) -> CheckpointName | None:
         """The last good checkpoint.

@@ -2,11 +2,13 @@
 
 from collections.abc import Callable
 
-from drcli.config.settings import RaceConfig
+from drcli.config.run_config import RaceConfig
 from drcli.exchange.scores import SecondEvaluation
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.workers.build_race import build_simulation, load_world, longest_episode
-from drcli.workers.driving import Driven, Driver, Plan, Racer
+from drcli.workers.driven_episode import Driven, Plan
+from drcli.workers.driving import Driver, Racer
+from drcli.workers.live_moment import Onlooker
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import RewardFunction
 from drsim.errors import RewardError
@@ -24,6 +26,7 @@ class SecondTrack:
         num_threads: For motion and cameras.
         seed: Of the worker.
         on_reward_error: What to do when the reward function fails, as in `Simulation`.
+        onlooker: May look at the driving.
 
     Raises:
         ProblemsError: The track is not installed, or there is no room for obstacles or bots.
@@ -39,6 +42,7 @@ class SecondTrack:
         num_threads: int,
         seed: int,
         on_reward_error: Callable[[RewardError, int], float] | None = None,
+        onlooker: Onlooker | None = None,
     ) -> None:
         self.world = race.world_name
         self._offset = race.train_start_position_offset
@@ -55,7 +59,7 @@ class SecondTrack:
             seed=seed,
             on_reward_error=on_reward_error,
         )
-        self._driver = Driver(self._simulation, [racer], seed)
+        self._driver = Driver(self._simulation, [racer], seed, onlooker=onlooker)
 
     def evaluate(self, trials: int, should_stop: Callable[[], bool]) -> SecondEvaluation:
         """Drive so many episodes with the present weights, from starts spread over the lap.
@@ -88,5 +92,6 @@ class SecondTrack:
 def sentence_of(result: SecondEvaluation) -> str:
     """The result after the name of a checkpoint, for the log."""
     mean = sum(result.progress) / len(result.progress)
-    laps = f"{len(result.lap_s)} of {len(result.progress)} laps"
+    word = "lap" if len(result.progress) == 1 else "laps"
+    laps = f"{len(result.lap_s)} of {len(result.progress)} {word}"
     return f"drives {mean:.1f} % of the lap on {result.world} ({laps})."

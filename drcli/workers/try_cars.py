@@ -21,7 +21,8 @@ from drcli.store.connect import open_bucket
 from drcli.workers import worker_process
 from drcli.workers.build_race import actions_of, load_world, longest_episode, sensors_of_model
 from drcli.workers.cores import usable_cores
-from drcli.workers.driving import Driven, Driver, Plan, Racer
+from drcli.workers.driven_episode import Driven, Plan
+from drcli.workers.driving import Driver, Racer
 from drcli.workers.worker_process import Lifeline
 from drsim.car.car_sets import CAR_SETS
 from drsim.episode.episode_rules import EpisodeRules
@@ -88,7 +89,8 @@ def main(job: Job, lifeline: Lifeline) -> None:
         trial = drive_car(
             car, track, scene, model, design.metadata, starts, threads, lifeline.should_stop
         )
-        plain.info(f"{car}: {trial.laps} of {starts} laps, {trial.mean_progress:.1f} %")
+        laps = "lap" if starts == 1 else "laps"
+        plain.info(f"{car}: {trial.laps} of {starts} {laps}, {trial.mean_progress:.1f} %")
         trials.append(trial)
     (job.folder / TRIALS_FILE).write_bytes(encode_trials(trials))
 

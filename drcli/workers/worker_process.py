@@ -26,6 +26,7 @@ from drcli.store.s3_bucket import S3Bucket
 from drcli.workers import print_limit
 from drcli.workers.memory_shortage import memory_shortage
 from drcli.workers.pulse import Pulse
+from drcli.workers.worker_logs import WorkerLogs
 
 OUTAGE_PATIENCE_S = 900.0
 """How long a worker waits for a bucket on another machine: an outage of some minutes costs no more
@@ -115,11 +116,10 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     job = Job.received_or_exit()
     lifeline = Lifeline(job.launcher_pid)
     WorkerExit.delete(job.folder, name)
-    print_limit.install()
+    path = os.environ.get(log_files.VARIABLE)
+    logs = WorkerLogs(job, name, Path(path) if path else None)
     sys.excepthook = partial(_explain_unseen, job, name)
     notices.show, notices.warn = _logger.info, _logger.warning
-    if path := os.environ.get(log_files.VARIABLE):
-        log.LogFile(Path(path), job.config.log_max_mb << 20)
     _logger.info("%s started as process %d.", name, os.getpid())
     if job.config.train.priority == "low":
         _logger.info("DR_PRIORITY=low: %s.", lower_priority())
@@ -135,6 +135,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     finally:
         requests.end()
         print_limit.end_limit()
+        logs.end()
         # Otherwise Python searches all objects for garbage at exit, which takes nearly a second.
         gc.freeze()
 
@@ -152,16 +153,17 @@ def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
     """Write the reason of a failure for the supervisor and into the log."""
     print_limit.end_limit()
     memory = memory_shortage(error)
+    logger = _logger
     simulation_errors = sys.modules.get("drsim.errors")  # the trainer does without drsim
     if simulation_errors is not None and isinstance(error, simulation_errors.RewardError):
         from drcli.workers.build_race import reward_failure
 
-        error = reward_failure(error)
+        error, logger = reward_failure(error), print_limit.reward_logger
     if isinstance(error, DrError):
         ended = WorkerExit.of(error)
         if memory:  # its own fault or not: a new process may have enough
             ended = replace(ended, final=False, memory=True)
-        _logger.error("%s %s", error, error.remedy)
+        logger.error("%s %s", error, error.remedy)
     elif memory:
         ended = replace(memory, message=f"{name} {memory.message}")
         _logger.error("%s", ended.message, exc_info=error)

@@ -1,17 +1,18 @@
 """DeepRacer simulation on MuJoCo: cars, camera, tracks, reward parameters and episode rules."""
 
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
-from drsim.car.car import CONTROL_HZ, CarBatch, CarParameters
+from drsim.car.car import CONTROL_HZ, CarBatch
+from drsim.car.car_parameters import CarParameters
 from drsim.car.car_sets import CAR_SETS, DEFAULT_CAR, CarSet
 from drsim.car.conditions import Conditions
 from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules, Status
+from drsim.episode.load_reward import load_reward_function
 from drsim.episode.reward import (
     RewardFunction,
     RewardParams,
     centre_line_reward,
     checked_reward,
-    load_reward_function,
 )
 from drsim.episode.simulation import Simulation
 from drsim.episode.step import StepResult

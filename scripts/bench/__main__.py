@@ -11,6 +11,7 @@ from pathlib import Path
 FOLDER = Path(__file__).resolve().parent
 
 NAMES = (
+    "analyze",
     "sim",
     "learn",
     "lap",
@@ -23,6 +24,8 @@ NAMES = (
     "rewards",
     "runtimes",
     "startup",
+    "live",
+    "console_cost",
     "learn_lap_sb3",
     "fit_car",
     "reference_models",

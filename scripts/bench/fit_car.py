@@ -27,7 +27,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from drsim.arrays import Floats
-from drsim.car.car import CONTROL_HZ, CarBatch, CarParameters
+from drsim.car.car import CONTROL_HZ, CarBatch
+from drsim.car.car_parameters import CarParameters
 from drsim.car.car_sets import CAR_SETS, DEFAULT_CAR
 from drsim.fidelity.motion import compare_motion
 from drsim.fidelity.recordings import Recording, RecordingError, load_recordings

@@ -31,7 +31,8 @@ from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store.server import server
 from drcli.workers.build_learner import algorithm_config
 from drcli.workers.build_race import actions_of, load_world, longest_episode
-from drcli.workers.driving import Driven, Driver, Plan, Racer
+from drcli.workers.driven_episode import Driven, Plan, rollout_of
+from drcli.workers.driving import Driver, Racer
 from drcli.workers.trainer import SEED_STRIDE
 from drsim import Actions, EpisodeRules, RewardFunction, Simulation, Track, load_reward_function
 
@@ -281,22 +282,6 @@ def train_through_bucket(work: Work, seed: int, iterations: int) -> list[Pace]:
         curve = next((folder / "data" / "s3").rglob("metrics/history.json"))
         history = json.loads(curve.read_text())["iterations"]
     return [Pace(record["steps"], record["steps"] / record["steps_per_s"]) for record in history]
-
-
-def rollout_of(episodes: Sequence[Driven]) -> Rollout:
-    """Episodes as the learner takes them."""
-    return Rollout(
-        frames=np.stack([frame for e in episodes for frame in e.frames]),
-        actions=np.array([action for e in episodes for action in e.actions]),
-        log_probs=np.array([p for e in episodes for p in e.log_probs], np.float32),
-        values=np.array([value for e in episodes for value in e.values]),
-        rewards=np.array([row.reward for e in episodes for row in e.rows[1:]]),
-        lengths=np.array([e.steps for e in episodes]),
-        last_values=np.array([e.last_value for e in episodes]),
-        cut=np.array([e.cut for e in episodes]),
-        scans=np.stack([scan for e in episodes for scan in e.scans]),
-        states=np.stack([state for e in episodes for state in e.states]),
-    )
 
 
 def beginning(rollout: Rollout, steps: int) -> Rollout:

@@ -41,7 +41,7 @@ def choose_opengl() -> str:
     """
     if "MUJOCO_GL" not in os.environ:
         os.environ["MUJOCO_GL"] = _working_opengl() or "disable"
-        os.execv(sys.executable, [sys.executable, *sys.argv])
+        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
     if os.environ["MUJOCO_GL"] == "disable":
         print("No OpenGL works here (EGL, OSMesa): mujoco.Renderer is left out.", file=sys.stderr)
     return os.environ["MUJOCO_GL"]

@@ -43,7 +43,8 @@ from numpy.typing import NDArray
 from opengl_scene import OpenGLCamera, choose_opengl
 
 from drsim import CONTROL_HZ, CarBatch, Simulation, Track, centre_line_reward, load_track
-from drsim.car.car import CarParameters, car_model, motor_commands
+from drsim.car.car import car_model, motor_commands
+from drsim.car.car_parameters import CarParameters
 from drsim.car.realism import Realism
 from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.sensing.camera import lens_pose, render

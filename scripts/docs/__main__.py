@@ -6,6 +6,7 @@ python scripts/docs pictures ...  draw what the cameras see; see its --help
 python scripts/docs knobs ...     draw what hyperparameters change; see its --help
 python scripts/docs terminal ...  record the live display of a training; see its --help
 python scripts/docs lap ...       record a lap of a trained model; see its --help
+python scripts/docs console ...   draw the pages of the console; see its --help
 """
 
 import argparse
@@ -37,6 +38,7 @@ DRAWINGS: Mapping[str, str] = {
     "knobs": "knobs",
     "terminal": "terminal",
     "lap": "lap_picture",
+    "console": "console_pictures",
 }
 """Name of each drawing, and its module; scripts/bench has a module `lap` on the same path."""
 

@@ -31,9 +31,7 @@ class Row:
         return "" if self.verdict == "not needed" else self.here or self.name
 
 
-_VIEWER = "no viewer yet; `dr-status` shows curves"
-_NOTEBOOKS = "no notebook server yet; traces and metrics have the reference's format"
-_METRICS = "no curves in a browser yet; use `dr-status` or `dr-status --json`"
+_METRICS = "starts TensorBoard; lines for a Grafana of your own: `DR_TELEGRAF_HOST`"
 _X_SERVER = "no X server is used"
 
 REFERENCE: tuple[Row, ...] = (
@@ -81,7 +79,8 @@ REFERENCE: tuple[Row, ...] = (
     Row(
         "dr-start-training",
         "better",
-        "same flags `-w -q -s -r -a -v -h`; everything is checked before anything starts; resumes; "
+        "same flags `-w -q -s -r -a -v -h`; `-v` shows more numbers: the console needs no refresh; "
+        "everything is checked before anything starts; resumes; "
         "`-r` counts workers from 0, as documented there; an unknown flag exits 2",
     ),
     Row(
@@ -109,8 +108,8 @@ REFERENCE: tuple[Row, ...] = (
     ),
     Row(
         "dr-start-tournament",
-        "not needed",
-        "broken in the reference too; evaluate with DR_RACE_TYPE=HEAD_TO_MODEL instead",
+        "better",
+        "broken in the reference; drives the pairs of a race that `dr-race` has made",
     ),
     # Files and models.
     Row(
@@ -149,16 +148,34 @@ REFERENCE: tuple[Row, ...] = (
     Row("dr-find-sagemaker", "same", "a process number instead of a container id"),
     Row("dr-find-robomaker", "same", "process numbers, one per line"),
     Row("dr-get-robomaker-stats", "better", "real-time factor and steps/s in one line; `--json`"),
-    Row("dr-start-viewer", "later", _VIEWER),
-    Row("dr-stop-viewer", "later", "prints that nothing is running and exits 0"),
-    Row("dr-update-viewer", "later", _VIEWER),
-    Row("dr-view-stream", "later", _VIEWER),
-    Row("dr-start-metrics", "later", _METRICS),
-    Row("dr-stop-metrics", "later", "prints that nothing is running and exits 0"),
-    Row("dr-start-loganalysis", "later", _NOTEBOOKS),
-    Row("dr-stop-loganalysis", "later", "prints that nothing is running and exits 0"),
-    Row("dr-logs-loganalysis", "later", _NOTEBOOKS),
-    Row("dr-url-loganalysis", "later", _NOTEBOOKS),
+    Row(
+        "dr-start-viewer",
+        "better",
+        "the console, one page for live pictures, curves, models and races; `-p -b` as there; "
+        "`-w -h -q -t` are accepted, the page chooses them itself; for this machine only, unless "
+        "DR_WEBVIEWER_HOST opens it to others with a token",
+    ),
+    Row("dr-stop-viewer", "same", "prints that nothing is running and exits 0"),
+    Row(
+        "dr-update-viewer",
+        "better",
+        "only needed for changed settings: new workers and trainings appear by themselves",
+    ),
+    Row(
+        "dr-view-stream",
+        "better",
+        "same options; prints one MJPEG address for each worker, below the port of the console",
+    ),
+    Row(
+        "dr-start-loganalysis",
+        "better",
+        "writes the report of `dr-analyze`, one HTML file, instead of starting a notebook server",
+    ),
+    Row("dr-stop-loganalysis", "same", "says that nothing runs; the report is a file"),
+    Row("dr-logs-loganalysis", "same", "says that nothing runs; the report is a file"),
+    Row("dr-url-loganalysis", "same", "the address of the report that was written last"),
+    Row("dr-start-metrics", "better", _METRICS),
+    Row("dr-stop-metrics", "better", "stops TensorBoard"),
     Row(
         "droa-list-models",
         "better",

@@ -34,7 +34,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from learn_runs import Work, rollout_of
+from learn_runs import Work
 from numpy.typing import NDArray
 
 from drcli.formats.build_network import policy_spec
@@ -43,7 +43,8 @@ from drcli.learn.compute import flush_denormals
 from drcli.learn.ppo import PPO
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.workers.driving import Driven, Driver, Plan, Racer
+from drcli.workers.driven_episode import Driven, Plan, rollout_of
+from drcli.workers.driving import Driver, Racer
 from drcli.workers.trainer import SEED_STRIDE
 
 Floats = NDArray[np.float64]

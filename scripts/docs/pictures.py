@@ -5,7 +5,7 @@
     camera-beside-opengl.png   our camera, `mujoco.Renderer` of the same scene, difference times 4
     camera-at-frames.png       our camera at the poses of three frames of the reference simulator
     glare-and-reflections.png  the same poses: as usual, with glare, with reflections, both
-    chase.png, top.png         the cameras for videos, in an object avoidance race
+    chase.png, top.png         the views of videos, in an object avoidance race
 
 The reference frames are not ours to copy. With --frames, a folder that holds them as
 gazebo-camera-1.png to -3.png, the second picture becomes camera-beside-frames.png, which shows each
@@ -31,7 +31,9 @@ from drsim.sensing.scene import Scene, build_scene
 from drsim.track.appearance import LUMA
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
-from drsim.viewing.spectator import Spectator
+from drsim.viewing.camera_paths import FollowingCamera, lens_above
+from drsim.viewing.placed_things import Thing
+from drsim.viewing.world_view import WorldView
 
 Frames = NDArray[np.uint8]
 
@@ -46,7 +48,7 @@ of the reference simulator. Found by search."""
 PATTERNS = {1: 3, 2: 45, 3: 21}
 """Places of lamps of which the glare is seen from these poses."""
 
-COLORS, GREYS = 128, 56
+COLORS, GREYS = 256, 56
 """Colours left in a coloured picture and in a grey one, to keep them small."""
 
 
@@ -67,8 +69,11 @@ def main() -> None:
         pictures["camera-beside-opengl.png"] = beside_opengl(track, scene)
     for name, pixels in pictures.items():
         colors = COLORS if pixels.ndim == 3 else GREYS
-        picture = Image.fromarray(pixels).convert("RGB")
-        picture = picture.quantize(colors, method=Image.Quantize.MAXCOVERAGE)
+        full = Image.fromarray(pixels).convert("RGB")
+        picture = full.quantize(colors, method=Image.Quantize.MAXCOVERAGE)
+        if pixels.ndim == 3:
+            # A second time, because only the palette of another picture is used with dithering.
+            picture = full.quantize(palette=picture, dither=Image.Dither.FLOYDSTEINBERG)
         picture.save(arguments.into / name, optimize=True)
         size_kb = (arguments.into / name).stat().st_size / 1024
         print(f"{arguments.into / name}: {size_kb:.0f} kB", file=sys.stderr)
@@ -139,16 +144,21 @@ def disturbed(scene: Scene) -> NDArray[np.uint8]:
 
 def race_pictures(track: Track) -> dict[str, NDArray[np.uint8]]:
     """A car among six boxes from behind and from above."""
-    shapes = [SHAPES["box_obstacle"]] * 6
-    distance_m = np.linspace(2.0, track.length_m - 1.0, len(shapes))
+    distance_m = np.linspace(2.0, track.length_m - 1.0, 6)
     inner, outer = (track.pose_at(distance_m, lane) for lane in ("inner", "outer"))
-    objects = np.where((np.arange(len(shapes)) % 2 == 0)[:, None], inner, outer)
-    pose = track.pose_at(np.array([0.6]))[0]
-    spectator = Spectator(track, shapes)
-    return {
-        "chase.png": spectator.chase(pose, objects),
-        "top.png": spectator.top(pose, objects),
+    objects = np.where((np.arange(len(distance_m)) % 2 == 0)[:, None], inner, outer)
+    poses = np.concatenate([track.pose_at(np.array([0.6])), objects]).tolist()
+    names = ["race_car", *["box_obstacle"] * len(objects)]
+    things = [
+        Thing(SHAPES[name], (x, y, yaw)) for name, (x, y, yaw) in zip(names, poses, strict=True)
+    ]
+    view = WorldView(track)
+    pictures = {
+        "chase.png": view.frame(FollowingCamera().lens(things[0].pose), things),
+        "top.png": view.frame(lens_above(track, view.size), things),
     }
+    view.close()
+    return pictures
 
 
 def _twice(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:

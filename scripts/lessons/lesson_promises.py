@@ -59,6 +59,11 @@ class Results:
         rows = self.of("dr-start-training")[-1]["history"]
         return [row["evaluation_lap_s"] for row in rows if row["evaluation_lap_s"]]
 
+    @property
+    def trained_progress(self) -> list[float]:
+        """Mean progress of each iteration of the last training, percent."""
+        return [row["mean_progress"] for row in self.of("dr-start-training")[-1]["history"]]
+
 
 def rules(results: Results, number: int = -1) -> list[str]:
     """Names of the problems that a check of the reward function reported."""
@@ -89,16 +94,20 @@ PROMISES: Mapping[int, Mapping[str, Callable[[Results], bool]]] = {
     },
     3: {
         "the check has no warning": lambda r: rules(r) == [],
-        "the training ends within 20,000 steps": lambda r: r.trained_steps <= 20_000,
-        "3 of 3 laps, the fastest below 12.8 s": lambda r: r.all_complete and min(r.laps_s) < 12.8,
+        "laps of the last evaluation below 15.5 s": lambda r: (
+            statistics.mean(r.evaluated_laps_s[-1]) < 15.5
+        ),
+        "3 of 3 laps, the fastest below 13 s": lambda r: r.all_complete and min(r.laps_s) < 13.0,
     },
     4: {
         "the training ends within 60,000 steps": lambda r: r.trained_steps <= 60_000,
         "3 of 3 laps, the fastest below 11 s": lambda r: r.all_complete and min(r.laps_s) < 11.0,
     },
     5: {
-        "the best lap is below 10 s": lambda r: bool(r.laps_s) and min(r.laps_s) < 10.0,
-        "3 of 3 laps": lambda r: r.all_complete,
+        "progress is above 85 % in the last ten iterations": lambda r: (
+            statistics.mean(r.trained_progress[-10:]) > 85.0
+        ),
+        "3 of 3 laps, the fastest below 8.5 s": lambda r: r.all_complete and min(r.laps_s) < 8.5,
     },
 }
 """For each lesson, what one should see, and whether the results show it."""

@@ -13,7 +13,8 @@ from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.models.ready_made import DrivenLaps, ReadyMadeModel
 from drcli.store import keys
 from drcli.workers.build_race import actions_of, build_simulation, load_world
-from drcli.workers.driving import Driven, Driver, Plan, Racer
+from drcli.workers.driven_episode import Driven, Plan
+from drcli.workers.driving import Driver, Racer
 from drcli.workers.evaluator import laps_of
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode_rules import EpisodeRules

@@ -81,6 +81,8 @@ WHILE_TRAINING = [
     Call("status --json", "run_id bucket prefix state workers history best last dead"),
     Call("journal", "begins a new model"),
     Call("journal --json", "model events damaged"),
+    Call("history", "running"),
+    Call("history --json", "bucket trainings total damaged"),
     Call("spot watch --once", "belongs to no cloud", 3, NO_CLOUD),
     Call("summary", "training"),
     Call("summary --json", "folder prefix world workers bucket running versions gpus"),
@@ -101,6 +103,8 @@ FOLLOWING = [
 STOPPED = Call("stop-training", "Stopped the training of s3://bucket/model")
 
 AFTERWARDS = [
+    Call("saliency -n 1 --spacing 20 --html page.html", "Page: page.html"),
+    Call("saliency -n 1 --method hires-cam --json", "model checkpoint world steps lap"),
     Call("validate", "", 0, UNUSED),
     Call("validate --json", "ok skipped", 0, UNUSED),
     Call("reward check", ""),
@@ -111,6 +115,11 @@ AFTERWARDS = [
     Call("logs trainer -a", "Policy training> Surrogate loss="),
     Call("logs-robomaker", "Robomaker #1 is not running.", 1),
     Call("logs-sagemaker", "Sagemaker is not running.", 1),
+    Call("history show model", "Training"),
+    Call("history show model --json", "training record files saved"),
+    Call("history compare model model", "are equal"),
+    Call("history tree", "model"),
+    Call("logs reward", "has printed nothing yet", 1),
     Call("list-models", "model"),
     Call("list-models --json", "models"),
     Call("list-checkpoints", "last"),
@@ -119,6 +128,12 @@ AFTERWARDS = [
     Call("note list --json", "model notes"),
     Call("delete-model nothing", "There is no model nothing", 3),
     Call("delete-model model --dry-run --json", "bucket models size_bytes"),
+    Call("analyze", "Verdict:"),
+    Call("analyze --json", "iterations verdict advice complete_laps best_lap_s"),
+    Call("analyze compare model model", "model is named twice", 3),
+    Call("url-loganalysis", "There is no report of model", 1),
+    Call("start-loganalysis --no-open --json", "model html url"),
+    Call("url-loganalysis --json", "model html url"),
     Call("tidy --dry-run", ""),
     Call("tidy --dry-run --json", "bucket items busy"),
     Call("list-aws-models", ""),
@@ -142,7 +157,8 @@ AFTERWARDS = [
     Call("action-space from-histogram", "They cover"),
     Call("action-space from-lap nowhere.csv", "nowhere.csv cannot be read", 3),
     Call("action-space from-lap nowhere.csv --json", "nowhere.csv cannot be read", 3),
-    Call("bench --no-bucket", "training steps/s"),
+    Call("video nowhere.csv --gif", "nowhere.csv does not exist", 3),
+    Call("video nowhere.csv --gif --json", "nowhere.csv does not exist", 3),
     Call("bench --json --no-bucket", "number standard bucket busy_share"),
     Call("doctor", "s3://bucket"),
     Call("doctor --json", "folder seconds findings problems warnings exit_code"),
@@ -164,20 +180,33 @@ AFTERWARDS = [
     Call("completion install bash --json", "shell script"),
     Call("car status", "No car is named", 3),
     Call("car logout --car 127.0.0.1:9 --json", "car was_logged_in"),
-    Call("start-viewer -w 640 -h 480", "not available in this version", 7),
-    Call("update-viewer", "not available in this version", 7),
-    Call("view-stream", "not available in this version", 7),
-    Call("stop-viewer", "No viewer is running."),
-    Call("stop-viewer --json", "stopped"),
-    Call("start-metrics", "not available in this version", 7),
-    Call("stop-metrics", "No metrics server is running."),
-    Call("stop-metrics --json", "stopped"),
-    Call("start-loganalysis", "not available in this version", 7),
-    Call("logs-loganalysis", "not available in this version", 7),
-    Call("url-loganalysis", "not available in this version", 7),
+    Call("stop-viewer", "No console is running."),
+    Call("stop-viewer --json", "stopped pid"),
+    Call("start-viewer -w 640 -h 480 -q 75 -b true", "http://127.0.0.1:"),
+    Call("start-viewer --json", "url pid host port needs_token started"),
+    Call("console --no-open", "http://127.0.0.1:"),
+    Call("console --no-open --json", "url pid host port needs_token started"),
+    Call("update-viewer", "http://127.0.0.1:"),
+    Call("update-viewer --json", "url pid host port needs_token started"),
+    Call("view-stream -w 320 -h 240", "/stream?topic=/racecar/deepracer/kvs_stream&quality=75"),
+    Call("view-stream --json", "topic urls"),
+    Call("view-stream -t /none", "there is no topic /none", 2),
+    Call("logs-loganalysis", "No log analysis is running."),
+    Call("logs-loganalysis --json", "stopped"),
+    Call("start-metrics --port 70000", "must be at most 65535", 2),
+    Call("start-metrics --port 70000 --json", "must be at most 65535", 2),
+    Call("stop-metrics", "No TensorBoard is running."),
+    Call("stop-metrics --json", "stopped pid"),
     Call("stop-loganalysis", "No log analysis is running."),
     Call("stop-loganalysis --json", "stopped"),
-    Call("start-tournament", "DR_RACE_TYPE=HEAD_TO_MODEL", 7),
+    Call("race create Cup --laps 1", "Cup (cup)"),
+    Call("race edit cup --max-submissions 3", "Cup (cup)"),
+    Call("race submit cup --racer Ann", "Submitted checkpoint"),
+    Call("race show cup --json", "race state rules leaderboard queue runner submissions winner"),
+    Call("race list", "cup"),
+    Call("race delete cup -f --json", "race objects size_bytes"),
+    Call("start-tournament", "has no race in pairs", 3),
+    Call("start-tournament nothing --json", "There is no race nothing", 3),
     Call("droa-login --json", "DR_DROA_URL", 3),
     Call("droa-logout --json", "DR_DROA_URL", 3),
     Call("droa-list-models --json", "DR_DROA_URL", 3),
@@ -201,7 +230,7 @@ TRANSFERS = [
 ]
 
 EVALUATIONS = [
-    Call("evaluate -q", "laps"),
+    Call("evaluate -q", "checkpoint"),
     Call("evaluate --json", "prefix world checkpoint trials simtrace metrics completed"),
 ]
 INTERRUPTED = Call("evaluate", "Error: The evaluation was stopped.", 143, LONG)
@@ -348,7 +377,8 @@ def programs(shared_workspace: Any, forks: Any) -> Iterator[Programs]:
     called.has_aws()
     called.call(STARTED)
     called.can_upload()
-    space.wait_for(lambda: space.iterations() >= 1, "an iteration")
+    # After the second one, the simulation worker has told everything about the first.
+    space.wait_for(lambda: space.iterations() >= 2, "two iterations")
     followers = [(call, called.start(call)) for call in FOLLOWING]
     with asleep([space.pid_of("trainer"), space.pid_of("sim-0")]):
         called.in_turn(WHILE_TRAINING)

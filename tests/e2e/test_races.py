@@ -46,6 +46,10 @@ def test_a_model_is_trained_among_obstacles_and_raced_against_itself(workspace, 
     starts = [next(csv.DictReader(trace.read_text().splitlines())) for trace in (own, other)]
     assert float(starts[0]["Y"]) != pytest.approx(float(starts[1]["Y"]), abs=0.1)
     assert float(starts[1]["progress"]) < 0 < float(starts[0]["progress"])
+    beside = [trace.parents[1] / "recording.json" for trace in (own, other)]
+    colors = [json.loads(path.read_text()) for path in beside]
+    assert colors[0]["color"] == colors[1]["other_color"]
+    assert colors[1]["color"] == colors[0]["other_color"] == "Orange"
     assert len(json.loads((bucket / report["opponent"]["metrics"]).read_text())["metrics"]) == 1
     assert len(log_guru(workspace.log("sim-0")).episodes) == 4
 

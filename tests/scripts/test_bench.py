@@ -31,4 +31,4 @@ def test_an_unknown_benchmark_is_refused_with_the_known_ones():
     )
 
     assert done.returncode == 1
-    assert "'nonsense' is not a benchmark. Names: sim, learn," in done.stderr
+    assert "'nonsense' is not a benchmark. Names: analyze, sim, learn," in done.stderr

@@ -8,7 +8,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from drsim.car.car import CONTROL_HZ, CarBatch, CarParameters
+from drsim.car.car import CONTROL_HZ, CarBatch
+from drsim.car.car_parameters import CarParameters
 from drsim.fidelity.recordings import Recording
 
 

@@ -7,7 +7,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from drsim.episode.reward import load_reward_function
+from drsim.episode.load_reward import load_reward_function
 from drsim.episode.simulation import Simulation
 from drsim.track.worlds import load_track
 

@@ -18,7 +18,7 @@ import pytest
 
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drsim.episode.reward import load_reward_function
+from drsim.episode.load_reward import load_reward_function
 from drsim.episode.simulation import Simulation
 from drsim.track.worlds import load_track
 from written_commands import problem_of

@@ -418,7 +418,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(data)
 
-    do_GET = do_POST = do_PUT = do_DELETE = _serve  # noqa: N815
+    do_GET = do_POST = do_PUT = do_DELETE = _serve  # noqa: N815  names of http.server
 
     def handle_expect_100(self) -> bool:
         """Answer at once; S3 clients wait for it before they send a file."""

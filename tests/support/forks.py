@@ -13,7 +13,7 @@ PATIENCE_S = 90.0
 
 FORKING = """
 # FIRST
-import gc, json, os, sys
+import gc, importlib, json, os, sys
 import boto3, drcli.rewards.check, drcli.runs.plan, drcli.store.connect, drcli.checks.validate
 from drcli.cli.app import main
 from drcli.cli.command_line import load
@@ -25,6 +25,10 @@ for command in COMMANDS:
 gc.freeze()
 for line in sys.stdin:
     call = json.loads(line)
+    for name in call["modules"]:
+        if name not in sys.modules:
+            importlib.import_module(name)
+            gc.freeze()
     pid = os.fork()
     if pid == 0:
         os.chdir(call["folder"])
@@ -42,6 +46,18 @@ for line in sys.stdin:
     print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
 """
 """Runs each command line in a process of its own that has everything loaded when it begins."""
+
+FORMATS = ("torch", "drcli.formats.policy_engines")
+REPORTS = ("drcli.analysis.analysis", "drcli.analysis.outputs", "matplotlib.figure", "pandas")
+MODULES = {
+    "analyze": REPORTS,
+    "start-loganalysis": REPORTS,
+    "saliency": ("torch", "drcli.saliency.explain_model", "drsim.episode.simulation"),
+    "export": FORMATS,
+    "import": FORMATS,
+    "upload-car-zip": FORMATS,
+}
+"""What else the first of these commands loads, for those that follow."""
 
 
 class Forks:
@@ -80,13 +96,15 @@ class Forks:
         """What a command answered in a folder."""
         said = (self._folder / "out", self._folder / "err")
         call = {"arguments": arguments, "folder": str(folder), "environment": environment}
+        modules = MODULES.get(arguments[0], ()) if arguments else ()
         with self._lock:
             for path in said:
                 path.unlink(missing_ok=True)
             asked, answered = self._process.stdin, self._process.stdout
             assert asked is not None
             assert answered is not None
-            asked.write(json.dumps({**call, "said": [str(path) for path in said]}) + "\n")
+            more = {"said": [str(path) for path in said], "modules": modules}
+            asked.write(json.dumps({**call, **more}) + "\n")
             asked.flush()
             pid = int(answered.readline())
             ending = threading.Timer(self._patience_s, os.kill, (pid, signal.SIGKILL))

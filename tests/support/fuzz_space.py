@@ -236,10 +236,13 @@ class FuzzSpace:
         self._state = self._state_file.read_bytes()
 
     def _end_servers(self) -> None:
-        """End all servers of the folder, also those that no file names any more."""
+        """End all S3 servers of the folder, also those that no file names any more."""
+        self._end_processes(self.bucket.parent)
+
+    def _end_processes(self, folder: Path) -> None:
         for process in psutil.process_iter():
             with suppress(psutil.Error):
-                if str(self.bucket.parent) in " ".join(process.cmdline()):
+                if str(folder) in " ".join(process.cmdline()):
                     process.kill()
                     process.wait(10)
 
@@ -251,7 +254,7 @@ class FuzzSpace:
     def close(self) -> None:
         """End everything that runs."""
         self.forks.close()
-        self._end_servers()
+        self._end_processes(self.folder / "data")
 
     # What is where.
 
@@ -262,7 +265,7 @@ class FuzzSpace:
             for name in [*folders, *names]:
                 path = os.path.join(place, name)  # noqa: PTH118  ten times as fast
                 stat = os.lstat(path)
-                is_folder = name in folders and not os.path.islink(path)  # noqa: PTH114
+                is_folder = name in folders and not os.path.islink(path)  # noqa: PTH114  likewise
                 key = os.path.relpath(path, self.folder) + ("/" if is_folder else "")
                 found[key] = (
                     (stat.st_mode,)
@@ -281,6 +284,8 @@ class FuzzSpace:
     def restore(self) -> None:
         """Undo every change since the beginning."""
         self._revive_server()
+        if (figures := self.folder / "data" / "tensorboard").exists():
+            self._end_processes(figures)  # a TensorBoard that the example has started
         now = self._files()
         doomed: dict[str, list[str]] = {}
         keep = (".server.json", ".server.log", ".server.lock")

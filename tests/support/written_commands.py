@@ -45,7 +45,11 @@ def problem_of(line: str) -> str:
         if rest[0] in ("-h", "--help"):
             return ""
         if rest[0] not in command.commands:
-            return f"{words[0]} has no command {rest[0]}"
+            default = getattr(command, "default_command", "")
+            if not default:
+                return f"{words[0]} has no command {rest[0]}"
+            command = command.commands[default]
+            break
         command, rest = command.commands[rest[0]], rest[1:]
     options = {name: each for each in command.params for name in each.opts}
     return _unknown_option(rest, options, takes_any=bool(command.ignore_unknown_options))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.problems import Problem, ProblemsError
-from drcli.config.settings import RaceConfig
+from drcli.config.run_config import RaceConfig
 from drcli.workers.build_race import load_race, load_world
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.params import Situation, params_of

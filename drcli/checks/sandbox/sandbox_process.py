@@ -38,7 +38,8 @@ from drcli.checks.sandbox.sandbox_records import (
 )
 from drcli.checks.sandbox.side_effects import Effects, Originals, PrintCounter
 from drcli.store.keys import REWARD_FUNCTION_FILE
-from drsim.episode.reward import RewardFunction, RewardParams, checked_reward, load_reward_function
+from drsim.episode.load_reward import load_reward_function
+from drsim.episode.reward import RewardFunction, RewardParams, checked_reward
 from drsim.errors import RewardError
 
 FIRST_PASS_S, OTHER_PASS_S = 20.0, 4.0

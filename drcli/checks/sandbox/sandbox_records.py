@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.base.problems import Problem
-from drcli.config.settings import RaceConfig
+from drcli.config.run_config import RaceConfig
 
 FAULTS_FILE = "faults.txt"
 """Output of Python when it ends the process: stacks, or the traceback of an exception."""

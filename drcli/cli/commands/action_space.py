@@ -281,8 +281,8 @@ def _report(
 
 def _drawn(out: Path, space: "ActionSpace", actions: Sequence["ChosenAction"], path: Path) -> str:
     from drcli.base.atomic_file import rewrite
+    from drcli.base.replaceable import refuse_replacing
     from drcli.rewards.action_picture import draw_actions
-    from drcli.rewards.pictures import refuse_replacing
 
     refuse_replacing(out)
     shares = [action.share for action in actions if action.share is not None]

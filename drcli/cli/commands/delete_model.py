@@ -2,6 +2,8 @@
 
 from typing import Annotated
 
+import typer
+
 from drcli.base.errors import SettingsError
 from drcli.cli import console, prompts
 from drcli.cli.options import AsJson, DryRun, Force, KeepModels, models_argument
@@ -15,22 +17,28 @@ def delete_model(
         models_argument("MODEL...", "Prefixes of models, or patterns with * and ?."),
     ],
     keep: KeepModels = None,
+    forget: Annotated[
+        bool,
+        typer.Option("--forget", help="Delete the records of their trainings, too (dr-history)."),
+    ] = False,
     force: Force = False,
     dry_run: DryRun = False,
     as_json: AsJson = False,
 ) -> None:
     """Delete models from the bucket, with all their traces.
 
-    Deletes checkpoints, metrics, traces, logs, notes, rollouts and the records of runs, in the
-    bucket and on this machine. Shows first what would go and how large it is, and asks. A model
-    that is being trained on any machine, or evaluated on this one, is never deleted.
+    Deletes checkpoints, metrics, traces, logs, notes, rollouts, the records of runs and the report
+    of dr-start-loganalysis, in the bucket and on this machine. Shows first what would go and how
+    large it is, and asks. A model that is being trained on any machine, or evaluated on this one,
+    is never deleted. What dr-history shows stays, unless --forget is given, and so do files that
+    dr-video, dr-analyze and others wrote elsewhere.
 
     Example: dr-delete-model "old/*" --keep old/fast --dry-run
     """
     from drcli.runs.model_removal import plan_removal, remove_models
 
     loaded = settings()
-    planned = plan_removal(loaded, models, keep or (), dry_run=dry_run)
+    planned = plan_removal(loaded, models, keep or (), dry_run=dry_run, forget=forget)
     if not planned.traces:
         raise SettingsError(
             "--keep leaves nothing to delete.", remedy="Leave it out, or name other models."

@@ -99,6 +99,10 @@ def evaluate(
     max_lap_seconds: options.MaxLapSeconds = None,
     average_laps: options.AverageLaps = None,
     seed: options.Seed = None,
+    video: Annotated[
+        bool | None,
+        typer.Option("--video/--no-video", help="Make videos of it (DR_EVAL_SAVE_MP4)."),
+    ] = None,
     robust: Annotated[
         bool,
         typer.Option(
@@ -130,6 +134,10 @@ def evaluate(
     car. With --model a file drives, without any model in the bucket; its model_metadata.json lies
     beside it, inside of it, or is named by --metadata.
 
+    --video also makes videos: mp4/camera-pip/0-video.mp4 in the model shows the view from behind
+    with what the car sees, camera-45degree and camera-topview the same without anything over it.
+    `dr-video` makes others of the same laps.
+
     --robust drives one lap from several starts under each level of light, glare, noise, latency,
     grip and more, and shows what broke the model. --models and --worlds drive several models on
     several tracks on all cores, and show the command that trains on from the best. --loop drives
@@ -160,6 +168,7 @@ def evaluate(
         models=models,
         worlds=worlds,
         own=own,
+        video=bool(video),
     )
     loaded = settings()
     if opponent_chosen is not None and loaded.race_type != "HEAD_TO_MODEL":
@@ -174,6 +183,7 @@ def evaluate(
         DR_EVAL_REVERSE_DIRECTION=reverse,
         DR_EVAL_MAX_LAP_SECONDS=max_lap_seconds,
         DR_EVAL_AVERAGE_LAPS=average_laps,
+        DR_EVAL_SAVE_MP4=video,
     )
     if many:
         asked = Many(options.listed(models), options.listed(worlds), robust, seed, own)
@@ -211,6 +221,7 @@ def _check_modes(
     models: str | None,
     worlds: str | None,
     own: PolicySource,
+    video: bool,
 ) -> None:
     """Refuse options that do not fit each other.
 
@@ -221,6 +232,8 @@ def _check_modes(
         raise typer.BadParameter("--loop drives one model on one track; leave out the others.")
     if loop and own.file is not None:
         raise typer.BadParameter("--loop follows a model in the bucket, but --model drives a file.")
+    if many and video:
+        raise typer.BadParameter("--video films a single evaluation; film others with `dr-video`.")
     if (loop or many) and clone:
         raise typer.BadParameter("-c copies a model for a single evaluation only.")
     if many and opponent is not None:

@@ -23,8 +23,7 @@ from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
     from drcli.base.problems import Problem
-    from drcli.config.settings import RaceConfig, Settings
-    from drcli.formats.graph_comparison import GraphComparison
+    from drcli.config.settings import Settings
     from drcli.models.export_car import CarExport
     from drcli.models.export_model import ExportSource
 
@@ -146,19 +145,10 @@ def upload_car_zip(
 
 def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExport":
     """The archive of a checkpoint, checked."""
-    from drcli.models.export_car import export_car
+    from drcli.runs.car_archive_on_drive import made_car_archive
 
     with console.waiting("Writing the graph and comparing it with the weights on a drive ..."):
-        return export_car(loaded, source, file_name, _compare)
-
-
-def _compare(race: "RaceConfig", source: "ExportSource", graph: bytes) -> "GraphComparison":
-    from drcli.models.export_car import FRAMES
-    from drcli.workers.compare_on_drive import compare_on_drive
-
-    return compare_on_drive(
-        race, source.design, source.weights, source.chosen.name, graph, frames=FRAMES
-    )
+        return made_car_archive(loaded, source, file_name)
 
 
 def _check(path: Path, *, as_json: bool) -> None:

@@ -184,6 +184,11 @@ def init(
     sourced = has_activate_script(plan.folder)
     if ready_made is not None:
         console.say(f"{report.model} is the ready-made model {ready_made.name}.")
+        if chosen is not None:
+            console.say(
+                f"Of the preset {chosen.name} only the settings are used: the reward function, the "
+                "actions and the hyperparameters are those of the model."
+            )
     steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
     after = _AFTER_FILES if ready_made is None else _AFTER_MODEL
     console.suggest([*steps, *after], elsewhere=True)

@@ -1,14 +1,21 @@
 """`dr logs`."""
 
 import re
-from typing import Annotated
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drcli.base.errors import Absent
+from drcli.base.errors import Absent, SettingsError, StorageError
 from drcli.cli import candidates, console
 from drcli.cli.log_tail import show_log
+from drcli.cli.show_uploaded_log import follow_uploaded_log, show_uploaded_log
 from drcli.cli.working_folder import settings, working_folder
+
+if TYPE_CHECKING:
+    from drcli.config.settings import Settings
+    from drcli.runs.uploaded_log import UploadedLog
 
 TAIL_LINES = 20
 
@@ -18,53 +25,188 @@ def logs(
         str,
         typer.Argument(
             metavar="WHO",
-            help="sim, trainer, supervisor or evaluation.",
+            help="sim, trainer, supervisor, evaluation or reward.",
             autocompletion=candidates.workers,
         ),
     ] = "sim",
     number: Annotated[
         int,
         typer.Option(
-            "-n", "--number", metavar="N", help="Number of the sim worker, from 0.", min=0
+            "-n",
+            "--number",
+            metavar="N",
+            help="Number of the sim worker, from 0, for sim and reward.",
+            min=0,
         ),
     ] = 0,
+    lines: Annotated[
+        int | None,
+        typer.Option(
+            "-l",
+            "--lines",
+            metavar="N",
+            min=0,
+            help=f"Begin with the last N lines; {TAIL_LINES} unless --since is given.",
+        ),
+    ] = None,
+    since: Annotated[
+        str | None,
+        typer.Option(
+            "--since",
+            metavar="WHEN",
+            help="Begin at a time (UTC) such as 2026-11-22T09:30, or an age such as 30m or 2h.",
+        ),
+    ] = None,
     follow: Annotated[
         bool, typer.Option("-f", "--follow", help="Follow the log until Ctrl-C.")
     ] = False,
     whole: Annotated[
         bool, typer.Option("-a", "--all", help="Show the whole log instead of the last lines.")
     ] = False,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json-lines", help="Show its JSON lines, one object for each record."),
+    ] = False,
+    uploaded: Annotated[
+        bool,
+        typer.Option("--uploaded", help="Read the copy in the bucket although there is a log."),
+    ] = False,
 ) -> None:
-    """Show a worker's log.
+    """Show a worker's log, or what the reward function prints.
 
-    Exits 1 when there is no log yet.
+    dr-logs reward shows only what the reward function prints in a simulation worker, and its
+    failures; dr-logs reward-evaluation shows the same for evaluations. --json-lines needs
+    DR_LOG_JSON=True at the start of the training. If the log is not on this machine, its copy in
+    the bucket is read, which a training uploads every five minutes and at its end. Exits 1 when
+    there is no log yet.
 
-    Example: dr-logs trainer -f
+    Example: dr-logs reward -f
     """
-    from drcli.runs.run_logs import log_file
+    from drcli.exchange.log_places import json_log, log_file
 
     loaded, name = settings(), _name(worker, number)
+    if whole and lines is not None:
+        raise typer.BadParameter("--all and --lines exclude each other.")
+    if as_json and name.startswith("reward"):
+        raise _no_json_lines(name)
+    begin = _begin(since, name)
+    count = lines if lines is not None or whole or begin is not None else TAIL_LINES
     path = log_file(working_folder(), loaded.model_prefix, name)
-    if not path.exists():
-        if not follow:
-            raise Absent(f"There is no log yet: {path}.", remedy=_remedy(name, loaded.workers))
+    path = json_log(path) if as_json else path
+    if not uploaded and path.exists():
+        show_log(path, count, lambda: follow, since=begin)
+        return
+    copy = _copy(loaded, name, path.name, keep_waiting=follow and not uploaded)
+    if copy is not None:
+        try:
+            _show_copy(copy, path, count, begin, follow=follow, uploaded=uploaded)
+        except KeyboardInterrupt:
+            return
+        if not follow or uploaded:
+            return
+        count = None  # the log has appeared here: all of it is new
+    elif not follow or uploaded:
+        raise _absent(loaded, name, path, as_json=as_json, uploaded=uploaded)
+    else:
         console.say(f"Waiting for {path} ...")
-    show_log(path, None if whole else TAIL_LINES, lambda: follow)
+    show_log(path, count, lambda: follow)
+
+
+def _show_copy(
+    copy: "UploadedLog",
+    path: Path,
+    count: int | None,
+    since: datetime | None,
+    *,
+    follow: bool,
+    uploaded: bool,
+) -> None:
+    """Show the copy in the bucket, and follow it until the log itself appears here."""
+    reason = "" if uploaded else f"{path} does not exist. "
+    when = copy.uploaded.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S")
+    console.say(f"{reason}Reading s3://{copy.bucket.name}/{copy.key}, uploaded {when} UTC.")
+    shown = show_uploaded_log(copy, count, since)
+    if follow:
+        follow_uploaded_log(copy, shown, lambda: not uploaded and path.exists())
+
+
+def _copy(loaded: "Settings", name: str, file: str, *, keep_waiting: bool) -> "UploadedLog | None":
+    """The copy of the log in the bucket; None if there is none.
+
+    Who waits for the log of a training does without a bucket that does not answer.
+    """
+    from drcli.runs.uploaded_log import find_uploaded
+    from drcli.store.connect import open_running_bucket
+
+    try:
+        bucket = open_running_bucket(loaded.storage)
+        return None if bucket is None else find_uploaded(bucket, loaded.model_prefix, name, file)
+    except StorageError as error:
+        if not keep_waiting:
+            raise
+        console.warn(f"The copy in the bucket could not be read: {error}")
+        return None
+
+
+def _begin(since: str | None, name: str) -> datetime | None:
+    """The time that --since means."""
+    if since is None:
+        return None
+    if name.startswith("reward"):
+        raise SettingsError(
+            f"{name} has no times: it contains what the reward function prints, unchanged.",
+            remedy="Leave out --since. With DR_LOG_JSON=True, "
+            f"`dr-logs {_worker_of(name)} --json-lines --since {since}` has the prints, too.",
+        )
+    from drcli.base.moments import moment
+
+    return moment("--since", since, datetime.now(UTC))
+
+
+def _worker_of(name: str) -> str:
+    """The worker whose prints a log has."""
+    worker = name.removeprefix("reward-")
+    return f"sim-{worker}" if worker.isdecimal() else worker
+
+
+def _no_json_lines(name: str) -> SettingsError:
+    return SettingsError(
+        f"{name} has no JSON lines of its own.",
+        remedy="Those of the worker have its prints, with the event `print`: "
+        f"`dr-logs {_worker_of(name)} --json-lines`.",
+    )
+
+
+def _absent(loaded: "Settings", name: str, path: Path, *, as_json: bool, uploaded: bool) -> Absent:
+    remedy = _remedy(name, loaded.workers)
+    if as_json and not loaded.log_json:
+        remedy = "Set DR_LOG_JSON=True in system.env, and start or resume the training."
+    if uploaded:
+        where = f"s3://{loaded.bucket}/{loaded.model_prefix} has no copy of {path.name}."
+        return Absent(where, remedy="Leave out --uploaded to read the log of this machine.")
+    return Absent(f"There is no log yet: {path}.", remedy=remedy)
 
 
 def _name(worker: str, number: int) -> str:
-    if worker == "sim":
-        return f"sim-{number}"
-    if worker in candidates.LOGS or re.fullmatch(r"sim-\d+", worker):
+    if worker in ("sim", "reward"):
+        return f"{worker}-{number}"
+    if worker in candidates.LOGS or re.fullmatch(r"(sim|reward)-\d+|reward-evaluation", worker):
         return worker
     raise typer.BadParameter(f"'{worker}' is not one of {', '.join(candidates.LOGS)}.")
 
 
 def _remedy(name: str, workers: int) -> str:
+    if name == "reward-evaluation":
+        return (
+            "Nothing was printed: evaluations call your reward function only with "
+            "DR_EVAL_DEBUG_REWARD=True."
+        )
     if name == "evaluation":
         return "Start an evaluation with `dr-evaluate`, or add -f to wait for one."
     kind, _, number = name.partition("-")
-    if kind == "sim" and int(number) >= workers:
+    if kind in ("sim", "reward") and int(number) >= workers:
         there = "is only worker 0" if workers == 1 else f"are workers 0 to {workers - 1}"
         return f"There {there}: DR_WORKERS is {workers}."
+    if kind == "reward":
+        return "The reward function has printed nothing yet, or no training was started."
     return "Start a training with `dr-start-training`, or add -f to wait for one."

@@ -223,9 +223,9 @@ def _resume_or_start(loaded: "Settings", options: "StartOptions", how: _How, *, 
 
 def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int:
     """Start what is planned, and show it until its end; returns the exit code."""
+    from drcli.exchange.log_places import log_file
     from drcli.runs import training
     from drcli.runs.plan import RunPlan
-    from drcli.runs.run_logs import log_file
     from drcli.runs.status import inspect
 
     quiet, verbose, foreground, as_json = how.quiet, how.verbose, how.foreground, how.as_json

@@ -1,5 +1,7 @@
 """`dr stop-training`, `dr stop-evaluation` and `dr stop-all`."""
 
+from dataclasses import replace
+
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.cli import console
 from drcli.cli.options import AsJson
@@ -76,16 +78,19 @@ def stop_evaluation(as_json: AsJson = False) -> None:
 def stop_all(as_json: AsJson = False) -> None:
     """Stop everything that was started in this folder.
 
-    Stops the trainings and evaluations of every DR_RUN_ID, then the folder's local S3 server. What
-    was learned so far stays in the bucket. Does nothing when nothing is running.
+    Stops the console, the trainings and evaluations of every DR_RUN_ID, and the folder's local S3
+    server. What was learned so far stays in the bucket. Does nothing when nothing is running.
 
     Example: dr-stop-all
     """
     from drcli.runs import stopping
+    from drcli.web.viewer_process import stop_viewer
 
     folder = working_folder()
     if not (folder / "data").exists():  # nothing was ever started here
         settings()  # raises an error in a folder that is no working folder
     with console.waiting("Stopping everything that was started in this folder ..."):
+        viewer = stop_viewer(folder)  # first: an open page would start the S3 server again
         report = stopping.stop_all(folder, lambda: settings().storage)
+        report = replace(report, viewer=viewer is not None)
     console.emit(report, summary_view.stopped(report), as_json=as_json)

@@ -44,7 +44,7 @@ def milestone_lines(milestones: "Iterable[MilestoneEntry]") -> list[str]:
     """A line for each milestone."""
     return [
         f"{entry.word}: checkpoint {entry.checkpoint.partition('_')[0]}, "
-        f"{entry.laps} of {entry.episodes} laps, best {entry.best_lap_s:.2f} s"
+        f"{entry.laps} of {counted(entry.episodes, 'lap')}, best {entry.best_lap_s:.2f} s"
         f"{'' if entry.kept else ' (deleted)'}"
         for entry in milestones
     ]

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from drcli.cli.views.layout import Rows
+from drcli.cli.views.layout import Rows, counted
 
 if TYPE_CHECKING:
     from drcli.runs.evaluation_report import EvaluationReport
@@ -15,10 +15,15 @@ def evaluation(report: "EvaluationReport") -> RenderableType:
     """The trials of an evaluation, and the sentence that sums them up."""
     other = report.opponent
     if other is None:
-        return Group(_trials(report), _bold(_laps(report)))
+        return Group(_trials(report), _bold(_laps(report)), *_videos(report))
     cars = (_bold(_name(report)), _trials(report), _bold(_name(other)), _trials(other))
     result = (_laps(report), _laps(other), _winner(report, other))
-    return Group(*cars, *map(_bold, result))
+    return Group(*cars, *map(_bold, result), *_videos(report), *_videos(other))
+
+
+def _videos(report: "EvaluationReport") -> list[Text]:
+    """Where the film with everything over it is."""
+    return [Text(f"Video: {key}") for key in report.videos[-1:]]
 
 
 def _name(report: "EvaluationReport") -> str:
@@ -58,7 +63,7 @@ def _laps(report: "EvaluationReport") -> str:
         driver = f"checkpoint {driver} of {report.prefix}"
     engine = "" if report.runtime == "torch" else f" with --runtime {report.runtime}"
     return (
-        f"{report.completed} of {len(report.trials)} laps{best}, "
+        f"{report.completed} of {counted(len(report.trials), 'lap')}{best}, "
         f"{driver}{engine} on {report.world}."
     )
 

@@ -38,7 +38,16 @@ def planned(report: "RemovalReport") -> RenderableType:
     names = ("model", "ckpts", "objects", "size", "local files", "modified")
     title = Text(f"s3://{report.bucket}", style="bold")
     total = Text(f"{counted(len(rows), 'model')}, {decimal(report.size_bytes)} in the bucket.")
-    return Group(title, Rows(names, rows, left=("model", "modified")), total)
+    return Group(title, Rows(names, rows, left=("model", "modified")), total, *_records(report))
+
+
+def _records(report: "RemovalReport") -> list[Text]:
+    if not report.records:
+        return []
+    what = counted(report.records, "record")
+    if report.forgotten:
+        return [Text(f"Also {what} in dr-history.")]
+    return [Text(f"{what} in dr-history will stay.")]
 
 
 def removed(report: "RemovalReport") -> RenderableType:

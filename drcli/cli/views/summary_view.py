@@ -63,6 +63,8 @@ def stopped(report: "StopReport") -> str:
     lines = _ended(report)
     if report.server:
         lines.append("Stopped the local S3 server; objects stay.")
+    if report.viewer:
+        lines.append("Stopped the console.")
     return "\n".join(lines) or "Nothing is running."
 
 

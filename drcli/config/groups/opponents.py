@@ -6,7 +6,8 @@ from drcli.config.checkpoint_words import OptionalCheckpointText
 from drcli.config.fields import Group, setting
 from drcli.config.value_types import ObjectKey, Positions
 
-_OVERLAY = "only visible in videos, which drcli does not record"
+_SHELL = "videos show one shell in all colours"
+_OVERLAY = "nothing shows it"
 
 
 class ObstacleSettings(Group, title="Obstacles"):
@@ -89,7 +90,7 @@ class OpponentSettings(Group, title="Opponent of HEAD_TO_MODEL"):
         "Its checkpoint, as for DR_EVAL_CHECKPOINT; if empty, the same word or number as that.",
     )
     eval_opp_car_body_shell_type: str = setting(
-        "DR_EVAL_OPP_CAR_BODY_SHELL_TYPE", "deepracer", "Body of its car.", ignored=_OVERLAY
+        "DR_EVAL_OPP_CAR_BODY_SHELL_TYPE", "deepracer", "Body of its car.", ignored=_SHELL
     )
     eval_opp_car_name: str = setting(
         "DR_EVAL_OPP_CAR_NAME", "FasterCar", "Name of its car.", ignored=_OVERLAY
@@ -101,7 +102,9 @@ class OpponentSettings(Group, title="Opponent of HEAD_TO_MODEL"):
         ignored=_OVERLAY,
     )
     eval_opp_racer_name: str = setting(
-        "DR_EVAL_OPP_RACER_NAME", "$DR_EVAL_OPP_CAR_NAME", "Name of its racer.", ignored=_OVERLAY
+        "DR_EVAL_OPP_RACER_NAME",
+        "$DR_EVAL_OPP_CAR_NAME",
+        "Name of its racer, which its videos show.",
     )
     eval_opp_s3_metrics_prefix: ObjectKey = setting(
         "DR_EVAL_OPP_S3_METRICS_PREFIX",
@@ -112,5 +115,4 @@ class OpponentSettings(Group, title="Opponent of HEAD_TO_MODEL"):
         "DR_EVAL_OPP_MODEL_PREFIX",
         "$DR_EVAL_OPP_S3_MODEL_PREFIX",
         "Folder of its videos.",
-        ignored=_OVERLAY,
     )

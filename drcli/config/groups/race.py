@@ -7,7 +7,7 @@ from drcli.config.checkpoint_words import CheckpointText
 from drcli.config.fields import Group, setting
 from drcli.config.value_types import Colour, Gpus, OptionalWorldName, StartOffset, WorldName
 
-_VIDEO = "only visible in videos, which drcli does not record"
+_SHELL = "videos show one shell in all colours"
 _FULL_SPEED = "the simulation always runs as fast as the processor allows"
 
 
@@ -46,11 +46,15 @@ class RaceSettings(Group, title="Race and car"):
     )
     car_name: str = setting("DR_CAR_NAME", "FastCar", "Name of the car.")
     car_body_shell_type: str = setting(
-        "DR_CAR_BODY_SHELL_TYPE", "deepracer", "Body of the car.", ignored=_VIDEO
+        "DR_CAR_BODY_SHELL_TYPE", "deepracer", "Body of the car.", ignored=_SHELL
     )
-    car_color: Colour = setting("DR_CAR_COLOR", "Red", "Colour of the car.", ignored=_VIDEO)
+    car_color: Colour = setting(
+        "DR_CAR_COLOR", "Red", "Colour of the car in videos.", cosmetic=True
+    )
     display_name: str = setting("DR_DISPLAY_NAME", "$DR_CAR_NAME", "Name shown for the car.")
-    racer_name: str = setting("DR_RACER_NAME", "$DR_CAR_NAME", "Name of the racer.")
+    racer_name: str = setting(
+        "DR_RACER_NAME", "$DR_CAR_NAME", "Name of the racer, which videos show."
+    )
     enable_domain_randomization: bool = setting(
         "DR_ENABLE_DOMAIN_RANDOMIZATION",
         False,
@@ -334,8 +338,10 @@ class EvaluationSettings(Group, title="Evaluation"):
     eval_save_mp4: bool = setting(
         "DR_EVAL_SAVE_MP4",
         False,
-        "Keep videos of the evaluation.",
-        planned="videos are not recorded",
+        "Make videos of each evaluation: with map and camera, from behind, and from above.",
+    )
+    eval_video_size: Literal["640x480", "1280x720"] = setting(
+        "DR_EVAL_VIDEO_SIZE", "640x480", "Size of these videos, pixels."
     )
     eval_debug_reward: bool = setting(
         "DR_EVAL_DEBUG_REWARD",

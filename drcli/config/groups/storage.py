@@ -48,12 +48,6 @@ class BucketSettings(Group, title="Bucket", file="system.env"):
         "Minutes without a request after which that program (rclone) exits; 0 for never.",
         low=0,
     )
-    log_max_mb: int = setting(
-        "DR_LOG_MAX_MB",
-        512,
-        "Maximum size of one worker's log in MB, older parts included.",
-        low=16,
-    )
     experiment_name: FolderName = setting(
         "DR_EXPERIMENT_NAME",
         "",

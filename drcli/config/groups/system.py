@@ -12,10 +12,9 @@ DOCKER = "no containers are used"
 WINDOW = "drcli opens no window and needs no X server"
 _STREAM = "no camera stream is published"
 DERIVED = "the activation script of DeepRacer-for-Cloud sets it for its containers"
-_REAL_TIME = "metrics are written to the bucket only"
 
 
-class ContainerSettings(Group, title="Containers and logs", file="system.env", ignored=DOCKER):
+class ContainerSettings(Group, title="Containers", file="system.env", ignored=DOCKER):
     """Images and containers."""
 
     simapp_source: str = setting(
@@ -46,12 +45,6 @@ class ContainerSettings(Group, title="Containers and logs", file="system.env", i
         "",
         "GPUs of the simulation.",
         ignored="the simulation uses no GPU",
-    )
-    cloud_watch_enable: bool = setting(
-        "DR_CLOUD_WATCH_ENABLE", False, "Send logs to CloudWatch.", planned="logs stay here"
-    )
-    cloud_watch_log_stream_prefix: str = setting(
-        "DR_CLOUD_WATCH_LOG_STREAM_PREFIX", "", "Name of those logs.", ignored="logs stay here"
     )
     quiet_activate: bool = setting(
         "DR_QUIET_ACTIVATE",
@@ -94,24 +87,11 @@ class ScreenSettings(
     enable_extra_kvs_overlay: bool = setting(
         "DR_ENABLE_EXTRA_KVS_OVERLAY", False, "More text in the picture."
     )
-    webviewer_port: int = setting(
-        "DR_WEBVIEWER_PORT",
-        8100,
-        "Port of the viewer.",
-        between=(1, 65_535),
-        ignored="there is no viewer",
-    )
 
 
 class ServiceSettings(Group, title="Services", file="system.env"):
     """Services during the training."""
 
-    telegraf_host: str = setting(
-        "DR_TELEGRAF_HOST", "", "Host that takes metrics.", planned=_REAL_TIME
-    )
-    telegraf_port: int = setting(
-        "DR_TELEGRAF_PORT", 8092, "Port on that host.", between=(1, 65_535), ignored=_REAL_TIME
-    )
     import_model_regular_upload: bool = setting(
         "DR_IMPORT_MODEL_REGULAR_UPLOAD",
         False,

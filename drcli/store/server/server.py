@@ -284,6 +284,11 @@ def _choose_port(config: StorageConfig, state: ServerState | None) -> int:
         died = state.pid is not None
         if wait_until(lambda: is_free(state.port), patience_s=_RELEASE_PATIENCE_S if died else 0.0):
             return state.port
+    return free_port()
+
+
+def free_port() -> int:
+    """A port on which no program of this machine listens."""
     while True:
         port = secrets.choice(_PORTS)
         if is_free(port):
@@ -291,7 +296,7 @@ def _choose_port(config: StorageConfig, state: ServerState | None) -> int:
 
 
 def is_free(port: int) -> bool:
-    """Whether the local server could listen on a port."""
+    """Whether a server for this machine only could listen on a port."""
     with socket.socket() as test:
         # Like the server: connections that are being closed do not block the port.
         test.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

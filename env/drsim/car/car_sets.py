@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from drsim.car.car import CarParameters
+from drsim.car.car_parameters import CarParameters
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,5 @@
-"""The user's reward function: load it, call it with a deadline, name the line that failed."""
+"""Calls a user's reward function with a deadline, and names the line that failed."""
 
-import importlib.util
-import inspect
-import linecache
 import math
 import os
 import sys
@@ -10,8 +7,9 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from itertools import repeat
 from pathlib import Path
-from types import CodeType, FrameType, ModuleType
-from typing import Any, NoReturn
+from time import perf_counter  # the function itself: users' code may replace `time.perf_counter`
+from types import FrameType
+from typing import Any, NamedTuple, NoReturn
 
 from drsim.episode.reward_deadline import DeadlinePassed, alarm, end_copy_of
 from drsim.episode.reward_errors import (
@@ -37,47 +35,28 @@ REWARD_DEADLINE_S = 5.0
 REWARD_LIMIT = 1e5
 """Rewards beyond +-1e5 end the run. Source: the reference simulator."""
 
-_IMPORT_DEADLINE_S = 60.0
-"""Importing scientific packages may take seconds; this ends an endless loop in the file."""
 
-_FUNCTION_NAME = "reward_function"
-_MODULE_NAME = "_drsim_reward_function"
+USER_MODULE = "_drsim_reward_function"
+"""Name of the module that a user's file becomes."""
 
 
-def load_reward_function(path: Path) -> RewardFunction:
-    """Load `reward_function` from a user's file.
+class Rewarded(NamedTuple):
+    """What calls of reward functions returned, in their order.
 
-    The file becomes a module with a private name; its folder is not added to the import path. Its
-    global variables live as long as the process, across episodes. Call the function through
-    `checked_reward`.
-
-    Raises:
-        RewardError: The file is missing, does not parse, fails while it is imported, or has no
-            function `reward_function` that takes one argument and returns a value.
+    Attributes:
+        rewards: The rewards.
+        seconds: Wall time of each call.
     """
-    text = _read(path)
-    try:
-        code = compile(text, str(path), "exec")
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        _raise_syntax(path, error)
-    module = _run_module(path, code)
-    function = getattr(module, _FUNCTION_NAME, None)
-    if not callable(function):
-        what = (
-            f"{path} defines no function `{_FUNCTION_NAME}`. Add `def {_FUNCTION_NAME}(params):`."
-        )
-        raise _refused(what, path, None, kind="signature")
-    _check_arity(path, function)
-    _check_kind(path, function)
-    checked: RewardFunction = function
-    return checked
+
+    rewards: list[float]
+    seconds: list[float]
 
 
 def checked_reward(
     function: RewardFunction, params: RewardParams, deadline_s: float = REWARD_DEADLINE_S
 ) -> float:
     """Call a reward function once, guarded as in `checked_rewards`."""
-    return checked_rewards(function, [params], deadline_s)[0]
+    return checked_rewards(function, [params], deadline_s).rewards[0]
 
 
 def checked_rewards(
@@ -85,8 +64,9 @@ def checked_rewards(
     calls: Iterable[RewardParams],
     deadline_s: float = REWARD_DEADLINE_S,
     on_error: OnRewardError | None = None,
-) -> list[float]:
-    """Call a reward function once for each car.
+    now: Callable[[], float] = perf_counter,
+) -> Rewarded:
+    """Call a reward function once for each car, and measure how long each call takes.
 
     The deadline uses a timer signal, so it exists only in the main thread and only where the system
     has such timers. A function that swallows the exceptions raised at its deadline and goes on for
@@ -96,22 +76,26 @@ def checked_rewards(
     `functions` are the user's function, or one for each call; it may keep and alter its parameters.
     One call may take `deadline_s`. The rewards are in the order of the calls. `on_error` decides
     about failures; without it, the first one ends the calls. A call that did not return in time
-    always ends them: it was interrupted anywhere, and the next one takes as long.
+    always ends them: it was interrupted anywhere, and the next one takes as long. `now` is the
+    clock of the measurement, in seconds.
 
     Raises:
         RewardError: The function raised, did not return in time, or returned something that is not
             a finite number within +-1e5.
     """
     rewards: list[float] = []
+    seconds: list[float] = []
     process = os.getpid()
     each = repeat(functions) if callable(functions) else functions
-    with alarm(deadline_s, partial(_end_for, _late(deadline_s))) as clock:
+    with alarm(deadline_s, partial(end_for, _late(deadline_s))) as clock:
         for params, function in zip(calls, each, strict=False):
             try:
                 clock.begin()
+                begun_s = now()
                 try:
                     value = function(params)
                 finally:
+                    took_s = now() - begun_s
                     end_copy_of(process)
                 # Most functions return a float within the limits: one comparison, no call.
                 if type(value) is not float or not -REWARD_LIMIT <= value <= REWARD_LIMIT:
@@ -126,7 +110,8 @@ def checked_rewards(
                     raise failure from failure.__cause__
                 value = on_error(len(rewards), failure)
             rewards.append(value)
-    return rewards
+            seconds.append(took_s)
+    return Rewarded(rewards, seconds)
 
 
 def as_number(value: object) -> float | None:
@@ -166,100 +151,6 @@ class _NoRewardError(Exception):
         self.kind = kind
 
 
-def _read(path: Path) -> str:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        what = f"The reward function cannot be read: {path} ({error.strerror})."
-        raise _refused(what, path, None) from error
-    try:
-        return data.decode("utf-8-sig")  # editors on Windows begin files with a byte order mark
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        what = f"contains byte 0x{data[error.start]:02x}, which is not UTF-8"
-        raise _refused(f"The reward function{place(path, line)} {what}.", path, line) from error
-
-
-def _run_module(path: Path, code: CodeType) -> ModuleType:
-    spec = importlib.util.spec_from_loader(_MODULE_NAME, loader=None, origin=str(path))
-    if spec is None:  # never for a spec without a loader, but the signature allows it
-        raise _refused(f"{path} cannot become a module.", path, None)
-    module = importlib.util.module_from_spec(spec)
-    module.__file__ = str(path)
-    # Dataclasses and pickling look their module up by name.
-    sys.modules[_MODULE_NAME] = module
-    linecache.checkcache(str(path))
-    process = os.getpid()
-    try:
-        with alarm(_IMPORT_DEADLINE_S, partial(_end_for, "its import does not end")) as clock:
-            clock.begin()
-            try:
-                exec(code, module.__dict__)
-            finally:
-                end_copy_of(process)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        line = line_in(str(path), error.__traceback__)
-        what = "it does not end" if isinstance(error, DeadlinePassed) else described(error)
-        raise _refused(
-            f"The reward function{place(path, line)} fails while it is imported: {what}.",
-            path,
-            line,
-        ) from error
-    return module
-
-
-def _check_arity(path: Path, function: Callable[..., Any]) -> None:
-    try:
-        inspect.signature(function).bind({})
-    except (TypeError, ValueError) as error:  # some functions in C cannot tell
-        code = code_of(function)
-        line = code.co_firstlineno if code is not None else None
-        what = "must take exactly one argument, params"
-        refusal = f"`{_FUNCTION_NAME}`{place(path, line)} {what}."
-        raise _refused(refusal, path, line, kind="signature") from error
-
-
-def _check_kind(path: Path, function: Callable[..., Any]) -> None:
-    """Refuse a function whose body does not run when it is called."""
-    if inspect.iscoroutinefunction(function) or inspect.isasyncgenfunction(function):
-        why = "begins with `async`"
-    elif inspect.isgeneratorfunction(function):
-        why = "contains `yield`"
-    else:
-        return
-    line = function.__code__.co_firstlineno
-    raise _refused(
-        f"`{_FUNCTION_NAME}`{place(path, line)} {why}, so calling it does not return a number. "
-        "Write `def` and `return`.",
-        path,
-        line,
-    )
-
-
-def _raise_syntax(path: Path, error: Exception) -> NoReturn:
-    line = error.lineno if isinstance(error, SyntaxError) else None
-    what = error.msg if isinstance(error, SyntaxError) else str(error) or type(error).__name__
-    raise _refused(
-        f"The reward function{place(path, line)} is not valid Python: {what}.", path, line
-    ) from error
-
-
-def _refused(
-    what: str, path: Path, line: int | None, *, kind: RewardErrorKind = "load"
-) -> RewardError:
-    """A file that cannot be used, with the line in question."""
-    return RewardError(
-        f"{what}{quoted(path, line)}",
-        file=path,
-        line=line,
-        source=source(path, line),
-        kind=kind,
-        reason=what.replace(place(path, line), ""),
-    )
-
-
 def _number(value: object) -> float:
     number = as_number(value)
     if number is None:
@@ -274,9 +165,9 @@ def _late(deadline_s: float) -> str:
     return f"it did not return within {deadline_s:g} s"
 
 
-def _end_for(what: str, frame: FrameType | None) -> NoReturn:
+def end_for(what: str, frame: FrameType | None) -> NoReturn:
     """End this process, whose code at the frame swallows every exception, with a message."""
-    while frame is not None and frame.f_globals.get("__name__") != _MODULE_NAME:
+    while frame is not None and frame.f_globals.get("__name__") != USER_MODULE:
         frame = frame.f_back
     path, line = (Path(frame.f_code.co_filename), frame.f_lineno) if frame else (None, None)
     why = "and swallows what is raised to end it, an `except:` in an endless loop?"

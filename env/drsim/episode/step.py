@@ -16,6 +16,8 @@ class StepResult:
         driven: The action of this step moved the car; false while it waits or is parked, and in
             the first step of an episode. Only driven steps can be learned from.
         reward: What the reward function returned; 0 where the car was not driven.
+        reward_time_s: Wall time of the call of the reward function; 0 where the car was not driven.
+            It is measured, so it differs between equal drives.
         terminated: The episode ended by its rules in this step.
         truncated: The episode was cut off in this step, by the step limit or, with the status
             `Status.DISCARDED`, because the reward function declared it broken.
@@ -39,6 +41,7 @@ class StepResult:
 
     driven: Bools
     reward: Floats
+    reward_time_s: Floats
     terminated: Bools
     truncated: Bools
     status: Ints

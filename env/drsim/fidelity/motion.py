@@ -21,16 +21,14 @@ from mujoco.batch import Batch
 from drsim.arrays import Floats, Ints
 from drsim.car.car import (
     COMMAND_RADIUS_M,
-    MAX_SPEED_MPS,
-    MAX_STEERING_DEG,
-    MIN_SPEED_MPS,
     REAR_AXLE_BEHIND_M,
     REFERENCE_POINT_AHEAD_M,
+    WHEEL_RADIUS_M,
     WHEELBASE_M,
-    CarParameters,
     car_model,
     motor_commands,
 )
+from drsim.car.car_parameters import MAX_SPEED_MPS, MAX_STEERING_DEG, MIN_SPEED_MPS, CarParameters
 from drsim.fidelity.recordings import Recording
 
 SETTLING_ROWS = 3
@@ -42,9 +40,6 @@ WARM_UP_S = 1.0
 
 _OFF_HORIZON_S = 0.05
 """Rows do not come at exact times; a window may be so much longer or shorter."""
-
-_WHEEL_RADIUS_M = 0.036
-"""Of the bicycle. Source: the reference simulator's car description."""
 
 _SETTLE_S = 1.0
 """For so long a car stands before it drives: until it rests on its wheels."""
@@ -182,7 +177,7 @@ def _bicycle(drive: Recording, first: Ints, last: Ints) -> Floats:
     """Where a bicycle ends that follows its requests at once and never slips. Shape (w, 3)."""
     steering_rad = np.radians(np.clip(drive.actions[:, 0], -MAX_STEERING_DEG, MAX_STEERING_DEG))
     wheel_rad_s = np.clip(drive.actions[:, 1], MIN_SPEED_MPS, MAX_SPEED_MPS) / COMMAND_RADIUS_M
-    way_m = wheel_rad_s * _WHEEL_RADIUS_M * (drive.ends_s - drive.starts_s)
+    way_m = wheel_rad_s * WHEEL_RADIUS_M * (drive.ends_s - drive.starts_s)
     turn_rad = way_m * np.tan(steering_rad) / WHEELBASE_M
     x, y, yaw = _ahead(drive.poses[first], -REAR_AXLE_BEHIND_M).T
     for k in range(int((last - first).max())):

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from drsim.arrays import Bools, Ints
 from drsim.car.actions import DEFAULT_ACTIONS, Actions
-from drsim.car.car import CONTROL_HZ, CarParameters
+from drsim.car.car import CONTROL_HZ
+from drsim.car.car_parameters import CarParameters
 from drsim.car.car_sets import DEFAULT_CAR, car_of
 from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules
@@ -43,6 +44,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
     Two racers (`Race(racers=2)`) are cars 2i and 2i + 1; they begin their episodes together.
     """
 
+    # Not a ClassVar, because Gymnasium declares it without.
     metadata = {  # noqa: RUF012
         "render_modes": ["rgb_array"],
         "render_fps": CONTROL_HZ,

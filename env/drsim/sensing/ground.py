@@ -10,10 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drsim.arrays import Bools, Bytes, Floats, Singles
+from drsim.arrays import Bytes, Floats, Singles
 from drsim.jit import kernel
 from drsim.track.appearance import Look, Paint
 from drsim.track.polyline import without_repeats
+from drsim.track.ring_crossings import cross_ring, sign_off_road
 from drsim.track.track import Track
 
 Single = np.float32
@@ -84,42 +85,16 @@ def _side_of_road(track: Track, look: Look, grid: Grid) -> Singles:
     inner, outer = (_texels(without_repeats(line), grid) for line in (track.inner, track.outer))
     crossed = np.zeros((grid.rows, grid.columns), np.bool_)
     if track.closed:
-        _cross_ring(inner, crossed)
-        _cross_ring(outer, crossed)
+        cross_ring(inner, crossed)
+        cross_ring(outer, crossed)
     else:
-        _cross_ring(np.concatenate([outer, inner[::-1]]), crossed)
+        cross_ring(np.concatenate([outer, inner[::-1]]), crossed)
     reach = 2.0 + (look.border_width_m + look.kerb_width_m) / grid.texel_m
     side = np.full((grid.rows, grid.columns), reach, np.float32)
     _stamp_distance(inner, track.closed, reach, side)
     _stamp_distance(outer, track.closed, reach, side)
-    _sign_off_road(crossed, side)
+    sign_off_road(crossed, side)
     return side
-
-
-@kernel
-def _cross_ring(ring: Floats, crossed: Bools) -> None:
-    """Flip, in every row, the first texel to the right of each crossing of a ring."""
-    rows, columns = crossed.shape
-    for i in range(len(ring)):
-        ax, ay = ring[i - 1]
-        bx, by = ring[i]
-        low, high = min(ay, by), max(ay, by)
-        for row in range(max(math.ceil(low), 0), min(math.ceil(high), rows)):
-            column = max(math.ceil(ax + (row - ay) / (by - ay) * (bx - ax)), 0)
-            if column < columns:
-                crossed[row, column] = not crossed[row, column]
-
-
-@kernel
-def _sign_off_road(crossed: Bools, side: Singles) -> None:
-    """Make the distance negative wherever an even number of ring crossings lies to the left."""
-    rows, columns = crossed.shape
-    for row in range(rows):
-        on_road = False
-        for column in range(columns):
-            on_road ^= crossed[row, column]
-            if not on_road:
-                side[row, column] = -side[row, column]
 
 
 @kernel
@@ -136,7 +111,7 @@ def _stamp_distance(line: Floats, closed: bool, reach: float, distance: Singles)
     An open line ends squarely: nothing beyond its ends counts as near.
     """
     rows, columns = distance.shape
-    last = len(line) - 1
+    final = len(line) - 1
     for i in range(1, len(line)):
         ax, ay = line[i - 1]
         dx, dy = line[i, 0] - ax, line[i, 1] - ay
@@ -147,7 +122,7 @@ def _stamp_distance(line: Floats, closed: bool, reach: float, distance: Singles)
             for column in range(left, right):
                 px, py = column - ax, row - ay
                 along = (px * dx + py * dy) / square
-                if not closed and ((i == 1 and along < 0.0) or (i == last and along > 1.0)):
+                if not closed and ((i == 1 and along < 0.0) or (i == final and along > 1.0)):
                     continue
                 along = min(max(along, 0.0), 1.0)
                 away = math.hypot(px - along * dx, py - along * dy)

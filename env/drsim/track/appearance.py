@@ -2,13 +2,13 @@
 
 Greys and colours are what the lens sees, 0..255, after the light has fallen on the colour of the
 texture. The light was measured on camera frames of the reference simulator in one world; `_LIGHT`
-carries it over to the texture colours of every other world. Cars see greys; spectators see colours,
-one channel at a time: `Look.in_channel`.
+carries it over to the texture colours of every other world. Cars see greys; `drsim.viewing` shows
+colours.
 """
 
 import math
-from dataclasses import dataclass, fields, replace
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Literal
 
 from drsim.track.world_names import split_direction
 
@@ -47,11 +47,6 @@ class Paint:
         """Red, green and blue, 0..255 each."""
         return self.color or (self.grey, self.grey, self.grey)
 
-    def in_channel(self, channel: int) -> "Paint":
-        """The paint whose grey is one channel of this one's colour (0 red, 1 green, 2 blue)."""
-        value = self.rgb[channel]
-        return Paint(value, self.grain * value / self.grey if self.grey else 0.0)
-
 
 @dataclass(frozen=True)
 class Walls:
@@ -88,11 +83,6 @@ class Walls:
             min(low_y - self.margin_m, -half_m),
             max(high_y + self.margin_m, half_m),
         )
-
-    def in_channel(self, channel: int) -> "Walls":
-        """The walls whose greys are one channel of these ones' colour."""
-        low_x, high_x, low_y, high_y = (grey * self.tint[channel] for grey in self.greys)
-        return replace(self, greys=(low_x, high_x, low_y, high_y), tint=(1.0, 1.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -142,21 +132,6 @@ class Look:
     chequer: Paint = Paint(25.0)
     walls: Walls = Walls()
     sky_grey: float = 178.0
-
-    def in_channel(self, channel: int) -> "Look":
-        """This look through a filter that lets one colour pass.
-
-        A scene built from it shows that channel as grey; three of them make a coloured picture. The
-        sky keeps its grey: it has no hue. Source: measured on a frame of the reference simulator.
-        `channel` is 0 for red, 1 for green, 2 for blue.
-        """
-        materials = {f.name: getattr(self, f.name) for f in fields(self)}
-        seen: dict[str, Any] = {
-            name: material.in_channel(channel)
-            for name, material in materials.items()
-            if isinstance(material, Paint | Walls)
-        }
-        return replace(self, **seen)
 
 
 def look_of(world: str) -> Look:

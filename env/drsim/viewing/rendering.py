@@ -8,12 +8,17 @@ from numpy.typing import NDArray
 
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.simulation import Simulation
-from drsim.viewing.spectator import Spectator
+from drsim.race.solids import SHAPES
+from drsim.viewing.camera_paths import FollowingCamera, lens_above
+from drsim.viewing.placed_things import OPPONENT_COLOR, Thing
+from drsim.viewing.world_view import WorldView
 
 Frame = NDArray[np.uint8]
 
 RENDER_MODES = ("rgb_array", "human")
 VIEWS = ("camera", "chase", "top")
+
+_CAR = SHAPES["race_car"]
 
 
 class Viewer:
@@ -22,16 +27,16 @@ class Viewer:
     def __init__(self, simulation: Simulation, view: str) -> None:
         self._simulation = simulation
         self._view = view
-        self._spectator: Spectator | None = None
-        if view != "camera":
-            traffic = simulation.traffic
-            shapes = traffic.shapes if traffic is not None else ()
-            self._spectator = Spectator(simulation.track, shapes)
+        self._world: WorldView | None = None
+        self._behind = FollowingCamera()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the painted world, which is large: a copy paints its own."""
+        return {**self.__dict__, "_world": None}
 
     def cut(self) -> None:
         """An episode begins: the camera behind the car looks along it at once."""
-        if self._spectator is not None:
-            self._spectator.cut()
+        self._behind.cut()
 
     def cut_to(self, car: int) -> Frame:
         """The picture of one car among many, without swinging over from the car before."""
@@ -39,17 +44,32 @@ class Viewer:
         return self.picture(car)
 
     def picture(self, car: int) -> Frame:
-        """What the chosen view shows of a car, RGB."""
-        if self._spectator is None:
+        """What the chosen view shows of a car, RGB.
+
+        The world is painted for the first one that is not the camera's, which takes about 1 s.
+        """
+        if self._view == "camera":
             return np.repeat(self._simulation.frames[car, 0, :, :, None], 3, axis=2)
-        pose = self._simulation.poses[car]
-        traffic = self._simulation.traffic
-        objects = None
-        if traffic is not None:
-            objects = np.column_stack([traffic.xy[car], traffic.yaw_rad[car]])
+        if self._world is None:
+            self._world = WorldView(self._simulation.track, threads=1)
+        things = self._things(car)
         if self._view == "chase":
-            return self._spectator.chase(pose, objects)
-        return self._spectator.top(pose, objects)
+            return self._world.frame(self._behind.lens(things[0].pose), things)
+        lens = lens_above(self._simulation.track, self._world.size)
+        return self._world.frame(lens, things)
+
+    def _things(self, car: int) -> list[Thing]:
+        """The car, then what it meets on the track."""
+        x, y, yaw = self._simulation.poses[car].tolist()
+        steering_rad, rolled_m = self._simulation.wheels[car].tolist()
+        things = [Thing(_CAR, (x, y, yaw), steering_rad=steering_rad, rolled_m=rolled_m)]
+        traffic = self._simulation.traffic
+        if traffic is not None:
+            poses = np.column_stack([traffic.xy[car], traffic.yaw_rad[car]]).tolist()
+            for shape, (x, y, yaw) in zip(traffic.shapes, poses, strict=True):
+                color = OPPONENT_COLOR if shape is _CAR else None
+                things.append(Thing(shape, (x, y, yaw), color))
+        return things
 
 
 class Window:

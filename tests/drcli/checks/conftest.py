@@ -13,7 +13,7 @@ from drcli.checks.check_report import Report
 from drcli.checks.sandbox.sandbox_process import calls_of, try_function
 from drcli.checks.try_inputs import problems_of, request_of
 from drcli.checks.validate import validate
-from drcli.config.settings import RaceConfig
+from drcli.config.run_config import RaceConfig
 from drcli.modelfiles.custom_files import InputFile
 from drcli.store.checkpoints import CheckpointStore
 from memory_bucket import MemoryBucket

@@ -5,15 +5,14 @@ import os
 import time
 from pathlib import Path
 
-import psutil
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.checks.validate import validate
 from drcli.config.loading import load_settings
-from drcli.exchange.run_record import RunRecord
 from drcli.modelfiles.custom_files import InputFile
 from drcli.runs.plan import StartOptions, prepare
+from own_run import own_run
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -158,18 +157,7 @@ def test_no_reward_function_is_too_bad_to_report(folder, content):
 
 
 def test_a_training_that_goes_on_is_told_and_its_model_is_no_error(folder):
-    record = RunRecord(
-        run_id=0,
-        session="abc",
-        bucket="bucket",
-        prefix="model-1",
-        world="reinvent_base",
-        state="running",
-        pid=os.getpid(),
-        pid_started=psutil.Process().create_time(),
-        started_at=0.0,
-    )
-    record.write(folder.path / "data" / "runs" / "0")
+    own_run().write(folder.path / "data" / "runs" / "0")
     folder.bucket.put("model-1/reward_function.py", b"")
 
     report = folder.report()

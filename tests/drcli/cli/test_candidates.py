@@ -104,8 +104,8 @@ def test_settings_are_offered_by_name_and_known_ones_with_values(working_folder,
         "DR_RACE_TYPE=HEAD_TO_BOT",
         "DR_RACE_TYPE=HEAD_TO_MODEL",
     ]
-    assert words("dr-config show DR_CLOUD_") == [
-        "DR_CLOUD_WATCH_ENABLE",
+    assert words("dr-config show DR_CLOUD_WATCH_LOG") == [
+        "DR_CLOUD_WATCH_LOG_GROUP",
         "DR_CLOUD_WATCH_LOG_STREAM_PREFIX",
     ]
 
@@ -121,6 +121,7 @@ def test_experiments_and_workers_are_those_of_the_folder(working_folder, words):
         "trainer",
         "supervisor",
         "evaluation",
+        "reward",
         "sim-0",
         "sim-1",
     ]

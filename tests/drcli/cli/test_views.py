@@ -137,7 +137,7 @@ def test_an_evaluation_without_a_lap_names_no_best_one(evaluation_report):
         "model", "reinvent_base", "1_Step-9.ckpt", evaluation_report.trials[2:], "", ""
     )
 
-    assert "0 of 1 laps, checkpoint 1_Step-9.ckpt" in screen(evaluation_view.evaluation(lost))
+    assert "0 of 1 lap, checkpoint 1_Step-9.ckpt" in screen(evaluation_view.evaluation(lost))
 
 
 def test_an_iteration_fits_a_line_of_80_columns(make_record):

@@ -10,7 +10,8 @@ import pytest
 from drcli.base.errors import SettingsError
 from drcli.base.json_record import from_json, json_default
 from drcli.config.loading import load_settings
-from drcli.config.settings import RunConfig, Settings
+from drcli.config.run_config import RunConfig
+from drcli.config.settings import Settings
 
 
 class Folder:

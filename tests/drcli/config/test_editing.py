@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.config.editing import set_values
+from drcli.config.editing import FilesChanged, set_values, version_of
 from drcli.config.settings import catalogue
 
 
@@ -171,10 +171,11 @@ def test_a_stronger_file_is_told(files):
 
 
 def test_a_setting_without_effect_is_told(files):
-    done = edit(files, DR_EVAL_SAVE_MP4="True")
+    done = edit(files, DR_KINESIS_STREAM_NAME="live")
 
     assert done.warnings == (
-        "run.env line 3: DR_EVAL_SAVE_MP4=True has no effect: videos are not recorded.",
+        "system.env line 3: DR_KINESIS_STREAM_NAME=live has no effect: no camera stream is "
+        "published.",
     )
 
 
@@ -216,3 +217,24 @@ def test_edits_at_once_lose_nothing(files):
 def test_a_folder_without_run_env_is_refused(tmp_path):
     with pytest.raises(SettingsError, match=r"run\.env: there is no such file"):
         set_values(tmp_path, {"DR_TRAIN_SEED": "1"}, environ={})
+
+
+def test_a_file_that_is_not_as_it_was_seen_is_not_changed(files):
+    seen = {"run.env": version_of(content(files)), "other.env": "x"}
+    before = content(files)
+
+    set_values(files.path, {"DR_CAR_NAME": "Blue"}, environ={}, seen=seen, keep_old=True)
+
+    assert content(files, "run.env.bak") == before
+    with pytest.raises(FilesChanged, match=r"run\.env was changed"):
+        set_values(files.path, {"DR_CAR_NAME": "Red"}, environ={}, seen=seen)
+    assert b"Blue" in content(files)
+
+
+def test_a_check_alone_changes_nothing(files):
+    before = content(files)
+
+    done = set_values(files.path, {"DR_CAR_NAME": "Blue"}, environ={}, write=False)
+
+    assert done.changes[0].after == "Blue"
+    assert content(files) == before

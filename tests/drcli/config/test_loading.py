@@ -163,16 +163,16 @@ def test_a_repeated_line_counts_as_last_written(folder):
 
 
 def test_a_wrong_value_that_has_no_effect_is_only_a_warning(folder):
-    settings = folder.load("DR_WEBVIEWER_PORT=8100-8110\n")
+    settings = folder.load("DR_ROBOMAKER_MOUNT_LOGS=often\n")
 
-    assert settings.webviewer_port == 8100
-    assert "DR_WEBVIEWER_PORT=8100-8110 is not a whole number" in settings.warnings[0]
+    assert settings.robomaker_mount_logs is False
+    assert "DR_ROBOMAKER_MOUNT_LOGS=often is neither True nor False" in settings.warnings[0]
 
 
 def test_a_wrong_value_without_effect_leaves_whole_settings_behind(folder, travelled):
-    settings = folder.load("DR_WEBVIEWER_PORT=8100-8110\nDR_GAZEBO_ARGS=$NOBODY/x\n")
+    settings = folder.load("DR_ROBOMAKER_MOUNT_LOGS=often\nDR_GAZEBO_ARGS=$NOBODY/x\n")
 
-    assert settings.webviewer_port == 8100
+    assert settings.robomaker_mount_logs is False
     assert settings.gazebo_args == ""
     assert travelled(settings.run) == settings.run
     assert len(settings.warnings) == 2

@@ -24,7 +24,7 @@ def test_the_files_of_the_reference_load_with_one_word_on_what_has_no_effect(fol
     settings = folder.load(REFERENCE_RUN)
 
     assert settings.warnings == (
-        "run.env and system.env: 24 of the settings are for containers, windows, videos and the "
+        "run.env and system.env: 18 of the settings are for containers, windows, videos and the "
         "like, without effect here. `dr config check` names them.",
     )
     assert settings.extra == {}

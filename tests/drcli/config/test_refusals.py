@@ -105,8 +105,8 @@ from drcli.config.loading import load_settings
         ),
         pytest.param(
             "DR_LOCAL_S3_MODEL_PREFIX=runs/fast",
-            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=runs/fast is inside runs/, where running "
-            "trainings keep their files.",
+            "run.env line 2: DR_LOCAL_S3_MODEL_PREFIX=runs/fast is inside runs/, where "
+            "trainings and races keep files of their own.",
             "Choose a prefix that starts with another name, such as my-runs/.",
             id="prefix-among-running-trainings",
         ),

@@ -103,17 +103,17 @@ def test_an_unknown_name_is_answered_with_a_hint(written, hint):
 
 def test_a_check_tells_errors_warnings_and_what_has_no_effect(folder):
     folder.write("system.env", "DR_DOCKER_STYLE=swarm\n")
-    folder.write("run.env", "DR_EVAL_SAVE_MP4=True\n")
+    folder.write("run.env", "DR_KINESIS_STREAM_NAME=live\n")
 
     report = check_settings(folder.path, environ={})
 
     assert report.errors == ()
     assert report.warnings == (
-        "run.env line 1: DR_EVAL_SAVE_MP4=True has no effect: videos are not recorded.",
+        "run.env line 1: DR_KINESIS_STREAM_NAME=live has no effect: no camera stream is published.",
     )
     assert [group.names for group in report.without_effect] == [
-        ("DR_EVAL_SAVE_MP4",),
         ("DR_DOCKER_STYLE",),
+        ("DR_KINESIS_STREAM_NAME",),
     ]
 
 

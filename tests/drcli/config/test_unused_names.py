@@ -8,7 +8,7 @@ from drcli.config.unused_names import effect_warnings, without_effect
 def test_harmless_settings_share_one_sentence(folder):
     folder.write("system.env", "DR_DOCKER_STYLE=compose\nDR_HOST_X=True\nDR_DISPLAY=:99\n")
 
-    settings = folder.load("DR_CAR_COLOR=Blue\n")
+    settings = folder.load("DR_CAR_BODY_SHELL_TYPE=f1_2021\n")
 
     assert list(map(str, effect_warnings(settings))) == [
         "run.env and system.env: 4 of the settings are for containers, windows, videos and the "
@@ -17,10 +17,10 @@ def test_harmless_settings_share_one_sentence(folder):
 
 
 def test_what_somebody_counts_on_is_named_with_value_and_reason(folder):
-    settings = folder.load("DR_EVAL_SAVE_MP4=yes\n")
+    settings = folder.load("DR_KINESIS_STREAM_NAME=live\n")
 
     assert settings.warnings == (
-        "run.env line 1: DR_EVAL_SAVE_MP4=True has no effect: videos are not recorded.",
+        "run.env line 1: DR_KINESIS_STREAM_NAME=live has no effect: no camera stream is published.",
     )
 
 
@@ -41,7 +41,7 @@ def test_settings_that_miss_their_effect_for_one_reason_share_a_sentence(folder)
     )
 
 
-@pytest.mark.parametrize("value", ["DR_TELEGRAF_HOST=", "DR_EVAL_SAVE_MP4=False"])
+@pytest.mark.parametrize("value", ["DR_TELEGRAF_HOST=", "DR_KINESIS_STREAM_NAME="])
 def test_a_switch_that_is_off_is_missed_by_nobody(folder, value):
     settings = folder.load(f"{value}\n")
 
@@ -51,11 +51,11 @@ def test_a_switch_that_is_off_is_missed_by_nobody(folder, value):
 def test_all_of_them_are_listed_by_reason(folder):
     folder.write("system.env", "DR_DOCKER_STYLE=swarm\nDR_MINIO_IMAGE=latest\nDR_WORKERS=2\n")
 
-    groups = without_effect(folder.load("DR_EVAL_SAVE_MP4=True\n"))
+    groups = without_effect(folder.load("DR_KINESIS_STREAM_NAME=live\n"))
 
     assert [(group.reason, group.names) for group in groups] == [
-        ("videos are not recorded", ("DR_EVAL_SAVE_MP4",)),
         ("no containers are used", ("DR_MINIO_IMAGE", "DR_DOCKER_STYLE")),
+        ("no camera stream is published", ("DR_KINESIS_STREAM_NAME",)),
     ]
 
 

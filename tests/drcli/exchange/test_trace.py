@@ -1,10 +1,15 @@
-from drcli.exchange.episode_metrics import EpisodeMetrics
+from dataclasses import replace
+
+import pytest
+
+from drcli.exchange.episode_metrics import EpisodeMetrics, TrialMetrics
 from drcli.exchange.trace import (
     CSV_HEADER,
     Episode,
     Row,
     csv_text,
     log_lines,
+    read_csv,
     schedule,
 )
 
@@ -38,7 +43,33 @@ def test_a_trace_has_the_reference_columns_and_plain_values():
         "pause_duration": "0.0",
         "obstacle_crash_counter": "0",
         "wall_clock": "101.0",
+        "reward_ms": "1.235",
     }
+    assert first.split(",")[-1] == "0.0"
+
+
+def test_our_column_comes_after_the_reference_ones_and_never_into_the_log():
+    episode = _episode(0, rewards=[0.0, 1.0], end="off_track")
+
+    assert CSV_HEADER.split(",")[18:] == ["wall_clock", "reward_ms"]
+    for line in log_lines(episode, 17.7, 1.0).splitlines():
+        assert len(line.split(",")) == 19
+
+
+def test_traces_without_our_column_read_the_same():
+    episodes = [_episode(n, [0.0, 1.5, 2.0], "off_track") for n in range(2)]
+    text = csv_text(episodes, 17.7, (100.0, 101.0))
+    old = "\n".join(line.rpartition(",")[0] for line in text.splitlines()) + "\n"
+
+    assert read_csv(old.encode()) == read_csv(text.encode())
+    assert [traced.reward for traced in read_csv(old.encode())] == [3.5, 3.5]
+
+
+def test_rows_of_equal_drives_are_equal_whatever_the_reward_function_took():
+    [row, *_] = _episode(0, [0.0, 1.0], "off_track").rows
+
+    assert replace(row, reward_ms=7.0) == row
+    assert replace(row, reward=7.0) != row
 
 
 def test_a_log_line_has_the_reference_decimals():
@@ -67,7 +98,7 @@ def test_wall_clock_spreads_over_the_rows_so_that_time_never_runs_backwards():
 
     rows = csv_text(episodes, 1.0, (50.0, 54.0)).splitlines()[1:]
 
-    assert [float(row.split(",")[-1]) for row in rows] == [51.0, 52.0, 53.0, 54.0]
+    assert [float(row.split(",")[18]) for row in rows] == [51.0, 52.0, 53.0, 54.0]
 
 
 def test_a_metrics_record_agrees_with_the_trace():
@@ -90,6 +121,26 @@ def test_a_metrics_record_agrees_with_the_trace():
     }
 
 
+@pytest.mark.parametrize(
+    ("end", "off_track", "resets"),
+    [
+        ("lap_complete", 1, 1),
+        ("off_track", 2, 1),
+        ("crashed", 1, 1),
+        ("time_up", 1, 1),
+        ("discarded", 1, 1),
+        ("park", 1, 1),
+    ],
+)
+def test_every_violation_but_the_one_that_ended_a_trial_put_the_car_back(end, off_track, resets):
+    episode = _episode(0, rewards=[0.0] * 9, end=end, progress=100.0 * (end == "lap_complete"))
+    episode.rows[4] = replace(episode.rows[4], status="off_track")
+
+    record = TrialMetrics.of(episode)
+
+    assert (record.off_track_count, record.reset_count) == (off_track, resets)
+
+
 def _episode(number: int, rewards: list[float], end: str, progress: float = 2.0) -> Episode:
     rows = [
         Row(
@@ -108,6 +159,7 @@ def _episode(number: int, rewards: list[float], end: str, progress: float = 2.0)
             status=end if step == len(rewards) else "in_progress",
             pause_s=0.0,
             time_s=step * STEP_S,
+            reward_ms=1.23456 if step > 1 else 0.0,
         )
         for step, reward in enumerate(rewards, start=1)
     ]

@@ -43,6 +43,8 @@ def test_the_shipped_example_goes_from_a_wide_track_to_bots():
     assert [stage.name for stage in stages] == ["wide", "base", "hard", "bots"]
     assert stages[1].world == "reinvent_base"
     assert stages[-1].race_type == "HEAD_TO_BOT"
+    # The shipped reward function pays for the middle of the road, where a bot cannot be passed.
+    assert stages[-1].reward_function == "overtake.py"
 
 
 @pytest.mark.parametrize(

@@ -110,7 +110,7 @@ def put_model(
     bucket.put(keys.training_metrics(keys.metrics_prefix(prefix)), b'{"metrics": []}')
     bucket.put(keys.history(prefix), b'{"iterations": []}')
     bucket.put(keys.training_trace(prefix, 0), b"episode,steps")
-    bucket.put(keys.log(prefix, "sagemaker", "trainer"), b"a log")
+    bucket.put(keys.log(prefix, "sagemaker", "trainer.log"), b"a log")
     bucket.put(keys.finished(prefix), b"")
     bucket.put(
         keys.parameter_file(prefix, "training_params.yaml"),

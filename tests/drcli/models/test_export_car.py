@@ -9,7 +9,7 @@ import pytest
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import ProblemsError
 from drcli.config.loading import load_settings
-from drcli.config.settings import RaceConfig
+from drcli.config.run_config import RaceConfig
 from drcli.formats.graph_comparison import GraphComparison
 from drcli.models.export_car import (
     CarExport,

@@ -25,6 +25,15 @@ def with_json(files, name, **changes):
     return {**files, name: json.dumps({k: v for k, v in values.items() if v is not ...}).encode()}
 
 
+def obstacles(count, *positions):
+    """The parameters of a race with obstacles."""
+    return {
+        "RACE_TYPE": "OBJECT_AVOIDANCE",
+        "NUMBER_OF_OBSTACLES": count,
+        "OBJECT_POSITIONS": list(positions),
+    }
+
+
 def test_a_model_that_is_accepted_has_no_problem():
     assert package_problems(accepted_model()) == []
 
@@ -185,28 +194,12 @@ def test_sac_learns_after_every_episode(model, episodes, accepted):
         ({"RACE_TYPE": "OBJECT_AVOIDANCE"}, "NUMBER_OF_OBSTACLES=None"),
         ({"RACE_TYPE": "OBJECT_AVOIDANCE", "NUMBER_OF_OBSTACLES": 7}, "not from 1 to 6"),
         ({"RACE_TYPE": "OBJECT_AVOIDANCE", "NUMBER_OF_OBSTACLES": "3"}, "without quotes"),
-        (
-            {"RACE_TYPE": "OBJECT_AVOIDANCE", "NUMBER_OF_OBSTACLES": 2,
-             "OBJECT_POSITIONS": ["0.2,1"]},
-            "There are 1 OBJECT_POSITIONS",
-        ),
-        (
-            {"RACE_TYPE": "OBJECT_AVOIDANCE", "NUMBER_OF_OBSTACLES": 2,
-             "OBJECT_POSITIONS": ["0.2,1", "0.25,-1"]},
-            "of the lap apart",
-        ),
-        (
-            {"RACE_TYPE": "OBJECT_AVOIDANCE", "NUMBER_OF_OBSTACLES": 1,
-             "OBJECT_POSITIONS": ["0.95,1"]},
-            "they must stand",
-        ),
-        (
-            {"RACE_TYPE": "OBJECT_AVOIDANCE", "NUMBER_OF_OBSTACLES": 1,
-             "OBJECT_POSITIONS": ["start"]},
-            "is not a list of texts",
-        ),
+        (obstacles(2, "0.2,1"), "There are 1 OBJECT_POSITIONS"),
+        (obstacles(2, "0.2,1", "0.25,-1"), "of the lap apart"),
+        (obstacles(1, "0.95,1"), "they must stand"),
+        (obstacles(1, "start"), "is not a list of texts"),
     ],
-)  # fmt: skip
+)
 def test_races_that_it_does_not_have_are_refused(parameters, words):
     found = errors(accepted_model(**parameters))
 
@@ -221,12 +214,10 @@ def test_races_that_it_does_not_have_are_refused(parameters, words):
         {"WORLD_NAME": "reinvent_base", "TRACK_DIRECTION_CLOCKWISE": "text"},
         {"CAR_COLOR": "black"},
         {"BODY_SHELL_TYPE": "f1_2021", "CAR_COLOR": None},
-        {"RACE_TYPE": "OBJECT_AVOIDANCE", "NUMBER_OF_OBSTACLES": 6,
-         "OBJECT_POSITIONS": ["0.07,1", "0.2,-1", "0.33,1", "0.46,1", "0.59,1", "0.9,1"]},
-        {"RACE_TYPE": "OBJECT_AVOIDANCE", "NUMBER_OF_OBSTACLES": 2,
-         "RANDOMIZE_OBSTACLE_LOCATIONS": True, "OBJECT_POSITIONS": ["0.2,1"]},
+        obstacles(6, "0.07,1", "0.2,-1", "0.33,1", "0.46,1", "0.59,1", "0.9,1"),
+        {**obstacles(2, "0.2,1"), "RANDOMIZE_OBSTACLE_LOCATIONS": True},
     ],
-)  # fmt: skip
+)
 def test_races_that_it_has_are_accepted(parameters):
     assert package_problems(accepted_model(**parameters)) == []
 

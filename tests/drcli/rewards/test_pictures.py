@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from drcli.base.errors import SettingsError
 from drcli.rewards.pictures import (
     Curve,
     curve_range,
     draw_comparison,
     draw_reward,
     number,
-    refuse_replacing,
 )
 
 
@@ -66,26 +64,6 @@ def test_two_functions_make_one_wide_picture(tried_of):
     assert picture.shape[1] >= 1400
     assert picture.shape[1] > picture.shape[0]
     assert picture.std() > 20
-
-
-def test_a_file_that_is_no_picture_is_not_drawn_over(tmp_path):
-    own = tmp_path / "run.env"
-    own.write_text("DR_WORKERS=1\n")
-
-    with pytest.raises(SettingsError, match="exists and is not a PNG picture"):
-        refuse_replacing(own)
-
-
-def test_an_older_picture_may_be_replaced(tmp_path):
-    Image.new("L", (20, 20)).save(tmp_path / "old.png")
-
-    refuse_replacing(tmp_path / "old.png")
-    refuse_replacing(tmp_path / "none.png")
-
-
-def test_a_folder_that_is_not_there_is_told_before_anything_is_drawn(tmp_path):
-    with pytest.raises(SettingsError, match="does not exist"):
-        refuse_replacing(tmp_path / "nowhere" / "reward.png")
 
 
 @pytest.mark.parametrize(

@@ -44,16 +44,21 @@ class Rounds:
         self.plans.append((Plan(stamp, self.newest, seed), lap))
         self.bucket.put(keys.evaluation_trace("model-1", stamp), b"trace")
         self.bucket.put(keys.evaluation_metrics("model-1/metrics", stamp), b"metrics")
+        self.bucket.put(keys.evaluation_video("model-1", stamp), b"video")
         return self.plans[-1][0]
 
     def run(self, plan):
         lap = self.plans[-1][1]
         status = "Off track" if lap is None else "Lap complete"
         trials = [TrialReport(1, 100.0, lap or 3.0, status, 0, 0, 0)]
-        return EvaluationReport("model-1", "reinvent_base", plan.checkpoint, trials, "", "")
+        notes = ["The evaluation has no video."]
+        return EvaluationReport(
+            "model-1", "reinvent_base", plan.checkpoint, trials, "", "", notes=notes
+        )
 
-    def traces(self):
-        return [info.key for info in self.bucket.list("model-1/") if "simtrace" in info.key]
+    def stamps_of(self, part):
+        found = [info.key for info in self.bucket.list("model-1/") if part in info.key]
+        return {key.split("/")[1].removeprefix("evaluation-") for key in found}
 
 
 @pytest.fixture
@@ -105,6 +110,14 @@ def test_the_table_goes_on_where_the_last_loop_ended(loop, racer):
     assert "the best lap so far" in said[1]  # on this track: that of another one does not count
 
 
+def test_what_an_evaluation_notes_is_reported_once(loop):
+    said = []
+    loop(12.0, 11.0, on_progress=said.append)
+
+    assert said[0].endswith("the best lap so far. The evaluation has no video.")
+    assert said[1].endswith("the best lap so far.")
+
+
 def test_a_damaged_table_begins_anew(loop, racer):
     racer.bucket.put(TABLE, b'{"laps": 7}')
 
@@ -120,7 +133,7 @@ def test_only_the_rounds_of_the_table_and_the_newest_stay_in_the_bucket(loop, ra
 
     stamps = {lap.stamp for lap in report.best} | {rounds.plans[-1][0].stamp}
     assert len(report.best) == MOST_ROWS
-    assert {key.split("/")[1].removeprefix("evaluation-") for key in rounds.traces()} == stamps
+    assert rounds.stamps_of("simtrace") == rounds.stamps_of("video.mp4") == stamps
     assert BestLaps.decode(racer.bucket.get(TABLE)).laps == report.best
 
 

@@ -9,9 +9,9 @@ import time
 import psutil
 import pytest
 
+from drcli.exchange.log_places import log_file
 from drcli.runs import frozen_watch
 from drcli.runs.frozen_watch import FrozenWatch
-from drcli.runs.run_logs import log_file
 from drcli.runs.seen_pulses import SeenPulses
 from drcli.runs.warnings_board import WarningsBoard
 from watched_run import WatchedRun

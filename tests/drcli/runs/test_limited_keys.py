@@ -25,7 +25,9 @@ def limited():
         bucket.close()
 
 
-def test_a_training_starts_with_keys_for_its_own_folders(limited, working_folder, monkeypatch):
+def test_a_training_starts_with_keys_for_its_own_folders(
+    limited, working_folder, monkeypatch, told
+):
     monkeypatch.setattr("drcli.runs.plan.open_bucket", lambda *_, **__: limited)
     monkeypatch.setattr("drcli.checks.before_start.try_inputs", lambda *_: [])
 
@@ -33,6 +35,9 @@ def test_a_training_starts_with_keys_for_its_own_folders(limited, working_folder
 
     assert plan.job.config.model.prefix == "model-1"
     assert limited.exists("model-1/ip/run.json")
+    # These keys may not write records of trainings, which is told and keeps nothing from starting.
+    assert plan.job.training == ""
+    assert any("The record of this training could not be written" in text for text in told)
 
 
 def test_such_keys_pass_the_checks_and_the_doctor(limited):

@@ -1,5 +1,7 @@
 """The table of many evaluations: order, reasons, and the best as a start."""
 
+from contextlib import nullcontext
+
 import pytest
 
 from drcli.base.atomic_file import save_record
@@ -82,6 +84,19 @@ def run(racer, monkeypatch):
         return report, started
 
     return run
+
+
+def test_the_log_of_each_process_is_sent(run, monkeypatch):
+    sent = []
+
+    def sending(job, names):
+        sent.extend(names)
+        return nullcontext()
+
+    monkeypatch.setattr(many_evaluations, "sent_to_cloud_watch", sending)
+    run({("a", "x"): laps(1.0), ("b", "x"): laps(1.0), ("c", "x"): laps(1.0)}, cores=2)
+
+    assert sent == ["evaluation", "evaluation-1"]
 
 
 def test_rows_are_sorted_by_track_then_by_laps_average_and_best_lap(run, racer):

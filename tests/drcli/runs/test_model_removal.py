@@ -2,20 +2,23 @@
 
 import inspect
 import os
+from dataclasses import replace
 
 import pytest
 
-from drcli.base.errors import SettingsError
+from drcli.base.errors import SettingsError, StorageError
 from drcli.base.process_identity import started_s
 from drcli.exchange.evaluation_record import EvaluationRecord, claim
+from drcli.exchange.log_places import log_file
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.exchange.training_start import TrainingStart
 from drcli.models.model_list import list_models
 from drcli.runs.model_removal import plan_removal, remove_models
-from drcli.runs.run_logs import log_file
 from drcli.runs.tidy import TidyOptions, find_surplus
 from drcli.store import keys, lease
+from drcli.store.training_records import read_files, read_trainings, write_training
 from memory_bucket import MemoryBucket
+from past_trainings import training
 from removable_models import OTHERS, Killed, objects, put_all
 
 
@@ -47,6 +50,42 @@ def test_logs_and_records_on_this_machine_go_too_but_not_those_of_inner_models(
     assert not log_file(working_folder, "model-1", "trainer").exists()
     assert log_file(working_folder, "model-1/inner", "trainer").exists()
     assert log_file(working_folder, "model-10", "trainer").exists()
+
+
+def test_event_files_go_too_but_not_those_of_inner_models(bucket, settings, working_folder):
+    top = working_folder / "data" / "tensorboard"
+    for prefix in ("model-1", "model-1/inner", "model-10"):
+        (top / prefix).mkdir(parents=True)
+        (top / prefix / "events.out.tfevents.1.host").write_bytes(b"figures")
+
+    report = remove(settings(), "model-10", "model-1")
+
+    assert [each.name for each in top.rglob("*") if each.is_dir()] == ["model-1", "inner"]
+    assert not list((top / "model-1").glob("events*"))
+    assert [len(model.files) for model in report.models] == [1, 1]
+    remove(settings(), "model-1/inner")
+    assert list(top.iterdir()) == []
+
+
+def test_its_report_goes_too_but_no_other_file_that_the_racer_has_made(
+    bucket, settings, working_folder
+):
+    top = working_folder / "data" / "analysis"
+    (top / "model-1").mkdir(parents=True)
+    for name in ("model-1", "model-1/inner", "model-10"):
+        (top / f"{name}.html").write_text("report")
+    for name in ("model-1.html", "model-1.mp4", "data/analysis/model-1.png"):
+        (working_folder / name).write_text("of the racer")
+
+    report = remove(settings(), "model-1")
+
+    assert [model.files for model in report.models] == [[str(top / "model-1.html")]]
+    left = {path.relative_to(top).as_posix() for path in top.rglob("*") if path.is_file()}
+    assert left == {"model-1/inner.html", "model-10.html", "model-1.png"}
+    assert (working_folder / "model-1.html").exists()
+    assert (working_folder / "model-1.mp4").exists()
+    remove(settings(), "model-1/inner", "model-10")
+    assert [path.name for path in top.iterdir()] == ["model-1.png"]
 
 
 def test_metrics_in_another_folder_go_too(bucket, settings, working_folder):
@@ -277,3 +316,62 @@ def test_logs_of_a_model_of_the_same_name_in_another_bucket_stay(bucket, setting
 
     assert log.exists()
     assert RunRecord.read(run_folder(working_folder, 0)) is not None
+
+
+def trained(bucket, prefix: str = "model-1") -> None:
+    """Let the model have been trained, with a record of its training."""
+    start = TrainingStart(seed=1, settings={"DR_LOCAL_S3_MODEL_PREFIX": prefix})
+    bucket.put(keys.training_start(prefix), replace(start, training="00000001").encode())
+    write_training(bucket, training(1, prefix))
+
+
+def test_the_record_of_the_training_stays_and_says_that_the_model_is_gone(bucket, settings):
+    trained(bucket)
+    trained(bucket, "model-10")
+
+    report = remove(settings(), "model-1")
+
+    [record] = read_trainings(bucket, "model-1")[0]
+    assert report.records == 1
+    assert record.gone_at is not None
+    assert read_trainings(bucket, "model-10")[0][0].gone_at is None
+
+
+def test_a_model_without_a_record_gets_one_when_it_is_deleted(bucket, settings):
+    start = TrainingStart(seed=1, settings={"DR_LOCAL_S3_MODEL_PREFIX": "model-1"})
+    bucket.put(keys.training_start("model-1"), start.encode())
+
+    remove(settings(), "model-1")
+
+    [record] = read_trainings(bucket, "model-1")[0]
+    assert (record.derived, record.gone_at is None) == (True, False)
+    assert read_files(bucket, "model-1", record.id)
+
+
+def test_records_go_too_on_request(bucket, settings):
+    trained(bucket)
+    trained(bucket, "model-10")
+
+    remove(settings(), "model-1", forget=True)
+
+    assert read_trainings(bucket, "model-1")[0] == []
+    assert len(read_trainings(bucket, "model-10")[0]) == 1
+
+
+def test_a_record_that_cannot_be_written_keeps_no_model_from_being_deleted(
+    bucket, settings, told, monkeypatch
+):
+    trained(bucket)
+    put = bucket.put
+
+    def refuse(key, data, **options):
+        if key.startswith("training-records/"):
+            raise StorageError("May not write.", remedy="Allow it.")
+        put(key, data, **options)
+
+    monkeypatch.setattr(bucket, "put", refuse)
+
+    remove(settings(), "model-1")
+
+    assert not bucket.exists(keys.coach_checkpoint("model-1"))
+    assert told == ["The record of model-1 could not be completed: May not write."]

@@ -2,18 +2,17 @@
 
 import errno
 import json
-import os
 import time
 from pathlib import Path
 
-import psutil
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError
+from drcli.exchange.log_places import log_file
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.runs import plan, planned_stages, training
-from drcli.runs.run_logs import log_file
 from drcli.store import keys, lease
+from own_run import own_run
 
 THEIRS = {"session": "theirs", "host": "elsewhere", "pid": 1}
 WEIGHTS = "model-1/model/1_Step-10.ckpt.safetensors"
@@ -59,12 +58,9 @@ def test_a_training_of_the_same_run_that_began_meanwhile_is_left_alone(racer, du
     racer.bucket.put(WEIGHTS, b"their weights")
 
     def begins() -> None:
-        RunRecord(
-            *(0, "theirs", "bucket", "model-1", "oval", "running"),
-            pid=os.getpid(),
-            pid_started=psutil.Process().create_time(),
-            started_at=time.time(),
-        ).write(run_folder(racer.folder, racer.settings().run_id))
+        own_run(session="theirs", world="oval").write(
+            run_folder(racer.folder, racer.settings().run_id)
+        )
 
     during_examination(begins)
 

@@ -12,6 +12,7 @@ import pytest
 
 from drcli.config.loading import load_settings
 from drcli.exchange.job import Job, WorkerExit
+from drcli.exchange.log_places import log_file
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_record import RunRecord, StopRequest
 from drcli.runs import supervisor
@@ -19,7 +20,6 @@ from drcli.runs.duty import Duty
 from drcli.runs.journal_reader import read_journal
 from drcli.runs.lease_renewal import Renewal
 from drcli.runs.outcome import Outcome, interrupted
-from drcli.runs.run_logs import log_file
 from drcli.runs.supervisor import Supervisor
 from drcli.store import keys, lease
 from drcli.store.last_outcome import read_outcome

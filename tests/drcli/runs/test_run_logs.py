@@ -9,8 +9,9 @@ import pytest
 from drcli.base import log_files
 from drcli.base.errors import StorageError
 from drcli.config.loading import load_settings
+from drcli.exchange.log_places import json_log, log_file
 from drcli.runs import run_logs
-from drcli.runs.run_logs import LogCopy, LogUpload, begin_logs, log_file
+from drcli.runs.run_logs import LogCopy, LogUpload, begin_logs, empty_logs
 from memory_bucket import MemoryBucket
 
 KEY = "model/logs/robomaker/sim-0.log"
@@ -225,12 +226,14 @@ def test_the_end_of_a_log_that_was_just_rotated_is_in_its_older_part(bucket, log
 class Stage:
     """An upload of two logs."""
 
-    def __init__(self, folder, open_bucket):
+    def __init__(self, folder, open_bucket, system=""):
         (folder / "run.env").write_text("DR_LOCAL_S3_MODEL_PREFIX=model\n")
-        (folder / "system.env").write_text("")
+        (folder / "system.env").write_text(system)
         self.folder = folder
         self.settings = load_settings(folder, environ={})
-        self.upload = LogUpload(open_bucket, folder, "model", 512, ["trainer", "sim-0"])
+        self.upload = LogUpload(
+            open_bucket, folder, "model", self.settings.run.logs, ["trainer", "sim-0"]
+        )
 
     def log(self, name):
         path = log_file(self.folder, self.settings.model_prefix, name)
@@ -328,6 +331,34 @@ def test_a_new_training_uploads_its_log_from_the_beginning(bucket, tmp_path):
     assert fresh.copy_of() == "begins\n"
 
 
+def test_prints_and_json_lines_are_uploaded_too(bucket, tmp_path):
+    stage = Stage(tmp_path, lambda: bucket, "DR_LOG_JSON=True\n")
+    stage.log("sim-0").write_text("one\n")
+    stage.log("reward-0").write_text("printed\n")
+    json_log(stage.log("trainer")).write_text("{}\n")
+
+    stage.upload.start()
+    stage.upload.finish(5.0)
+
+    assert [info.key for info in bucket.list("model/logs/")] == [
+        "model/logs/reward/reward-0.log",
+        "model/logs/robomaker/sim-0.log",
+        "model/logs/sagemaker/trainer.jsonl",
+    ]
+
+
+def test_a_new_training_sets_prints_and_json_lines_aside(tmp_path):
+    stage = Stage(tmp_path, MemoryBucket)
+    for path in (stage.log("reward-0"), json_log(stage.log("sim-0"))):
+        path.write_text("of the training before\n")
+        path.with_name(f"{path.name}.sent").write_text("{}")
+
+    begin_logs(tmp_path, stage.settings.model_prefix, stage.settings.log_max_mb)
+
+    left = sorted(path.name for path in (tmp_path / "data" / "logs").rglob("*") if path.is_file())
+    assert [name.rpartition(".")[0] for name in left] == ["reward-0.log", "sim-0.jsonl"]
+
+
 def test_what_another_machine_wrote_meanwhile_stays_when_the_first_goes_on(bucket, log, tmp_path):
     log.write_text(lines(0, 200))  # of which parts are noted
     LogCopy(bucket, KEY, log, MAX_BYTES).update()
@@ -343,3 +374,25 @@ def test_what_another_machine_wrote_meanwhile_stays_when_the_first_goes_on(bucke
     said = bucket.copy_of().splitlines()
     assert [line for line in said if line.startswith("elsewhere")] == there.read_text().splitlines()
     assert said[-5:] == lines(200, 205).splitlines()
+
+
+def test_an_evaluation_begins_its_log_its_json_lines_and_its_prints_anew(tmp_path):
+    log = log_file(tmp_path, "model", "evaluation")
+    prints = log_file(tmp_path, "model", "reward-evaluation")
+    older = [path.with_name(f"{path.name}.part-0001") for path in (log, json_log(log), prints)]
+    other = log_file(tmp_path, "model", "trainer")
+    for path in (log, json_log(log), prints, *older, other):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("earlier\n")
+
+    empty_logs(tmp_path, "model", "evaluation")
+
+    assert log.read_text() == ""
+    assert not any(path.exists() for path in (json_log(log), prints, *older))
+    assert other.read_text() == "earlier\n"
+
+
+def test_the_first_evaluation_has_no_log_to_empty(tmp_path):
+    empty_logs(tmp_path, "model", "evaluation")
+
+    assert list(tmp_path.iterdir()) == []

@@ -4,35 +4,25 @@ import os
 import time
 from dataclasses import replace
 
-import psutil
 import pytest
 
 from drcli.base.elapsed import elapsed_s
 from drcli.exchange import run_record
 from drcli.exchange.pulse_record import open_pulse_file
 from drcli.exchange.run_outcome import RunOutcome
-from drcli.exchange.run_record import RunRecord, StorageRecord, WorkerRecord, run_folder
+from drcli.exchange.run_record import StorageRecord, WorkerRecord, run_folder
 from drcli.exchange.watch_record import WatchRecord
 from drcli.runs.status import inspect
 from drcli.runs.worker_health import WorkerHealth
 from drcli.store import keys
 from drcli.workers.pulse import Pulse
+from own_run import own_run
 
 
 @pytest.fixture
 def running(racer):
     """A run whose supervisor is this process."""
-    note = RunRecord(
-        run_id=0,
-        session="one",
-        bucket="bucket",
-        prefix="model-1",
-        world="reinvent_base",
-        state="running",
-        pid=os.getpid(),
-        pid_started=psutil.Process().create_time(),
-        started_at=time.time(),
-    )
+    note = own_run()
     note.write(run_folder(racer.folder, racer.settings().run_id))
     return note
 
@@ -76,6 +66,17 @@ def test_a_run_is_looked_at_in_the_bucket_and_under_the_name_it_was_started_with
 
     assert report.prefix == "model-1"
     assert all("does not answer" not in worker.activity for worker in report.workers)
+
+
+def test_a_bucket_that_does_not_answer_is_said(racer, running):
+    elsewhere = racer.settings().replaced(
+        cloud="remote", remote_minio_url="http://127.0.0.1:9", model_prefix="model-1"
+    )
+    replace(running, storage=StorageRecord.of(elsewhere.storage, racer.folder)).write(
+        run_folder(racer.folder, elsewhere.run_id)
+    )
+
+    assert "127.0.0.1:9" in inspect(elsewhere.run).unreachable
 
 
 def test_the_bucket_of_a_run_is_that_of_its_start(racer, running):

@@ -18,12 +18,12 @@ from drcli.base.log import LogFile
 from drcli.config.loading import load_settings
 from drcli.exchange.checkpoint import Counters
 from drcli.exchange.job import Job, WorkerExit
+from drcli.exchange.log_places import log_file
 from drcli.exchange.run_record import RunRecord
 from drcli.runs import frozen_watch, run_ending, seen_pulses, supervisor
 from drcli.runs.duty import Duty
 from drcli.runs.frozen_watch import FrozenWatch
 from drcli.runs.lease_renewal import Renewal
-from drcli.runs.run_logs import log_file
 from drcli.runs.seen_pulses import SeenPulses
 from drcli.runs.supervisor import Supervisor
 from drcli.runs.warnings_board import WarningsBoard

@@ -117,9 +117,17 @@ def folder(working_folder, home, monkeypatch) -> Path:
         write(working_folder / "data/logs/model" / name, said)
     write(working_folder / "data/logs/crash-20261122-000000.txt", everything("Traceback"))
     record = RunRecord(
-        run_id=0, session="s", bucket="bucket", prefix="model", world="w", state="failed", pid=1,
-        pid_started=1.0, started_at=1.0, message=f"refused {c['environment']}",
-    )  # fmt: skip
+        run_id=0,
+        session="s",
+        bucket="bucket",
+        prefix="model",
+        world="w",
+        state="failed",
+        pid=1,
+        pid_started=1.0,
+        started_at=1.0,
+        message=f"refused {c['environment']}",
+    )
     record.write(run_folder(working_folder, 0))
     journal = JournalEntry(1.0, "fault", everything("failed"), {"url": c["environment"]})
     bucket = working_folder / "data/s3/bucket"
@@ -210,24 +218,26 @@ def test_what_helps_is_in_it_and_nothing_else(folder, dr, capsys):
     assert dr("support-bundle", "out.tar.gz") == 0
 
     texts = contents(folder / "out.tar.gz")
-    assert sorted(texts) == sorted([
-        "README.txt",
-        "bucket-keys.txt",
-        "doctor.json",
-        "files/custom_files/reward_function.py",
-        "files/data/logs/crash-20261122-000000.txt",
-        "files/data/logs/model/robomaker/sim-0.log",
-        "files/data/logs/model/sagemaker/trainer.log",
-        "files/data/runs/0/run.json",
-        "files/run.env",
-        "files/system.env",
-        "files/worker-1.env",
-        "journal/000001-abc.jsonl",
-        "manifest.json",
-        "packages.txt",
-        "settings.json",
-        "status.json",
-    ])  # fmt: skip
+    assert sorted(texts) == sorted(
+        [
+            "README.txt",
+            "bucket-keys.txt",
+            "doctor.json",
+            "files/custom_files/reward_function.py",
+            "files/data/logs/crash-20261122-000000.txt",
+            "files/data/logs/model/robomaker/sim-0.log",
+            "files/data/logs/model/sagemaker/trainer.log",
+            "files/data/runs/0/run.json",
+            "files/run.env",
+            "files/system.env",
+            "files/worker-1.env",
+            "journal/000001-abc.jsonl",
+            "manifest.json",
+            "packages.txt",
+            "settings.json",
+            "status.json",
+        ]
+    )
     assert "numpy==" in texts["packages.txt"]
     assert "model/journal/000001-abc.jsonl" in texts["bucket-keys.txt"]
     names = [each["name"] for each in json.loads(texts["settings.json"])["settings"]]

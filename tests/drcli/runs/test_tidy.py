@@ -7,7 +7,7 @@ from datetime import timedelta
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.runs.run_logs import log_file
+from drcli.exchange.log_places import log_file
 from drcli.runs.tidy import TidyOptions, checked_rules, find_surplus, read_kinds, tidy
 from drcli.store import keys, lease
 from removable_models import objects, put_all, put_checkpoints

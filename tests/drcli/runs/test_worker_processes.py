@@ -2,17 +2,18 @@
 
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 
 from drcli.base import log_files
 from drcli.base.errors import SettingsError, StorageError, TrainingFailed, WorkerDied
 from drcli.exchange.job import Job, WorkerExit
+from drcli.exchange.log_places import log_file
 from drcli.modelfiles.custom_files import InputFile, Inputs
 from drcli.runs import evaluation, training, worker_processes
 from drcli.runs.evaluation_plan import EvaluationPlan
 from drcli.runs.plan import RunPlan
-from drcli.runs.run_logs import log_file
 
 SLEEPS = "import time; time.sleep(600)"
 STUBBORN = (
@@ -106,6 +107,24 @@ def test_an_evaluation_whose_worker_says_nothing_names_its_log(job, started):
         evaluation.run_evaluation(EvaluationPlan(job, ["0_Step-0.ckpt"], "20260102030405"))
 
     assert "evaluation.log" in raised.value.remedy
+
+
+def test_the_log_of_an_evaluation_is_sent_while_its_worker_runs(job, started, monkeypatch):
+    sent = []
+
+    @contextmanager
+    def sending(job, names):
+        sent.append((names, len(processes)))
+        yield
+        sent.append([process.returncode for process in processes])
+
+    monkeypatch.setattr(evaluation, "sent_to_cloud_watch", sending)
+    processes = started("raise SystemExit(0)")
+
+    with pytest.raises(WorkerDied, match="no results"):
+        evaluation.run_evaluation(EvaluationPlan(job, ["0_Step-0.ckpt"], "20260102030405"))
+
+    assert sent == [(["evaluation"], 0), [0]]
 
 
 def test_a_process_knows_its_log_so_that_it_can_rotate_it(job):

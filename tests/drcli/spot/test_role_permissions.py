@@ -199,3 +199,19 @@ def test_another_bucket_for_uploads_and_its_own_key_are_allowed_only_where_they_
     assert "arn:${AWS::Partition}:s3:::away/up/m/*" in actions["s3:PutObject"]
     assert actions["kms:Decrypt"] == (key,)
     assert "kms:Decrypt" not in {each.action for each in given()}
+
+
+def test_logs_may_be_sent_to_their_own_group_only_where_the_settings_want_it():
+    sends = replace(PLACES, log_group="/deepracer-for-cloud")
+
+    found = [each for each in permissions(sends, ["g"], TOPIC) if each.action.startswith("logs:")]
+
+    assert {each.action for each in found} == {
+        "logs:CreateLogGroup",
+        "logs:CreateLogStream",
+        "logs:PutLogEvents",
+    }
+    resources = [filled(resource) for each in found for resource in each.resources]
+    group = "arn:aws:logs:us-east-1:123456789012:log-group:/deepracer-for-cloud"
+    assert all(resource == group or resource.startswith(f"{group}:") for resource in resources)
+    assert not [each for each in given() if each.action.startswith("logs:")]

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from drcli.config.value_types import RUN_FOLDERS
 from drcli.exchange.checkpoint import CheckpointName
-from drcli.store import keys
+from drcli.store import keys, race_keys
 
 PREFIX = "team/x/model-1"
 
@@ -52,7 +52,7 @@ def test_each_of_several_workers_writes_its_trace_below_its_number():
         ),
         (keys.rollout_manifest("m", 3, 1), "rollouts/m/3/1/manifest.json"),
         (keys.video("m", "camera-pip"), "m/mp4/camera-pip/0-video.mp4"),
-        (keys.log("m", "robomaker", "sim-0"), "m/logs/robomaker/sim-0.log"),
+        (keys.log("m", "robomaker", "sim-0.log"), "m/logs/robomaker/sim-0.log"),
     ],
 )
 def test_every_object_lies_where_the_console_puts_it(key, expected):
@@ -133,8 +133,20 @@ def test_rollouts_of_a_model_whose_prefix_continues_ours_are_not_ours():
     assert keys.rollout_key("a/3", key) is not None
 
 
+@pytest.mark.parametrize("prefix", ["m", "team/m", "a/training-records/b"])
+def test_keys_of_records_of_trainings_are_read_back(prefix):
+    assert keys.training_of(keys.training_record(prefix, "0123abcd")) == (prefix, "0123abcd")
+    assert keys.training_of(keys.training_files(prefix, "0123abcd")) is None
+    assert keys.training_of(keys.training_start(prefix)) is None
+
+
 def test_what_lies_beside_the_models_is_no_name_for_a_model():
-    folders = {keys.run_folder("m"), keys.rollouts_folder("m")}
+    folders = {
+        keys.run_folder("m"),
+        keys.rollouts_folder("m"),
+        keys.training_records_folder("m"),
+        race_keys.folder("m"),
+    }
 
     assert {folder.partition("/")[0] for folder in folders} == set(RUN_FOLDERS)
 
@@ -164,8 +176,18 @@ def test_what_readers_go_by_decides(key):
         keys.checkpoint_record("model", "3_Step-9.ckpt"),
         keys.rollout_part("model", 3, 0, "start-1-1", 0),
         keys.status("model", "trainer"),
-        keys.log("model", "sagemaker", "trainer"),
+        keys.log("model", "sagemaker", "trainer.log"),
     ],
 )
 def test_what_another_object_must_name_first_decides_nothing(key):
     assert not keys.decides(key)
+
+
+def test_a_race_is_known_by_its_rules_and_a_copy_by_its_model():
+    copy = race_keys.model("cup", "1-a", "team/model")
+
+    assert race_keys.race_of(race_keys.rules("cup")) == "cup"
+    assert race_keys.race_of(race_keys.submission("cup", "race")) is None
+    assert (
+        race_keys.submitted_model(copy) == race_keys.submitted_model("team/model") == "team/model"
+    )

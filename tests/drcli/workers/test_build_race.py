@@ -8,7 +8,8 @@ import pytest
 from drcli.base.errors import SettingsError
 from drcli.checks.sandbox.sample_calls import sample_params
 from drcli.config.loading import load_settings
-from drcli.config.settings import RaceConfig, catalogue
+from drcli.config.run_config import RaceConfig
+from drcli.config.settings import catalogue
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.workers.build_race import (
     build_simulation,

@@ -11,13 +11,15 @@ from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.policy import Observation, PolicySpec
 from drcli.workers import driving
-from drcli.workers.driving import Driven, Driver, Plan, Racer
+from drcli.workers.driven_episode import Driven, Plan
+from drcli.workers.driving import Driver, Racer
 from drsim.car.actions import ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.privileged_features import PRIVILEGED_DIMS
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
+from drsim.race.race import ObstacleRules, Race
 from drsim.sensing.sensors import Sensors
 from drsim.track.worlds import load_track
 
@@ -66,6 +68,14 @@ def test_every_sensor_is_recorded_once_a_step():
     assert len(episode.frames) == len(episode.scans) == len(episode.states) == episode.steps
     assert {scan.shape for scan in episode.scans} == {(8,)}
     assert {state.shape for state in episode.states} == {(PRIVILEGED_DIMS,)}
+
+
+def test_rows_tell_how_long_the_reward_function_took():
+    [episode] = drive(PolicySpec(3, network=COMPACT), episodes=1)
+    prepare, *driven = [row.reward_ms for row in episode.rows]
+
+    assert prepare == 0.0
+    assert all(0.0 < took_ms < 1000.0 for took_ms in driven)
 
 
 def test_a_cut_episode_comes_with_what_the_critic_still_expected():
@@ -205,3 +215,27 @@ def test_a_car_whose_physics_fails_ends_its_episode_and_is_named(tmp_path, monke
     assert driven[0].steps > 4
     [record] = caplog.records
     assert record.getMessage().startswith("The physics of training episode 1 failed at step 5")
+
+
+def test_objects_around_the_car_are_kept_for_those_who_show_them():
+    torch.manual_seed(0)
+    torch.set_num_threads(1)
+    simulation = Simulation(
+        load_track("reinvent_base"),
+        num_cars=1,
+        reward_function=centre_line_reward,
+        rules=EpisodeRules(max_steps=4),
+        num_threads=1,
+        race=Race(obstacles=ObstacleRules(count=2)),
+    )
+    racers = [Racer(fresh(PolicySpec(3, network=COMPACT)), STRAIGHT)]
+    driven: list[Driven] = []
+
+    for keeps in (True, False):
+        driver = Driver(simulation, racers, 5, keeps_objects=keeps)
+        driver.drive([Plan(0, "evaluation", 0.5)], driven.append)
+    simulation.close()
+
+    kept, without = driven
+    assert [poses.shape for poses in kept.objects] == [(2, 3)] * len(kept.rows)
+    assert without.objects == []

@@ -12,6 +12,7 @@ from safetensors.torch import save
 from drcli.base.errors import SettingsError
 from drcli.exchange.job import Job
 from drcli.exchange.policy_source import PolicySource
+from drcli.exchange.race_recording import RaceRecording
 from drcli.formats import write_form
 from drcli.formats.build_network import weights_of
 from drcli.formats.frozen_graph import encode_policy
@@ -100,6 +101,8 @@ def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_reques
         "DR_EVAL_NUMBER_OF_TRIALS=4",
         "DR_EVAL_IS_CONTINUOUS=False",
         f"DR_EVAL_DEBUG_REWARD={debug}",
+        "DR_RACE_TYPE=OBJECT_AVOIDANCE",
+        "DR_OA_NUMBER_OF_OBSTACLES=2",
     )
     racer.start()
     tensors = save({name: t.contiguous() for name, t in network.state_dict().items()})
@@ -118,3 +121,5 @@ def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_reques
     # A car that waits for a penalty to end earns 0, and its function is not called.
     assert (rewards - {0.0} == {7.25}) == own
     assert (7.25 in rewards) == own
+    recorded = RaceRecording.decode(racer.bucket.get(entry.recording))
+    assert [len(each.poses[0]) for each in recorded.episodes] == [2] * 4

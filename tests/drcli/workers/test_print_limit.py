@@ -1,6 +1,7 @@
 """What the racer's code prints goes into the log of its worker within bounds."""
 
 import io
+from threading import Thread
 
 import pytest
 
@@ -92,6 +93,29 @@ def test_a_stream_limits_only_what_is_printed_while_the_racers_code_runs(limit):
     printed = inner.buffer.getvalue().decode()
     assert printed.count("own\n") == 20_000
     assert len(printed) <= BURST_CHARACTERS + 80_000 + CHARACTERS_S
+
+
+def test_threads_of_the_racers_code_are_limited_between_its_calls_too(limit):
+    inner = io.TextIOWrapper(io.BytesIO(), "utf-8")
+    copied = []
+    stream = LimitedStream(inner, limit, [copied.append])
+
+    def print_in_a_thread(text):
+        thread = Thread(target=print, args=(text,), kwargs={"file": stream, "end": ""})
+        thread.start()
+        thread.join()
+
+    print_in_a_thread("of a library\n")
+    limit.threads = True
+    print("own\n", end="", file=stream)
+    print_in_a_thread("theirs\n")
+    for _ in range(100):
+        print_in_a_thread(200 * STEP)
+
+    assert "".join(copied[:1]) == "theirs\n"
+    printed = inner.buffer.getvalue().decode()
+    assert printed.startswith("of a library\nown\ntheirs\n")
+    assert len(printed) <= BURST_CHARACTERS + CHARACTERS_S
 
 
 def test_a_line_is_written_at_its_end(limit):

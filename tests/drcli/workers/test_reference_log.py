@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import pytest
 
+from drcli.base.log import LogFile
 from drcli.config.loading import load_settings
 from drcli.exchange.trace import Episode, Row
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.workers.episode_log import log_evaluation, log_training
 from drcli.workers.reference_log import evaluation_lines, start_lines, training_lines
 
 METADATA = {
@@ -117,6 +119,26 @@ def test_what_a_reward_function_prints_without_ending_its_line_hides_no_step(sta
     reading = log_guru(log)
 
     assert (len(reading.episodes), len(reading.evaluations)) == (1, 1)
+
+
+def test_the_line_of_each_episode_and_its_records_hide_no_step(started, log_guru, tmp_path):
+    def logged(*episodes):
+        path = tmp_path / "sim-0.log"
+        file = LogFile(path, 1 << 20)
+        for episode in episodes:
+            log_training(episode, 0, 0)
+            log_evaluation(lap(episode.number), 0, 0)
+        file.end()
+        text = path.read_text()
+        path.unlink()
+        return text
+
+    log = started() + logged(driven(0), driven(1)) + trained(driven(0), driven(1))
+    log += logged(driven(2)) + evaluated(lap(0)) + trained(driven(2))
+
+    reading = log_guru(log)
+
+    assert (len(reading.episodes), reading.iterations) == (3, [0, 0, 1])
 
 
 def test_a_log_that_goes_on_after_a_resume_is_read(started, log_guru):

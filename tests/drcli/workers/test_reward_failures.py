@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from drcli.exchange.reward_error_record import RewardErrorRecord, sum_of
+from drcli.exchange.reward_error_record import MOST_ERRORS, RewardErrorRecord, sum_of
 from drcli.exchange.trace import read_csv
 from drcli.store import keys
 from drcli.store.history import read_history
@@ -108,6 +108,18 @@ def test_stop_and_a_lack_of_memory_end_the_run_with_the_first_failure():
         counting.begin(0)
         with pytest.raises(RewardError):
             counting.handle(error, 1)
+
+
+def test_the_newest_discard_is_known_after_many_other_errors():
+    counting = failures()
+    counting.begin(0)
+    for line in range(1, MOST_ERRORS + 1):
+        counting.handle(failure(line=line), line)
+
+    counting.handle(failure(line=77, kind="discard"), MOST_ERRORS + 1)
+
+    assert "discard" not in {each.kind for each in counting.record.total.errors}
+    assert counting.newest_discard == "line 77: KeyError: 'x'"
 
 
 def test_counts_survive_a_kill_and_an_iteration_that_is_driven_again_counts_once():

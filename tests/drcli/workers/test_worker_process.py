@@ -30,7 +30,8 @@ CALLING = """
 import drsim.episode.reward_deadline
 from pathlib import Path
 from drcli.workers import worker_process as process
-from drsim.episode.reward import checked_reward, load_reward_function
+from drsim.episode.load_reward import load_reward_function
+from drsim.episode.reward import checked_reward
 
 def main(job, lifeline):
     drsim.episode.reward_deadline.PATIENCE_S = drsim.episode.reward_deadline.REPEAT_S = 0.05

@@ -4,16 +4,17 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
 
+from drsim.episode.load_reward import load_reward_function
 from drsim.episode.reward import (
     REWARD_LIMIT,
     centre_line_reward,
     checked_reward,
     checked_rewards,
-    load_reward_function,
 )
 from drsim.episode.reward_deadline import STUCK, alarm
 from drsim.errors import RewardError
@@ -233,7 +234,8 @@ def test_a_copy_that_the_function_makes_of_the_process_does_not_go_on(write, tex
     path = write(f"import os\n{text}")
     script = (
         "import sys; from pathlib import Path\n"
-        "from drsim.episode.reward import checked_reward, load_reward_function\n"
+        "from drsim.episode.load_reward import load_reward_function\n"
+        "from drsim.episode.reward import checked_reward\n"
         "print(checked_reward(load_reward_function(Path(sys.argv[1])), {}), flush=True)\n"
     )
 
@@ -251,9 +253,42 @@ def test_each_call_of_a_batch_has_its_own_deadline(write):
         "    while time.perf_counter() < end: pass\n    return 1.0\n"
     )
 
-    rewards = checked_rewards(load_reward_function(path), [PARAMS] * 4, deadline_s=0.4)
+    rewards = checked_rewards(load_reward_function(path), [PARAMS] * 4, deadline_s=0.4).rewards
 
     assert rewards == [1.0] * 4
+
+
+def test_each_call_is_measured_also_one_that_fails(write):
+    path = write(
+        "def reward_function(params):\n"
+        "    params['work'](params['s'])\n    return 1.0 / params['s']\n"
+    )
+    clock_s = [100.0]
+
+    def work(seconds):
+        clock_s[0] += seconds
+
+    calls = [{"work": work, "s": seconds} for seconds in (0.25, 0.0, 2.0)]
+    rewarded = checked_rewards(
+        load_reward_function(path), calls, on_error=lambda *_: -1.0, now=lambda: clock_s[0]
+    )
+
+    assert rewarded.rewards == [4.0, -1.0, 0.5]
+    assert rewarded.seconds == [0.25, 0.0, 2.0]
+
+
+def test_a_call_takes_some_time_even_if_the_function_replaces_the_clock(write):
+    path = write(
+        "import time\ntime.perf_counter = lambda: -1.0\n"
+        "def reward_function(params):\n    return float(sum(range(2000)) > 0)\n"
+    )
+    before = time.perf_counter
+    try:
+        [took_s] = checked_rewards(load_reward_function(path), [PARAMS]).seconds
+    finally:
+        time.perf_counter = before
+
+    assert 0.0 < took_s < 5.0
 
 
 def test_between_two_calls_no_deadline_counts(write):
@@ -262,7 +297,7 @@ def test_between_two_calls_no_deadline_counts(write):
         signal.pause()  # until the timer rings
         yield {}
 
-    rewards = checked_rewards(returning(write, "1.0"), calls(), deadline_s=0.1)
+    rewards = checked_rewards(returning(write, "1.0"), calls(), deadline_s=0.1).rewards
 
     assert rewards == [1.0, 1.0]
 
@@ -300,16 +335,17 @@ LOOP = """while True:
 def called_elsewhere(path: Path) -> "subprocess.CompletedProcess[str]":
     """A process of its own that loads a reward function and calls it once, with little patience."""
     script = (
-        "import sys, drsim.episode.reward_deadline, drsim.episode.reward\n"
+        "import sys, drsim.episode.load_reward, drsim.episode.reward_deadline\n"
+        "import drsim.episode.reward\n"
         "from pathlib import Path\n"
         "drsim.episode.reward_deadline.PATIENCE_S = drsim.episode.reward_deadline.REPEAT_S = 0.05\n"
-        "drsim.episode.reward._IMPORT_DEADLINE_S = 0.1\n"
+        "drsim.episode.load_reward._IMPORT_DEADLINE_S = 0.1\n"
         "told = sys.excepthook\n"
         "def tell(kind, error, trace):\n"
         "    print(error.kind, error.reason, flush=True)\n"
         "    told(kind, error, trace)\n"
         "sys.excepthook = tell\n"
-        "function = drsim.episode.reward.load_reward_function(Path(sys.argv[1]))\n"
+        "function = drsim.episode.load_reward.load_reward_function(Path(sys.argv[1]))\n"
         "drsim.episode.reward.checked_reward(function, {}, 0.1)\n"
     )
     return subprocess.run(
@@ -499,7 +535,7 @@ def test_module_globals_live_across_calls(write):
     )
     function = load_reward_function(path)
 
-    assert checked_rewards(function, [PARAMS] * 3) == [1.0, 2.0, 3.0]
+    assert checked_rewards(function, [PARAMS] * 3).rewards == [1.0, 2.0, 3.0]
 
 
 def test_printing_is_allowed(write, capsys):
@@ -539,7 +575,7 @@ def test_what_a_reward_function_keeps_is_kept_for_each_car(tmp_path):
     )
     functions = [load_reward_function(path) for _ in range(2)]
 
-    first = checked_rewards(functions, [PARAMS] * 2)
-    second = checked_rewards(functions[:1], [PARAMS])
+    first = checked_rewards(functions, [PARAMS] * 2).rewards
+    second = checked_rewards(functions[:1], [PARAMS]).rewards
 
     assert (first, second) == ([1.0, 1.0], [2.0])

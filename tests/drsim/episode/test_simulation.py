@@ -238,6 +238,29 @@ def test_leaving_the_track_ends_the_episode_with_a_last_reward(simulate):
     assert [params["is_offtrack"] for params in seen[:-1]] == [False] * (len(seen) - 1)
 
 
+def test_steps_tell_how_long_the_reward_function_of_each_car_took(simulate):
+    clock_s = [0.0]
+
+    def working(seconds: float):
+        def reward_function(params):
+            clock_s[0] += seconds
+            return 1.0
+
+        return reward_function
+
+    simulation = simulate(
+        3,
+        [working(0.002), working(0.5), working(9.0)],
+        reward_clock=lambda: clock_s[0],
+    )
+    first = simulation.reset(np.arange(2), np.array([0.1, 0.5]))
+    row = straight(simulation, 1)[-1]
+
+    assert first.reward_time_s.tolist() == [0.0, 0.0, 0.0]
+    assert row.driven.tolist() == [True, True, False]
+    assert row.reward_time_s.tolist() == pytest.approx([0.002, 0.5, 0.0])
+
+
 def test_a_finished_car_stays_parked_while_others_go_on(simulate):
     simulation = simulate(num_cars=2, rules=EpisodeRules(max_steps=5))
     simulation.reset(np.array([0]), np.array([0.0]))

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drsim.car.car import CarBatch, CarParameters
+from drsim.car.car import CarBatch
+from drsim.car.car_parameters import CarParameters
 from drsim.car.car_sets import CAR_SETS
 from drsim.fidelity.motion import compare_motion
 from drsim.fidelity.recordings import RecordingError, load_recordings
@@ -41,12 +42,29 @@ def drive(rows: int = 40, *, episode: int = 0, seed: int = 0, yaw_deg: float = 3
             dict(
                 zip(
                     COLUMNS,
-                    [episode, k + 1.0, x, y, yaw, steer, throttle, f"[{steer} {throttle}]", 0.0,
-                     False, True, 1.0, 1, 17.7, 10.0 + episode * 100 + k / 15, status, 0.0],
+                    [
+                        episode,
+                        k + 1.0,
+                        x,
+                        y,
+                        yaw,
+                        steer,
+                        throttle,
+                        f"[{steer} {throttle}]",
+                        0.0,
+                        False,
+                        True,
+                        1.0,
+                        1,
+                        17.7,
+                        10.0 + episode * 100 + k / 15,
+                        status,
+                        0.0,
+                    ],
                     strict=True,
                 )
             )
-        )  # fmt: skip
+        )
         if k:
             car.drive(np.array([steer]), np.array([throttle]))
     return trace

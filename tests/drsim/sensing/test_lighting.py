@@ -33,7 +33,7 @@ class Drawn:
 def light_of(look: Look, numbers: list[list[float]]) -> Any:
     """The light of one car that has drawn some numbers."""
     lighting = Lighting(1, look)
-    lighting.draw(0, Drawn(numbers))  # type: ignore[arg-type]
+    lighting.draw(0, Drawn(numbers))
     return lighting.of(slice(0, 1))
 
 
@@ -118,7 +118,7 @@ def test_boxes_stand_in_the_light_of_their_car(scene):
     for axis, name in enumerate(("x", "y")):
         boxes[name] = 2 * pos[:, axis, None] - boxes[name]
     lighting = Lighting(2, look_of("reinvent_base"))
-    lighting.draw(1, Drawn([[0.0] * 3, [0.0] * 3, [1.0] * 3]))  # type: ignore[arg-type]
+    lighting.draw(1, Drawn([[0.0] * 3, [0.0] * 3, [1.0] * 3]))
     out = np.zeros((2, 120, 160), np.uint8)
 
     render(scene, pos, mat, out, boxes=boxes, light=lighting.of(slice(0, 2)))

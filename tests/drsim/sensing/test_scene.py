@@ -159,6 +159,16 @@ def test_an_open_track_has_a_road_and_two_lines():
     assert grey_at(scene, 5.1, 0.29) == 100
 
 
+def test_lines_outside_the_road_of_an_open_track_end_squarely():
+    x_m = np.linspace(0.0, 5.0, 21)
+    ends = [np.stack([x_m, np.full(21, y)], axis=1) for y in (0.0, 0.3, -0.3)]
+    track = Track("straight", *ends, closed=False)
+
+    scene = build_scene(track, replace(FLAT, border_side="out"))
+
+    assert [grey_at(scene, x, 0.33) for x in (-0.04, 0.1, 4.9, 5.04)] == [100, 200, 200, 100]
+
+
 @pytest.mark.parametrize(
     ("world", "side", "width_m"),
     [

@@ -50,43 +50,17 @@ def test_every_paint_is_as_bright_as_its_colour(world):
         assert luma == pytest.approx(paint.grey, abs=0.3), name
 
 
-def test_a_paint_without_hue_is_grey_in_every_channel():
+def test_a_paint_without_hue_is_grey():
     assert Paint(25.0, 2.0).rgb == (25.0, 25.0, 25.0)
-    assert Paint(25.0, 2.0).in_channel(2) == Paint(25.0, 2.0)
-
-
-def test_grain_is_as_strong_in_a_channel_as_the_channel_is_bright():
-    road = Paint(50.0, 10.0, (40.0, 50.0, 75.0))
-
-    assert [road.in_channel(c).grain for c in range(3)] == pytest.approx([8.0, 10.0, 15.0])
-
-
-def test_black_paint_stays_black():
-    assert Paint(0.0, 3.0).in_channel(0) == Paint(0.0)
-
-
-@pytest.mark.parametrize("world", ["reinvent_base", "Monaco"])
-def test_three_channels_weigh_together_to_the_grey_picture(world):
-    look = look_of(world)
-
-    channels = [picture(look.in_channel(c)).astype(float) for c in range(3)]
-
-    grey = sum(weight * seen for weight, seen in zip(LUMA, channels, strict=True))
-    assert np.abs(grey - picture(look)).mean() < 0.5
-    assert np.abs(grey - picture(look)).max() < 8.0  # where the grain meets white
 
 
 def test_the_walls_of_the_measured_world_have_the_hue_of_the_frames():
     walls = look_of("reinvent_base").walls
 
-    seen = [walls.in_channel(c).greys[1] for c in range(3)]
+    seen = np.array(walls.tint) * walls.greys[1]
 
     assert seen == pytest.approx([14.1, 27.9, 31.5], abs=0.5)
     assert walls.greys[1] == 24.0
-
-
-def test_the_sky_is_grey_178_in_every_channel():
-    assert [look_of("reinvent_base").in_channel(c).sky_grey for c in range(3)] == [178.0] * 3
 
 
 def test_tracks_of_our_own_look_like_most_worlds():

@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from drcli.analysis.analysis import AnalysisReport
+from drcli.analysis.compare_runs import ComparedPair, ComparedRun, Comparison
 from drcli.base.problems import Problem
 from drcli.benchmark.bucket_speed import BucketSpeed
 from drcli.benchmark.estimate import TrainingEstimate
@@ -18,6 +20,9 @@ from drcli.checks.check_report import Report, Skipped
 from drcli.checks.doctor.findings import DoctorReport, Finding
 from drcli.exchange.car_trial import CarTrial, CarTrials
 from drcli.exchange.job import Job
+from drcli.exchange.log_places import log_file
+from drcli.exchange.race_rules import RaceRules
+from drcli.exchange.race_submission import DrivenCar, DrivenLap, RaceResult, RaceSubmission
 from drcli.exchange.robust_result import RobustCell, RobustResult
 from drcli.exchange.training_start import Pretrained
 from drcli.formats.car_actions import CarAction
@@ -31,9 +36,14 @@ from drcli.models.export_forms import FormReport
 from drcli.models.imported_model import ImportedModel
 from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
 from drcli.models.model_notes import NoteEntry, NoteList
+from drcli.models.training_list import KnownTrainings
 from drcli.models.upload import UploadReport
 from drcli.models.upload_prefix import UploadIncrement
 from drcli.models.write_export import ExportTarget
+from drcli.races.organise import show_race
+from drcli.races.queue_process import QueueStarted, QueueStopped
+from drcli.races.stored_race import put
+from drcli.races.submissions import SubmissionReport
 from drcli.remote.car_address import CarAddress
 from drcli.remote.car_driving import CarDrive, CarSpeed
 from drcli.remote.car_login import CarLogin
@@ -62,7 +72,9 @@ from drcli.runs.process_list import Process, SpeedReport
 from drcli.runs.status import RunReport
 from drcli.runs.stopping import Stopped, StopReport
 from drcli.runs.support_bundle import BundledFile, BundleReport
+from drcli.runs.tensorboard_server import MetricsReport, ServerRecord, Tool
 from drcli.runs.tidy import TidyItem, TidyReport
+from drcli.saliency.explain_model import ExplainedStep, SaliencyReport
 from drcli.spot.before_spending import Wishes
 from drcli.spot.cost_estimate import Estimate
 from drcli.spot.creation import CreatedStack
@@ -72,13 +84,95 @@ from drcli.spot.prices import Offer
 from drcli.spot.stack_end import StoppedStack
 from drcli.spot.stack_report import StackReport
 from drcli.spot.stacks import Stack
+from drcli.store import race_keys
 from drcli.tracks.track_facts import TrackFacts, TrackList
+from drcli.video.video_report import FilmedEpisode, VideoReport
+from drcli.web.viewer_process import ViewerRecord, ViewerReport
+from memory_bucket import MemoryBucket
+from past_trainings import child, training
 
 MODEL = "a-team-with-a-long-name/oval-" + "x" * 40 + "-17"
 URL = f"s3://bucket/{MODEL}"
 DROA_ID = "2w7R6h2PNexQ9kC"
 DROA_SITE = "https://deepracer-on-aws.example.com"
 TRACK = "a_track_with_a_name_that_no_small_terminal_has_room_for"
+
+
+ANALYSIS = AnalysisReport(
+    model=MODEL,
+    origin=URL,
+    layout="drfc",
+    world=TRACK,
+    track_length_m=17.7,
+    parent=None,
+    workers=1,
+    episodes=40,
+    steps=1_234_567,
+    complete_laps=2,
+    best_lap_s=12.345,
+    iterations=[
+        {
+            "iteration": n,
+            "mean_reward": 10.0 * n,
+            "mean_progress": 50.0,
+            "complete_laps": n,
+            "best_lap_s": 12.345 if n else None,
+            "eval_mean_progress": None,
+        }
+        for n in range(2)
+    ],
+    learner=[],
+    evaluations=[{"stamp": "2026", "complete_laps": 1, "best_lap_s": 12.0, "trials": [1]}],
+    verdict={"kind": "converged", "sentence": "Converged since iteration 1.", "numbers": {}},
+    advice=[
+        {"id": "snaking", "title": "Snaking", "evidence": "It turns often.", "command": "dr-x"}
+        for _ in range(3)
+    ],
+    findings={},
+    hyperparameters={},
+    machine_hours=None,
+    cost_usd=None,
+    problems=["0-iteration.csv has a damaged row in line 12. The other rows are analysed."],
+)
+
+_COMPARED = ComparedRun(
+    model=MODEL,
+    origin=URL,
+    world=TRACK,
+    iterations=20,
+    episodes=400,
+    steps=1_234_567,
+    wall_s=7200.0,
+    machine_hours=2.0,
+    cost_usd=0.5,
+    complete_laps=3,
+    best_lap_s=12.3,
+    late_iterations=5,
+    late_reward=10.0,
+    late_progress=80.0,
+    late_lap_share=50.0,
+    late_lap_s=13.0,
+    first_lap_steps=1000,
+    goals=[{"progress": 50.0, "iteration": 1, "steps": 1000.0, "wall_s": 1.0, "usd": None}],
+    curve={},
+)
+
+COMPARISON = Comparison(
+    [_COMPARED, _COMPARED],
+    [
+        ComparedPair(
+            MODEL,
+            {"difference": 20.0, "low": 10.0, "high": 30.0, "beyond_chance": True},
+            None,
+            None,
+            None,
+            "It drives further; this is more than chance.",
+            {"settings": "--- a\n+++ b\n@@ -1 +1 @@\n-DR_X=1\n+DR_X=2"},
+            same_reward=True,
+        )
+    ],
+    {"steps": {"limit": 1000.0, "progress": [10.0, 20.0]}},
+)
 
 
 class PaperRun:
@@ -168,8 +262,7 @@ def log(working_folder: Path) -> Callable[[str], Path]:
     """Path of a worker's log, its folder made."""
 
     def path_of(worker: str) -> Path:
-        kind = "robomaker" if worker.startswith("sim") else "sagemaker"
-        path = working_folder / "data" / "logs" / kind / "model" / f"{worker}.log"
+        path = log_file(working_folder, "model", worker)
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
@@ -188,8 +281,69 @@ def paper_reports(
     run.looks = [make_report("finished", 12, prefix=MODEL)]
     monkeypatch.setattr("drcli.runs.evaluation.evaluate", lambda *_, **__: evaluation_report)
     _lay_down(run.folder, monkeypatch)
+    report = run.folder / "report.html"
+    report.touch()
+    monkeypatch.setattr("drcli.analysis.report_place.report_file", lambda *_: report)
     _lay_down_evaluations(monkeypatch)
+    _lay_down_video(monkeypatch)
     _lay_down_droa(run.folder, monkeypatch)
+
+
+def race_bucket() -> MemoryBucket:
+    """A bucket with two races: with one submission in each state, and with a pair."""
+    bucket = MemoryBucket()
+    rules = RaceRules("Cup", 1.0, "reinvent_base", settings={"DR_SIM_LATENCY": "0.05"})
+    put(bucket, race_keys.rules("cup"), replace(rules, max_submissions=2))
+    put(bucket, race_keys.rules("duel"), replace(rules, name="Duel", race_type="HEAD_TO_MODEL"))
+    names = [f"{number:018d}-{number:08x}" for number in range(0xAA, 0xAF)]
+    racers = ("Ann", "Bob", "Cem", "Dan", "Ann")
+    for name, racer in zip(names, racers, strict=True):
+        record = RaceSubmission(racer, MODEL, "8_Step-4000.ckpt", 1.0)
+        put(bucket, race_keys.submission("cup", name), record)
+    laps = [DrivenLap(12.345, 100.0, "Lap complete"), DrivenLap(3.0, 40.0, "Off track", 1)]
+
+    def done(*cars: DrivenCar) -> RaceResult:
+        note = "The laps have no video, for a reason."
+        return RaceResult("done", "a", 0, 1.0, 2.0, list(cars), notes=[note])
+
+    for name, driven in ((names[0], laps), (names[1], laps[1:])):
+        car = DrivenCar(name, driven, video=race_keys.video("cup", name))
+        put(bucket, race_keys.result("cup", name), done(car))
+    failed = RaceResult("failed", "a", 0, 1.0, 2.0, message="It ended.", remedy="Read its log.")
+    put(bucket, race_keys.result("cup", names[2]), failed)
+    for name in names[:2]:
+        record = RaceSubmission(f"The racer {name[-1]}", MODEL, "8_Step-4000.ckpt", 1.0)
+        put(bucket, race_keys.submission("duel", name), record)
+    pair = done(DrivenCar(names[0], laps), DrivenCar(names[1], laps[1:]))
+    put(bucket, race_keys.result("duel", "_".join(names[:2])), pair)
+    return bucket
+
+
+def _lay_down_video(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a video be made of a trace that does not exist."""
+    trace = SimpleNamespace(origin="a-folder/a-trace-with-a-long-name.csv", stem="video")
+    monkeypatch.setattr("drcli.video.trace_source.trace_of_file", lambda path: trace)
+    laps = [
+        FilmedEpisode(0, 15.867, 100.0, "Lap complete", 0),
+        FilmedEpisode(12, 1234.5, 71.25, "Off track", 120),
+    ]
+    made = VideoReport(
+        f"{MODEL.replace('/', '-')}-20260102030405.gif",
+        1250.4,
+        18756,
+        1280,
+        720,
+        15,
+        "reinvent_base",
+        trace.origin,
+        MODEL,
+        "8_Step-4000.ckpt",
+        "raycast",
+        laps,
+        ["A note."],
+    )
+    monkeypatch.setattr("drcli.video.make_video.frames_of", lambda *_: 18756)
+    monkeypatch.setattr("drcli.video.video_job.make_video", lambda *_, **__: made)
 
 
 def _lay_down_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -345,6 +499,33 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = "sim-0 was started again (restart 1), after a fault that takes a long sentence to tell."
     event = JournalEvent("abc", 1_000_000.0, "recovery", text, {"worker": "sim-0"})
     answer("runs.journal_reader.journal_of", JournalReport(URL, [event], []))
+    for function in (
+        "analysis.read_run.read_run",
+        "analysis.read_run.read_runs",
+        "analysis.analysis.analyse",
+    ):
+        answer(function, SimpleNamespace(name=MODEL))
+    answer("analysis.outputs.check_targets", None)
+    answer("analysis.outputs.write_outputs", ANALYSIS)
+    answer("analysis.outputs.write_comparison_of", COMPARISON)
+    first = training(0x1AB, MODEL)
+    settings = {"DR_WORLD_NAME": TRACK, "DR_MODEL_DESCRIPTION": "Slow in the hairpin " * 4}
+    clone = child(0x2FF, f"{MODEL}-2", first, hyperparameters={"batch_size": 512}, usd=12.5)
+    clone = replace(clone, starts=(replace(clone.newest, settings=settings),))
+    known = KnownTrainings("bucket", (first, clone), frozenset({clone.id}), frozenset())
+    answer("models.training_list.known_trainings", known)
+    races = race_bucket()
+    answer("store.connect.open_running_bucket", races)
+    answer("store.connect.open_bucket", races)
+    answer(
+        "races.submissions.submit",
+        SubmissionReport("cup", "000000aa", TRACK, MODEL, "8_Step-4000.ckpt", 2, 1, queue=False),
+    )
+    answer("races.race_queue.run_queue", show_race(races, "cup"))
+    log = f"{folder}/data/logs/races/cup.log"
+    answer("races.rules_change.change_rules", show_race(race_bucket(), "cup"))
+    answer("races.queue_process.launch_queue", QueueStarted("cup", 4242, log))
+    answer("races.queue_process.stop_queue", QueueStopped("cup", 4242))
     text = "EC2 announces that it will terminate this instance in 120 s."
     notice = WatchReport("aws", "interruption", "terminate", 120.0, text, 0)
     answer("spot.cloud_notices.cloud_of_machine", "aws")
@@ -401,8 +582,47 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     )
     answer("checks.validate.validate", Report("", False, (broken,), (broken,), (skipped,)))
     answer("rewards.check.check", _reward_report())
+    _answer_with_explanations(folder, answer)
     answer("rewards.plot.plot", PlotReport("a.py", TRACK, TRACK, True, 0, 1, {"steady": 99.0}))
     answer("rewards.compare.compare", _comparison())
+
+
+def _answer_with_explanations(folder: Path, answer: Callable[[str, object], None]) -> None:
+    """Let the modules behind `dr saliency` and the commands for live figures answer."""
+    step = ExplainedStep(
+        **{"step": 12, "time_s": 0.8, "progress": 4.25, "x": 1.0, "y": 2.0, "action": 3},
+        **{"steering_deg": -12.5, "speed_mps": 1.25},
+        strongest={"perturbation": (40, 12)},
+        greatest={"perturbation": 0.125},
+        ninths={"perturbation": [[0.0, 0.0, 0.1], [0.7, 0.1, 0.0], [0.1, 0.0, 0.0]]},
+        lidar=None,
+        picture=f"{folder}/pictures/saliency-0012.png",
+    )
+    explained = SaliencyReport(
+        **{"model": MODEL, "checkpoint": "8_Step-4000.ckpt", "world": TRACK, "target": "action"},
+        **{"unit": "of the probability", "outcome": "Off track", "progress": 12.5},
+        **{"seconds": 3.25, "html": f"{folder}/saliency.html"},
+        steps=[step],
+        lap={"step": [1, 2], "value": [0.5, 0.25]},
+        notes=["A sentence about it."],
+    )
+    answer("saliency.explain_model.explain_checkpoint", (None, "8_Step-4000.ckpt"))
+    answer("saliency.explain_model.write_page", None)
+    answer("saliency.explain_model.report_of", explained)
+    tools = [
+        Tool("TensorBoard", "DR_TENSORBOARD", f"{folder}/data/tensorboard"),
+        Tool("Grafana", "DR_TELEGRAF_HOST", ""),
+    ]
+    metrics = MetricsReport(
+        "http://127.0.0.1:6006/", 4243, f"{folder}/data", [MODEL], tools, [MODEL]
+    )
+    answer("runs.tensorboard_server.fetch_events", [MODEL])
+    answer("runs.tensorboard_server.write_histories", [MODEL])
+    answer("runs.tensorboard_server.start_tensorboard", metrics)
+    answer("runs.tensorboard_server.stop_tensorboard", ServerRecord(4243, 1.0, 6006))
+    viewer = ViewerReport("http://127.0.0.1:8100/", 4243, "127.0.0.1", 8100, False, True)
+    answer("web.viewer_process.start_viewer", viewer)
+    answer("web.viewer_process.stop_viewer", ViewerRecord(4243, 1.0, "127.0.0.1", 8100))
 
 
 def _answer_as_car(monkeypatch: pytest.MonkeyPatch, answer: Callable[[str, object], None]) -> None:

@@ -179,19 +179,11 @@ def test_finding_nothing_leaves_an_empty_list_and_a_failure(dr, working_folder, 
     assert json.loads(capsys.readouterr().out) == {"processes": []}
 
 
-def test_speed_is_steps_by_the_wall_clock_of_the_newest_trace(
-    dr, record, make_record, monkeypatch, capsys
-):
-    # Four rows at 0.5, 1.0, 1.5 and 2.0 s: they took 2 s, so 2 steps/s of 15 in real time.
-    trace = "header\n" + "".join(f"0,1.0,{10.0 + k / 2}\n" for k in range(1, 5))
-
-    class Bucket:
-        def get(self, key):
-            assert key == "model/1/training-simtrace/3-iteration.csv"
-            return trace.encode()
-
-    monkeypatch.setattr("drcli.runs.process_list.open_running_bucket", lambda *_: Bucket())
-    monkeypatch.setattr("drcli.runs.process_list.read_history", lambda *_: [make_record(3)])
+def test_programs_get_the_speed_of_one_worker(dr, record, monkeypatch, capsys):
+    monkeypatch.setattr(
+        "drcli.runs.process_list.speed_of",
+        lambda process, _: SpeedReport(process.name, process.pid, 3, 4, 2.0, 2.0 / 15.0),
+    )
 
     code = dr("get-robomaker-stats", "-n", "2", "--json")
 

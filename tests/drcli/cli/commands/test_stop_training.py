@@ -37,6 +37,7 @@ def test_programs_get_what_was_stopped_as_from_the_other_stops(dr, run, make_rep
     assert json.loads(capsys.readouterr().out) == {
         "stopped": [{"kind": "training", "run_id": 0, "model": "s3://bucket/model", "pid": 4242}],
         "server": False,
+        "viewer": False,
     }
 
 

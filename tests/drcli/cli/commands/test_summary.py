@@ -2,21 +2,18 @@
 
 import io
 import json
-import os
 import subprocess
 import threading
-import time
 
-import psutil
 import pytest
 from rich.console import Console
 
 from drcli.base.errors import StorageError
 from drcli.cli.views import summary_view
-from drcli.exchange.run_record import RunRecord
 from drcli.runs import summary
 from drcli.runs.summary import BucketState, Running, Summary
 from drcli.store.endpoint import Endpoint
+from own_run import own_run
 
 
 @pytest.fixture
@@ -99,17 +96,9 @@ def test_a_stopped_servers_checkpoints_are_found_on_the_disk(dr, working_folder,
 
 def test_runs_of_all_numbers_are_shown(dr, working_folder, capsys):
     for run_id in (0, 2):
-        RunRecord(
-            run_id=run_id,
-            session="abc",
-            bucket="bucket",
-            prefix=f"model-{run_id}",
-            world="reinvent_base",
-            state="running",
-            pid=os.getpid(),
-            pid_started=psutil.Process().create_time(),
-            started_at=time.time(),
-        ).write(working_folder / "data" / "runs" / str(run_id))
+        own_run(run_id=run_id, prefix=f"model-{run_id}").write(
+            working_folder / "data" / "runs" / str(run_id)
+        )
 
     dr("summary", "--json")
 

@@ -347,6 +347,8 @@ def test_a_folder_can_come_with_a_training_in_stages(empty, dr, experiment):
     folder = empty / "experiments" / experiment if experiment else empty
     example = model_file("curriculum.yaml").read_bytes()
     assert (folder / "curriculum.yaml").read_bytes() == example
+    overtake = model_file("rewards/head_to_bot/reward_function.py").read_bytes()
+    assert (folder / "overtake.py").read_bytes() == overtake
     flags = {"DR_EXPERIMENT_NAME": experiment or ""}
     settings = load_settings(empty, environ={}, flags=flags)
     staged = review_stages(settings, {})

@@ -1,0 +1,1 @@
+"""What a training shows when its traces, metrics and files are read: tables, verdict, advice."""

@@ -1,0 +1,96 @@
+"""The rows of a comparison's table, for the terminal and for the page."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from drcli.analysis.compare_runs import ComparedPair, Comparison
+
+Kind = Literal["count", "percent", "lap", "time", "usd", "number", "steps"]
+"""What a value is, which decides how it is written: a lap time, a wall time, and so on."""
+
+_USED: tuple[tuple[str, Kind], ...] = (("steps", "steps"), ("wall_s", "time"), ("usd", "usd"))
+
+
+@dataclass(frozen=True)
+class ComparisonRow:
+    """One row.
+
+    Attributes:
+        name: What it is about.
+        kind: What its values are.
+        values: One for each training; None where it is not known.
+        limit: A value that belongs to the name, and its kind; None without one.
+        unknown: What stands for None.
+    """
+
+    name: str
+    kind: Kind
+    values: Sequence[float | None]
+    limit: tuple[Kind, float] | None = None
+    unknown: str | None = None
+
+
+@dataclass(frozen=True)
+class IntervalRow:
+    """A difference of two trainings, with the interval that chance leaves.
+
+    Attributes:
+        name: Of what.
+        unit: Of the numbers; may be empty.
+        difference: Of the second training from the first.
+        low: Least plausible difference.
+        high: Greatest plausible difference.
+        beyond_chance: Whether chance alone does not explain it.
+    """
+
+    name: str
+    unit: str
+    difference: float
+    low: float
+    high: float
+    beyond_chance: bool
+
+
+def comparison_rows(report: "Comparison") -> Iterator[ComparisonRow]:
+    """All rows that have something to show."""
+    runs = report.runs
+    yield ComparisonRow("iterations", "count", [run.iterations for run in runs])
+    yield ComparisonRow("steps", "count", [run.steps for run in runs])
+    yield ComparisonRow("wall time", "time", [run.wall_s for run in runs])
+    yield ComparisonRow("cost", "usd", [run.cost_usd for run in runs])
+    yield ComparisonRow("complete laps", "count", [run.complete_laps for run in runs])
+    yield ComparisonRow("best lap", "lap", [run.best_lap_s for run in runs])
+    yield ComparisonRow("late progress", "percent", [run.late_progress for run in runs])
+    yield ComparisonRow("late laps", "percent", [run.late_lap_share for run in runs])
+    yield ComparisonRow("late lap time", "lap", [run.late_lap_s for run in runs])
+    yield ComparisonRow("late reward", "number", [run.late_reward for run in runs])
+    for place, goal in enumerate(runs[0].goals):
+        reached = [run.goals[place]["steps"] for run in runs]
+        if any(value is not None for value in reached):
+            name = f"{goal['progress']:.0f} % after"
+            yield ComparisonRow(name, "steps", reached, unknown="never")
+    for used, kind in _USED:
+        equal = report.at_equal.get(used)
+        if equal is not None:
+            yield ComparisonRow("at", "percent", equal["progress"], limit=(kind, equal["limit"]))
+
+
+def interval_rows(pair: "ComparedPair") -> Iterator[IntervalRow]:
+    """What differs, as far as it can be told from chance at all."""
+    for name, found, unit in (
+        ("progress", pair.progress, "%"),
+        ("complete laps", pair.lap_share, "of 100"),
+        ("lap time", pair.lap_s, "s"),
+        ("reward", pair.reward, ""),
+    ):
+        if found is not None:
+            yield IntervalRow(
+                name,
+                unit,
+                found["difference"],
+                found["low"],
+                found["high"],
+                found["beyond_chance"],
+            )

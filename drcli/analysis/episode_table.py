@@ -1,0 +1,145 @@
+"""Steps in order, with a number for each episode of all workers, and a row for each episode."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drcli.analysis.extra import deepracer_logs
+from drcli.analysis.spans import Numbers, spans
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+EPISODE_COLUMNS = (
+    *("iteration", "worker", "episode", "steps", "start_at", "progress", "time", "dist"),
+    *("reward", "speed", "complete", "status", "quintile"),
+)
+
+
+def number_episodes(steps: "pd.DataFrame") -> "tuple[pd.DataFrame, list[str]]":
+    """Sort steps by iteration, worker, episode and step, and number the episodes from 0.
+
+    The numbers are those of deepracer-utils (`DeepRacerLog.load_training_trace`) if that gives each
+    episode its own: its rule takes the number of episodes from iteration 0. Otherwise they follow
+    each other without a gap.
+
+    Returns:
+        The steps with the column `unique_episode`, and what was wrong, a sentence each.
+    """
+    import pandas as pd
+
+    names = ("steps", "episode", "worker", "iteration")
+    if not _is_sorted([steps[name].to_numpy() for name in reversed(names)]):
+        order = np.lexsort([steps[name].to_numpy() for name in names])
+        steps = steps.take(order).reset_index(drop=True)
+    problems = []
+    columns = [steps[name].to_numpy() for name in ("iteration", "worker", "episode")]
+    new = np.zeros(len(steps), bool)
+    new[0] = True
+    for column in columns:
+        new[1:] |= column[1:] != column[:-1]
+    twice = ~new & np.concatenate([[False], np.diff(steps["steps"].to_numpy()) == 0])
+    if twice.any():
+        problems.append(
+            f"{int(twice.sum()):,} steps are there twice, the first in iteration "
+            f"{int(columns[0][twice.argmax()])}; each is counted once."
+        )
+        keep = ~twice
+        steps = steps[keep].reset_index(drop=True)
+        columns = [column[keep] for column in columns]
+        new = new[keep]
+    numbers = np.cumsum(new) - 1
+    first = np.flatnonzero(new)
+    usual = _as_the_library(*(column[first].astype(np.int64) for column in columns))
+    if usual is None:
+        problems.append(
+            "The numbers of the episodes do not fit those of iteration 0, so the episodes are "
+            "numbered anew, in their order."
+        )
+    else:
+        numbers = usual[numbers]
+    steps["unique_episode"] = pd.Series(numbers, dtype="int32")
+    return steps, problems
+
+
+def _is_sorted(columns: list[Numbers]) -> bool:
+    """Whether rows are sorted by the first column, then by the second ..., as most traces are."""
+    equal = np.ones(max(0, len(columns[0]) - 1), bool)
+    for column in columns:
+        if (equal & (column[1:] < column[:-1])).any():
+            return False
+        equal &= column[1:] == column[:-1]
+    return True
+
+
+def _as_the_library(
+    iteration: Numbers,
+    worker: Numbers,
+    episode: Numbers,
+) -> Numbers | None:
+    """A number for each episode by the library's rule; None if it is undefined or not unique."""
+    most = int(worker.max()) + 1
+    share = np.zeros(most, np.int64)
+    of_first = iteration == 0
+    np.maximum.at(share, worker[of_first], episode[of_first] + 1)
+    if not share.all():
+        return None
+    before = np.concatenate([[0], np.cumsum(share)[:-1]])
+    numbers = episode % share[worker] + before[worker] + iteration * share.sum()
+    if not (np.diff(numbers) > 0).all() or numbers[-1] >= 2**31:
+        return None
+    return np.asarray(numbers)
+
+
+def episode_table(steps: "pd.DataFrame") -> "pd.DataFrame":
+    """A row for each episode; index unique_episode.
+
+    Most numbers are those of deepracer-utils (`AnalysisUtils.simulation_agg`): progress is the
+    greatest of all steps, and time and distance are sums of differences that begin at the `prepare`
+    row. An episode that has lost this row begins at its first one.
+
+    Args:
+        steps: As `number_episodes` returns them, at least one.
+    """
+    import pandas as pd
+
+    found = aggregated(steps, "unique_episode")
+    _, last = spans(steps["unique_episode"].to_numpy())
+    ends = steps.iloc[last]
+    table = pd.DataFrame(
+        {
+            "iteration": found["iteration"],
+            "worker": ends["worker"].to_numpy(),
+            "episode": ends["episode"].to_numpy(),
+            "steps": found["steps"].astype(int),
+            "start_at": found["start_at"],
+            "progress": found["progress"],
+            "time": found["time"],
+            "dist": found["dist"],
+            "reward": found["reward"],
+            "speed": found["speed"],
+            "complete": found["complete"].astype(bool),
+            "status": ends["episode_status"].astype(str).to_numpy(),
+            "quintile": found["quintile"],
+        }
+    )
+    table.index = pd.Index(found["unique_episode"], name="unique_episode")
+    return table
+
+
+def aggregated(steps: "pd.DataFrame", group: str, *, is_eval: bool = False) -> "pd.DataFrame":
+    """The aggregates of deepracer-utils, a row for each (iteration, `group`), in their order."""
+    analysis = deepracer_logs().AnalysisUtils
+    names = ["iteration", group, "steps", "x", "y", "speed", "reward", "progress"]
+    frame = steps[[*names, "closest_waypoint", "tstamp"]].copy()
+    status = steps["episode_status"]
+    if not is_eval:
+        frame["new_reward"] = 0.0  # the library prints a line if it has to add this itself
+        first, _ = spans(steps[group].to_numpy())
+        if "prepare" not in status.cat.categories:
+            status = status.cat.add_categories("prepare")
+        status = status.copy()
+        # An episode whose first row was damaged would begin at the end of the one before.
+        status.iloc[first] = "prepare"
+    frame["episode_status"] = status
+    return analysis.simulation_agg(frame, secondgroup=group, is_eval=is_eval)

@@ -1,0 +1,64 @@
+"""Pictures for the report: what moves the action of a model in the bucket."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drcli.analysis.report.picture_section import Picture
+from drcli.config.checkpoint_words import parse_checkpoint
+from drcli.config.settings import Settings
+from drcli.saliency.question import FAST_SPACING, Question
+from drcli.store.bucket import Bucket
+
+if TYPE_CHECKING:
+    from drcli.saliency.explained_episode import ExplainedEpisode
+
+SOME_STEPS = Question(pictures=6, spacing=FAST_SPACING)
+"""Six steps, evenly spread over the episode."""
+
+_LIKELY = 3
+"""Actions whose probabilities are shown."""
+
+
+def explained_pictures(
+    settings: Settings, bucket: Bucket, prefix: str, question: Question = SOME_STEPS
+) -> tuple[Picture, ...]:
+    """Drive an episode with a model's best checkpoint, and explain some of its steps.
+
+    Args:
+        settings: The track and the start.
+        bucket: Where the model is.
+        prefix: The model.
+        question: What to explain.
+
+    Raises:
+        SettingsError: The model has no such checkpoint, or cannot be explained.
+        StorageError: The bucket cannot be read.
+    """
+    from drcli.saliency import explain_model  # here: torch takes seconds to load
+
+    best = parse_checkpoint("best")
+    explained, name = explain_model.explain_checkpoint(settings, bucket, prefix, best, question)
+    number = name.partition("_")[0]
+    steps = range(len(explained.chosen))
+    return tuple(_picture(explained, step, f"Checkpoint {number}.") for step in steps)
+
+
+def _picture(explained: "ExplainedEpisode", number: int, title: str) -> Picture:
+    """An explained step: what the car saw and each map over it, in two columns."""
+    from drcli.saliency.explanation_pictures import decision, finding, moment, pictures_of, png_of
+
+    parts = pictures_of(explained, number)
+    tiles = list(parts.values())
+    if len(tiles) % 2:
+        tiles.append(np.zeros_like(tiles[0]))
+    rows = [np.hstack(tiles[first : first + 2]) for first in range(0, len(tiles), 2)]
+    texts = (title, moment(explained, number), decision(explained, number))
+    caption = f"{' '.join(texts)} {finding(explained, number)} Row by row: {', '.join(parts)}."
+    probabilities = explained.outputs.probabilities
+    if probabilities is None:
+        return Picture(png_of(np.vstack(rows)), caption)
+    shares = enumerate(probabilities[explained.chosen[number]].tolist())
+    likely = sorted(shares, key=lambda pair: -pair[1])[:_LIKELY]
+    numbers = {f"action {action}": share for action, share in likely}
+    return Picture(png_of(np.vstack(rows)), caption, numbers)

@@ -1,0 +1,64 @@
+"""What a racer should change, the most important first. Without evidence there is no advice."""
+
+from collections.abc import Callable
+
+from drcli.analysis.findings import (
+    action_advice,
+    curve_advice,
+    reward_advice,
+    steering_advice,
+    track_advice,
+    update_advice,
+)
+from drcli.analysis.findings.advice_item import Advice as Advice  # for reports
+from drcli.analysis.findings.evidence import Evidence, gather
+from drcli.analysis.run import Run
+
+RULES: tuple[tuple[str, Callable[[Evidence], Advice | None]], ...] = (
+    ("collapse", curve_advice.collapse),
+    ("slow-driving", reward_advice.slow_driving),
+    ("one-sided-steering", steering_advice.one_sided),
+    ("snaking", steering_advice.snakes),
+    ("no-exploration", action_advice.no_exploration),
+    ("standing-still", reward_advice.standing_still),
+    ("cutting", track_advice.cutting),
+    ("over-training", curve_advice.over_training),
+    ("evaluation-behind", curve_advice.evaluation_behind),
+    ("unstable", update_advice.unstable),
+    ("entropy-rises", update_advice.entropy_rises),
+    ("dead-action", action_advice.dead_actions),
+    ("one-place", track_advice.hard_place),
+    ("short-horizon", update_advice.short_horizon),
+    ("not-learning", curve_advice.not_learning),
+    ("under-training", curve_advice.under_training),
+)
+"""Causes come before what follows from them: a broken policy first, then what the reward teaches,
+then how the car drives, then how it learns, then how it could learn faster."""
+
+IMPLIED = {
+    "slow-driving": {"dead-action", "standing-still"},
+    "one-sided-steering": {"dead-action", "no-exploration", "one-place"},
+    "snaking": {"dead-action", "no-exploration"},
+    "no-exploration": {"dead-action", "one-place", "not-learning"},
+    "collapse": {"not-learning"},
+    "over-training": {"evaluation-behind"},
+    "standing-still": {"not-learning"},
+}
+"""Advice that follows from another one, and is left out beside it."""
+
+TAUGHT = ("slow-driving", "standing-still", "cutting")
+"""What a reward may teach at the cost of progress: the cause if progress fell and reward rose."""
+
+
+def advice(run: Run) -> tuple[Advice, ...]:
+    """Advice on a training, the most important first; empty without evidence."""
+    return advise(gather(run))
+
+
+def advise(evidence: Evidence) -> tuple[Advice, ...]:
+    """Advice by what was found."""
+    found = [item for _, rule in RULES if (item := rule(evidence)) is not None]
+    if evidence.paid:
+        found.sort(key=lambda item: item.id not in TAUGHT)
+    implied = set().union(*(IMPLIED.get(item.id, set()) for item in found))
+    return tuple(item for item in found if item.id not in implied)

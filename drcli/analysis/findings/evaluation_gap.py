@@ -1,0 +1,75 @@
+"""How far evaluations get beside the training episodes of the same weights."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from drcli.analysis.findings.learning_curve import LearningCurve
+from drcli.analysis.run import Run
+
+NEWEST = 8
+"""So many of the newest evaluated iterations are compared, or the last third if that is more."""
+
+LEAST = 3
+"""Evaluations that are needed."""
+
+
+@dataclass(frozen=True)
+class EvaluationGap:
+    """Progress of training and evaluation.
+
+    Attributes:
+        training: Mean progress of the training episodes, percent.
+        evaluation: Mean progress of the evaluations, percent.
+        behind: How much less far evaluations get.
+        t: How sure that is: `behind` in standard errors.
+        count: Evaluated iterations, or trials of evaluations on their own.
+        alone: Whether these are evaluations on their own, after the training.
+    """
+
+    training: float
+    evaluation: float
+    behind: float
+    t: float
+    count: int
+    alone: bool
+
+
+def evaluation_gap(run: Run, curve: LearningCurve, until: int) -> EvaluationGap | None:
+    """Compare evaluations with the training; None if there are too few.
+
+    Args:
+        run: The training.
+        curve: Its learning curve.
+        until: Only that many of its iterations count: those before a collapse.
+    """
+    training, evaluation = curve.progress[:until], curve.evaluation[:until]
+    where = np.flatnonzero(np.isfinite(evaluation))
+    where = where[-max(NEWEST, len(where) // 3) :]
+    where = where[where >= until - max(2 * NEWEST, until // 2)]
+    if len(where) >= LEAST:
+        gaps = training[where] - evaluation[where]
+        return _gap(training[where], evaluation[where], float(np.std(gaps, ddof=1)), alone=False)
+    trials = [
+        float(progress)
+        for each in run.evaluations[-3:]
+        if each.world is None or run.world is None or each.world == run.world
+        for progress in each.trials["progress"]
+        if math.isfinite(progress)
+    ]
+    newest = training[-NEWEST:]
+    if len(trials) < LEAST or len(newest) < LEAST:
+        return None
+    tried = np.array(trials)
+    return _gap(np.full(len(tried), newest.mean()), tried, float(np.std(tried, ddof=1)), alone=True)
+
+
+def _gap(
+    training: np.ndarray, evaluation: np.ndarray, spread: float, *, alone: bool
+) -> EvaluationGap:
+    first, second = float(np.mean(training)), float(np.mean(evaluation))
+    error = max(spread, 2.0) / math.sqrt(len(evaluation))
+    return EvaluationGap(
+        first, second, first - second, (first - second) / error, len(evaluation), alone
+    )

@@ -1,0 +1,192 @@
+"""All that verdict and advice rest on, computed once from the tables of a training."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from drcli.analysis.findings.action_use import ActionUse, action_use
+from drcli.analysis.findings.discount_horizon import DiscountHorizon, discount_horizon
+from drcli.analysis.findings.driven_steps import DrivenSteps, driven_steps
+from drcli.analysis.findings.episode_ends import EpisodeEnds, episode_ends
+from drcli.analysis.findings.episode_groups import EpisodeGroup, by_quintile, by_start
+from drcli.analysis.findings.evaluation_gap import EvaluationGap, evaluation_gap
+from drcli.analysis.findings.lap_slowing import change_t, lap_slowing
+from drcli.analysis.findings.lap_times import LapTimes, lap_times
+from drcli.analysis.findings.learner_health import LearnerHealth, learner_health
+from drcli.analysis.findings.learning_curve import (
+    TREND_T,
+    Fall,
+    LearningCurve,
+    lasting_fall,
+    learning_curve,
+)
+from drcli.analysis.findings.reward_rate import RewardRate, reward_rate
+from drcli.analysis.findings.snaking import Snaking, snaking
+from drcli.analysis.findings.steering_balance import SteeringBalance, steering_balance
+from drcli.analysis.findings.wheels_off import WheelsOff, wheels_off
+from drcli.analysis.findings.window import early_steps, late_steps, learned_steps
+from drcli.analysis.run import Run
+
+FALL_FROM = 20.0
+"""Progress, percent, that a policy must have had before a collapse. The warning during a training
+asks for 40; looking back at a whole curve, a fall from less can be told from noise."""
+
+LEAST_NOISE = 1.5
+"""Standard deviation of mean progress, percent, that is believed at the least."""
+
+REWARD_FALL = 0.4
+"""A collapse that shows in the reward only must be deeper than one in the progress."""
+
+REWARD_RISE = 1.1
+"""A fall of progress after which the reward is so many times as high was paid for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What was found in a training. None stands for: too few numbers to tell.
+
+    Attributes:
+        run: The training.
+        curve: Its learning curve.
+        fall: The collapse of its progress, or of its reward.
+        fallen: What fell: progress or reward; empty without a collapse.
+        paid: Whether the reward rose where the progress fell. Then the policy is not broken; it
+            does what its reward asks for, and all steps show what that is.
+        late: Steps that show how the car drives now, or before the policy broke.
+        actions: How it uses its actions.
+        rate: What its reward pays for.
+        balance: Whether it steers to both sides.
+        snaking: Whether it snakes, in training.
+        evaluation_snaking: The same in the stored evaluations.
+        off: Whether it drives with wheels off the track.
+        ends: Where its episodes end.
+        gap: How far evaluations are behind the training.
+        learner: What its updates say.
+        horizon: How far ahead it plans.
+        laps: Its complete laps.
+        quintiles: Its episodes in five equal parts of the training.
+        starts: Its late episodes by where they start.
+    """
+
+    run: Run
+    curve: LearningCurve
+    fall: Fall | None
+    fallen: str
+    paid: bool
+    late: DrivenSteps
+    actions: ActionUse | None
+    rate: RewardRate | None
+    balance: SteeringBalance | None
+    snaking: Snaking | None
+    evaluation_snaking: Snaking | None
+    off: WheelsOff | None
+    ends: EpisodeEnds | None
+    gap: EvaluationGap | None
+    learner: LearnerHealth | None
+    horizon: DiscountHorizon | None
+    laps: LapTimes
+    quintiles: tuple[EpisodeGroup, ...]
+    starts: tuple[EpisodeGroup, ...]
+
+    @property
+    def until(self) -> int:
+        """Number of iterations before the policy broke, or all."""
+        return len(self.curve) if self.fall is None or self.paid else self.fall.at
+
+    @property
+    def level(self) -> float:
+        """Mean progress of the newest iterations before a collapse, percent; 0 without any."""
+        newest = self.curve.progress[: self.until][-max(3, self.until // 6) :]
+        return float(newest.mean()) if len(newest) else 0.0
+
+    def number(self, key: str) -> float | None:
+        """A hyperparameter, if it is a number."""
+        return _number(self.run.hyperparameters, key)
+
+
+def gather(run: Run) -> Evidence:
+    """Compute everything that verdict and advice rest on."""
+    curve = learning_curve(run)
+    fall, fallen = _fall(curve)
+    paid = _paid(curve, fall, fallen)
+    broken = None if paid else fall
+    until = len(curve) if broken is None else broken.at
+    steps = driven_steps(run.steps)
+    learned = learned_steps(steps, curve, broken)
+    late, early = late_steps(steps, curve, broken), early_steps(steps, curve, broken)
+    evaluated = [driven_steps(each.steps) for each in run.evaluations[-3:]]
+    restless = [found for each in evaluated if (found := snaking(each)) is not None]
+    return Evidence(
+        run=run,
+        curve=curve,
+        fall=fall,
+        fallen=fallen,
+        paid=paid,
+        late=late,
+        actions=action_use(late, early, run.actions),
+        rate=reward_rate(learned, late, run.episodes, run.actions, lap_slowing(run, curve, until)),
+        balance=steering_balance(late, run.track),
+        snaking=snaking(late),
+        evaluation_snaking=restless[-1] if restless else None,
+        off=wheels_off(late),
+        ends=episode_ends(late),
+        gap=evaluation_gap(run, curve, until),
+        learner=learner_health(run.learner, sac=is_sac(run.hyperparameters)),
+        horizon=discount_horizon(run.hyperparameters, steps.length_m, _speed_over_track(late)),
+        laps=lap_times(run),
+        quintiles=by_quintile(run),
+        starts=by_start(run),
+    )
+
+
+def is_sac(hyperparameters: Mapping[str, object]) -> bool:
+    """Whether a model was trained by SAC, as far as its hyperparameters tell."""
+    additive = hyperparameters.get("exploration_type") == "additive_noise"
+    return additive or "sac_alpha" in hyperparameters
+
+
+def _fall(curve: LearningCurve) -> tuple[Fall | None, str]:
+    """The collapse of a curve, and what fell."""
+    fall = lasting_fall(curve.progress, FALL_FROM, least_noise=LEAST_NOISE)
+    if fall is not None:
+        return fall, "progress"
+    if len(curve) and np.isfinite(curve.reward).all():
+        middle = float(np.median(np.abs(curve.reward)))
+        fall = lasting_fall(
+            curve.reward, 0.2 * middle, REWARD_FALL, least_noise=max(0.03 * middle, 1e-9)
+        )
+    return fall, "" if fall is None else "reward"
+
+
+def _paid(curve: LearningCurve, fall: Fall | None, fallen: str) -> bool:
+    """Whether the mean reward surely and clearly rose where the progress fell."""
+    if fall is None or fallen != "progress" or not np.isfinite(curve.reward).all():
+        return False
+    before, after = curve.reward[max(0, fall.at - 5) : fall.at], curve.reward[fall.at :]
+    if float(after.mean()) < REWARD_RISE * float(before.mean()) or before.mean() <= 0:
+        return False
+    return change_t(before, after) >= TREND_T
+
+
+def _speed_over_track(steps: DrivenSteps) -> float | None:
+    """Mean speed over the track, from the way driven in each step; None if unknown."""
+    together = steps.episode[1:] == steps.episode[:-1]
+    way = np.hypot(np.diff(steps.x), np.diff(steps.y))[together]
+    time_s = np.diff(steps.time_s)[together]
+    fine = np.isfinite(way) & np.isfinite(time_s) & (time_s > 0) & (way < 1.0)
+    total_s = float(time_s[fine].sum())
+    return float(way[fine].sum()) / total_s if total_s > 0 else None
+
+
+def _number(values: Mapping[str, object], key: str) -> float | None:
+    value = values.get(key)
+    if isinstance(value, str):  # some tools write numbers as text
+        try:
+            value = float(value)
+        except ValueError:
+            return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    return float(value)

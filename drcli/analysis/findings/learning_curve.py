@@ -1,0 +1,295 @@
+"""The learning curve of a training as arrays, and the statistics that verdict and advice use."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drcli.analysis.run import Run
+from drsim.arrays import Floats, Ints
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FALL_SHARE = 0.6
+"""A level at or below this share of the level before is a collapse; as in `drcli.store.history`."""
+
+FALL_SIGMAS = 4.0
+"""Least height of a fall in standard errors of the levels before and after. Of 1,500 made curves
+without a collapse, none had so large a fall."""
+
+LEAST_AFTER = 2
+"""Iterations after a fall that there must be."""
+
+TREND_T = 2.6
+"""A trend counts from this t-value on: one chance in a hundred."""
+
+HUGE = 1e100
+"""Values beyond it are scaled, because the squares of 1e300 are too large for a float."""
+
+SMOOTH = 3
+"""Iterations over which levels are averaged, as in `drcli.store.history`."""
+
+
+@dataclass(frozen=True, eq=False)
+class LearningCurve:
+    """Means of the iterations that had episodes, oldest first. Every array has shape (n,).
+
+    If the length of the track changes on the way, only the iterations since are here: before, the
+    car had another task.
+
+    Attributes:
+        iteration: Their numbers.
+        episodes: Training episodes.
+        progress: Mean progress, percent.
+        progress_error: Its standard error, from the spread of the episodes; NaN for one episode.
+        reward: Mean reward of an episode.
+        reward_error: Its standard error; NaN for one episode.
+        laps: Share of the episodes that completed the lap.
+        evaluation: Mean progress of the evaluation episodes; NaN without.
+        evaluation_laps: Complete laps of the evaluation; NaN without.
+        lap_s: Mean lap time; NaN without a lap.
+    """
+
+    iteration: Ints
+    episodes: Ints
+    progress: Floats
+    progress_error: Floats
+    reward: Floats
+    reward_error: Floats
+    laps: Floats
+    evaluation: Floats
+    evaluation_laps: Floats
+    lap_s: Floats
+
+    def __len__(self) -> int:
+        """How many iterations."""
+        return len(self.iteration)
+
+
+@dataclass(frozen=True)
+class Fall:
+    """A lasting step down of a curve.
+
+    Attributes:
+        at: Index of the first value after it.
+        before: Level before.
+        after: Level after, to the end.
+        sigmas: Its height in standard errors.
+    """
+
+    at: int
+    before: float
+    after: float
+    sigmas: float
+
+
+@dataclass(frozen=True)
+class Slope:
+    """A straight line through the newest values.
+
+    Attributes:
+        gain: Change from its begin to its end.
+        t: Its t-value.
+        count: Values that it goes through.
+    """
+
+    gain: float
+    t: float
+    count: int
+
+    @property
+    def rises(self) -> bool:
+        """Whether it rises by more than chance."""
+        return self.t >= TREND_T
+
+    @property
+    def falls(self) -> bool:
+        """Whether it falls by more than chance."""
+        return self.t <= -TREND_T
+
+
+def learning_curve(run: Run) -> LearningCurve:
+    """The learning curve of a training."""
+    table = run.iterations
+    numbers = np.asarray(table.index, dtype=np.int64)
+    episodes = _column(table, "episodes")
+    kept = np.isfinite(episodes) & (episodes > 0) & np.isfinite(_column(table, "mean_progress"))
+    kept &= numbers >= _since(run)
+    count = np.where(kept, episodes, 1.0)
+    spread = _progress_spread(run, numbers)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return LearningCurve(
+            iteration=numbers[kept],
+            episodes=count[kept].astype(np.int64),
+            progress=_column(table, "mean_progress")[kept],
+            progress_error=(spread / np.sqrt(count))[kept],
+            reward=_column(table, "mean_reward")[kept],
+            reward_error=(_column(table, "std_reward") / np.sqrt(count - 1.0))[kept],
+            laps=(np.nan_to_num(_column(table, "complete_laps")) / count)[kept],
+            evaluation=_column(table, "eval_mean_progress")[kept],
+            evaluation_laps=_column(table, "eval_laps")[kept],
+            lap_s=_column(table, "mean_lap_s")[kept],
+        )
+
+
+def noise(values: Floats) -> float:
+    """Standard deviation of the chance in a curve, from the differences of neighbours.
+
+    What changes slowly cancels out. The median makes it robust against a single step.
+    """
+    steps = np.abs(np.diff(values[np.isfinite(values)]))
+    if not len(steps):
+        return 0.0
+    if len(steps) < 6:
+        return float(np.mean(steps) / 1.128)  # E|a - b| of two normal numbers is 1.128 sigma
+    return float(np.median(steps) / (0.6745 * math.sqrt(2.0)))
+
+
+def rolling(values: Floats, width: int) -> Floats:
+    """Moving mean over `width` values, each at the last of them; shorter at the begin."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    ends = np.arange(1, len(values) + 1)
+    begins = np.maximum(0, ends - width)
+    return np.asarray((total[ends] - total[begins]) / (ends - begins))
+
+
+def slope(values: Floats, least_noise: float = 0.0) -> Slope:
+    """A straight line through values, with the t-value of its slope.
+
+    Args:
+        values: In order; NaN are left out. Shape (n,).
+        least_noise: Least standard deviation that is believed.
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    if len(known) < 3:
+        return Slope(0.0, 0.0, len(known))
+    x, y = known - known.mean(), values[known]
+    rate = float(x @ (y - y.mean()) / (x @ x))
+    rest = y - y.mean() - rate * x
+    sigma = max(math.sqrt(float(rest @ rest) / (len(x) - 2)), least_noise, 1e-9)
+    error = sigma / math.sqrt(float(x @ x))
+    return Slope(rate * float(x[-1] - x[0]), rate / error, len(known))
+
+
+def still_rising(values: Floats, least_gain: float, least_noise: float = 0.0) -> bool:
+    """Whether a curve has risen all the time, and its last third more than by chance.
+
+    A line through the whole curve is surer than one through its end; but the last third must be
+    above the one before it, too.
+    """
+    third = len(values) // 3
+    if third < 2:
+        return False
+    whole = slope(values, least_noise)
+    middle, last = values[-2 * third : -third], values[-third:]
+    gained = float(last.mean() - middle.mean())
+    error = max(noise(values), least_noise) * math.sqrt(2.0 / third)
+    return whole.t >= 3.0 and gained >= max(least_gain, error)
+
+
+def lasting_fall(
+    values: Floats, least_before: float, share: float = FALL_SHARE, least_noise: float = 0.0
+) -> Fall | None:
+    """The step down of a curve that did not recover.
+
+    The place is where two constant levels fit best from the highest moving mean on; the level
+    before is that of the five values before it.
+
+    Args:
+        values: The curve. Shape (n,).
+        least_before: The level before must have been at least so high.
+        share: The level after must be at or below this share of it.
+        least_noise: Least standard deviation that is believed.
+    """
+    if len(values) < SMOOTH + LEAST_AFTER + 1 or not np.isfinite(values).all():
+        return None
+    scale = float(np.abs(values).max())
+    if scale > HUGE:
+        found = lasting_fall(values / scale, least_before / scale, share, least_noise / scale)
+        return found and replace(found, before=found.before * scale, after=found.after * scale)
+    top = int(np.argmax(rolling(values, SMOOTH)[SMOOTH - 1 :])) + SMOOTH - 1
+    begin = max(0, top - SMOOTH + 1)
+    at = _best_split(values, begin)
+    if at is None:
+        return None
+    before = float(np.mean(values[max(0, at - 5) : at]))
+    after, end = float(np.mean(values[at:])), float(np.mean(values[at:][-SMOOTH:]))
+    if before < least_before or max(after, end) > share * before:
+        return None
+    first, second = (max(noise(part), least_noise) for part in (values[:at], values[at:]))
+    error = math.sqrt(first**2 / min(at, 5) + second**2 / (len(values) - at))
+    sigmas = (before - after) / max(error, 1e-9)
+    middle = (before + after) / 2.0
+    if sigmas < FALL_SIGMAS or _mostly_above(values[at:], middle):
+        return None
+    if np.mean(values[max(begin, at - 10) : at] < middle) > 0.3:  # it was often so low before
+        return None
+    return Fall(at, before, after, sigmas)
+
+
+def swings(values: Floats) -> tuple[float, float]:
+    """Mean jump from value to value as a share of their mean, and share of jumps that turn back.
+
+    Of unrelated values, two of three jumps turn back; of a smooth curve, few. Equal neighbours,
+    such as two iterations of complete laps only, are neither a turn nor none.
+    """
+    jumps = np.diff(values)
+    mean = float(np.mean(np.abs(values)))
+    if len(jumps) < 2 or mean <= 0:
+        return 0.0, 0.0
+    ways = np.sign(jumps[jumps != 0.0])
+    turns = float(np.mean(ways[1:] != ways[:-1])) if len(ways) >= 2 else 0.0
+    drift = abs(float(np.mean(jumps)))  # the median is a whole jump where values alternate
+    size = float(np.mean(np.abs(jumps))) - drift
+    return max(size, 0.0) / mean, turns
+
+
+def _best_split(values: Floats, begin: int) -> int | None:
+    """Where two constant levels fit the values from `begin` on best, as an index of all."""
+    part = values[begin:]
+    ends = np.arange(1, len(part) - LEAST_AFTER + 1)
+    if not len(ends):
+        return None
+    total, squares = np.cumsum(part), np.cumsum(part**2)
+    left = squares[ends - 1] - total[ends - 1] ** 2 / ends
+    rest = len(part) - ends
+    right = (squares[-1] - squares[ends - 1]) - (total[-1] - total[ends - 1]) ** 2 / rest
+    return begin + int(ends[np.argmin(left + right)])
+
+
+def _mostly_above(values: Floats, level: float) -> bool:
+    """Whether a curve came back: a fifth or more of its values, or their last three, are above."""
+    return bool(np.mean(values > level) > 0.2 or np.mean(values[-SMOOTH:]) > level)
+
+
+def _since(run: Run) -> int:
+    """The first iteration on the present track, as its length tells."""
+    steps = run.steps
+    if not len(steps) or "track_len" not in steps:
+        return 0
+    if "worker" in steps:  # others may drive on tracks of their own
+        steps = steps[steps["worker"] == steps["worker"].min()]
+    first = steps.drop_duplicates("iteration", keep="first")
+    length = np.asarray(first["track_len"], dtype=np.float64)
+    number = np.asarray(first["iteration"], dtype=np.int64)
+    known = np.isfinite(length) & (length > 0)
+    length, number = length[known], number[known]
+    other = np.flatnonzero(np.abs(length - length[-1:]) > 0.05 * length[-1:])
+    return int(number[other[-1] + 1]) if len(other) else 0
+
+
+def _progress_spread(run: Run, numbers: Ints) -> Floats:
+    """Standard deviation of the progress of the episodes of each iteration; NaN for one."""
+    episodes = run.episodes
+    if not len(episodes):
+        return np.full(len(numbers), np.nan)
+    spread = episodes.groupby("iteration")["progress"].std()
+    return np.asarray(spread.reindex(numbers), dtype=np.float64)
+
+
+def _column(table: "pd.DataFrame", name: str) -> Floats:
+    if name not in table:
+        return np.full(len(table), np.nan)
+    return np.asarray(table[name], dtype=np.float64)

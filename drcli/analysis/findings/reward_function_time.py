@@ -1,0 +1,60 @@
+"""How long the calls of a reward function took, where the trace has it."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMNS = {"reward_ms": 1.0, "reward_time_ms": 1.0, "reward_s": 1000.0, "reward_time": 1000.0}
+"""Columns that traces may have after the 19 of the reference, with milliseconds in their unit.
+
+Ours is `reward_ms`.
+"""
+
+_NO_CALL = ("prepare", "pause", "park")
+"""Status of steps in which the function is not called."""
+
+
+@dataclass(frozen=True)
+class RewardFunctionTime:
+    """Time of a call.
+
+    Attributes:
+        calls: Calls that were measured.
+        p50_ms: Half of the calls took at most this.
+        p99_ms: 99 percent of the calls did.
+        total_s: All calls together.
+    """
+
+    calls: int
+    p50_ms: float
+    p99_ms: float
+    total_s: float
+
+
+def reward_function_time(steps: "pd.DataFrame") -> RewardFunctionTime | None:
+    """The time of the calls; None if the trace does not have it."""
+    import pandas as pd
+
+    for name, unit in COLUMNS.items():
+        if name in steps:
+            measured = pd.to_numeric(steps[name], errors="coerce")
+            values = np.asarray(measured, dtype=np.float64) * unit
+            if "episode_status" in steps:  # a call may take less than what the trace can tell
+                called = (values >= 0) & ~np.asarray(steps["episode_status"].isin(_NO_CALL))
+            else:
+                called = values > 0
+            values = values[np.isfinite(values) & called]
+            if len(values):
+                half, most = np.percentile(values, [50.0, 99.0])
+                # Tables hold the column in single precision; more digits would be noise.
+                return RewardFunctionTime(
+                    len(values),
+                    round(float(half), 6),
+                    round(float(most), 6),
+                    round(float(values.sum()) / 1000.0, 9),
+                )
+    return None

@@ -1,0 +1,342 @@
+"""What the reward pays for: does slow driving earn more than fast driving?"""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drcli.analysis.findings.driven_steps import DrivenSteps
+from drcli.analysis.findings.lap_slowing import LapSlowing, change_t
+from drcli.modelfiles.action_space import ActionSpace
+from drsim.arrays import Bools, Floats, Ints
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PARTS, STEPS_IN_PART = 20, 20
+"""Parts of the lap in which steps are compared, so that a bend is not compared with a straight, and
+steps that each of more parts must have. The finer the better: a reward that is only paid at some
+places would else seem to be paid for the speed there."""
+
+PERIODS = 4
+"""Parts of the training in which steps are compared, so that a beginner is not compared with a
+good driver."""
+
+LEAST_STEPS = 300
+"""Steps that a comparison of speeds needs."""
+
+LEAST_EPISODES = 12
+"""Episodes that a comparison of times needs."""
+
+LEAST_PROGRESS = 25.0
+"""Shorter episodes, in percent of the lap, say little about a lap."""
+
+LAP_POWER, LAP_T = 0.3, 4.0
+"""Reward of a lap changes with its time at least so, and so surely, if report and advice say it."""
+
+STEP_POWER, STEP_T = -0.25, -6.0
+"""A reward of a step that falls with the speed so steeply, and so surely, pays for slow steps.
+A reward for the centre line has 0: it does not care. Fast steps leave the line more often, but not
+by so much (0.01 to 0.06 in the recorded trainings)."""
+
+STEEP_LAP_POWER = 1.5
+"""A reward that pays the same for each step has 1. Much more pays for slowness itself."""
+
+SPEEDS = 5
+"""Groups of speed for a bar chart."""
+
+
+@dataclass(frozen=True)
+class SpeedPay:
+    """Reward of the steps that were requested at some speed.
+
+    Attributes:
+        speed_mps: Mean speed of the group.
+        reward: Mean reward of a step.
+        steps: Number of steps.
+    """
+
+    speed_mps: float
+    reward: float
+    steps: int
+
+
+@dataclass(frozen=True)
+class RewardRate:
+    """What a reward function paid, beside speed and time. None stands for unknown.
+
+    Attributes:
+        per_step: Mean reward of a step late in the training.
+        per_s: Mean reward of a second.
+        per_percent: Mean reward of a percent of the lap.
+        by_speed: Reward of a step by speed, the slowest first.
+        step_power: Reward of a step grows with speed to this power, at the same part of the lap
+            and of the training: 1 doubles it with the speed, 0 does not care, below 0 slow steps
+            earn more.
+        step_t: Its t-value.
+        lap_power: Reward of a lap grows with its time to this power: above 0, slow laps earn more.
+            A reward of 1 for each step has 1, `reward = speed` has 0.
+        lap_t: Its t-value.
+        episodes: Episodes that it was taken from.
+        complete: Whether these are complete laps; else the reward of each is scaled to a lap.
+        slow_s: Mean time of the slower half of them, seconds for a lap.
+        fast_s: Mean time of the faster half.
+        slow_reward: Mean reward of the slower half, for a lap.
+        fast_reward: Mean reward of the faster half.
+        early_mps: Mean requested speed in the first third of the training.
+        late_mps: The same in the last third.
+        slowing_t: How sure the change of the speed is, as a t-value; below 0 it became slower.
+        pace: Where the mean speed is between the least (0) and the greatest (1) of the actions.
+        slower: Laps that became slower in time and earned more; None if they did not.
+    """
+
+    per_step: float
+    per_s: float
+    per_percent: float | None
+    by_speed: tuple[SpeedPay, ...]
+    step_power: float | None
+    step_t: float | None
+    lap_power: float | None
+    lap_t: float | None
+    episodes: int
+    complete: bool
+    slow_s: float | None
+    fast_s: float | None
+    slow_reward: float | None
+    fast_reward: float | None
+    early_mps: float
+    late_mps: float
+    slowing_t: float
+    pace: float | None
+    slower: LapSlowing | None
+
+    @property
+    def pays(self) -> str | None:
+        """Which laps earn more in all: "slow" or "fast" ones, or "same"; None if it cannot be told.
+
+        The advice on slow driving uses it too, so that the report says nothing else.
+        """
+        power, t = self.lap_power, self.lap_t
+        if power is not None and t is not None and abs(t) >= LAP_T and abs(power) >= LAP_POWER:
+            return "slow" if power > 0 else "fast"
+        if not self.fast_laps_pay and self.slower is not None:
+            return "slow"
+        if power is None or (self.slow_steps_pay and not self.fast_laps_pay):
+            return None
+        return "same" if abs(power) <= 0.25 else None
+
+    @property
+    def slow_steps_pay(self) -> bool:
+        """Whether a slow step surely earns clearly more than a fast one.
+
+        Then slow laps earn more than the same reward for each step gives them. Where complete laps
+        surely earn less than that, what was measured are not pays for speed but for places.
+        """
+        power, t = self.step_power, self.step_t
+        if power is None or t is None or power > STEP_POWER or t > STEP_T:
+            return False
+        lap, lap_t = self.lap_power, self.lap_t
+        if not self.complete or lap is None or not lap_t:
+            return True
+        return (1.0 - lap) <= LAP_T * abs(lap / lap_t)  # the standard error of a power
+
+    @property
+    def slowness_pays(self) -> bool:
+        """Whether a slow lap earns clearly and surely more than the same reward for each step.
+
+        Only complete laps show it: episodes that are scaled to a lap drove different parts of it,
+        and a part where the car is slow may just be one where it drives well.
+        """
+        power, t = self.lap_power, self.lap_t
+        if not self.complete or power is None or t is None or power < STEEP_LAP_POWER:
+            return False
+        return (power - 1.0) * t >= LAP_T * power  # the standard error of the power is power / t
+
+    @property
+    def fast_laps_pay(self) -> bool:
+        """Whether fast laps surely earn more than slow ones, if only a little."""
+        return self.lap_t is not None and self.lap_t <= -LAP_T
+
+
+def reward_rate(
+    steps: DrivenSteps,
+    late: DrivenSteps,
+    episodes: "pd.DataFrame",
+    space: ActionSpace | None,
+    slower: LapSlowing | None = None,
+) -> RewardRate | None:
+    """Measure what a reward pays for; None without rewards.
+
+    Args:
+        steps: All steps before a collapse.
+        late: Steps that show how the car drives now.
+        episodes: `Run.episodes`.
+        space: The action space, if it is known.
+        slower: Laps that became slower in time and earned more, if they did.
+    """
+    fine = late.where(np.isfinite(late.reward) & np.isfinite(late.speed_mps))
+    if not len(fine):
+        return None
+    ends = fine.progress[fine.last]
+    done = float(np.nansum(ends))
+    total = float(fine.reward.sum())
+    power, t = _step_power(steps)
+    laps = _Laps.of(episodes, int(steps.iteration.min()), int(steps.iteration.max()))
+    early_mps, late_mps, slowing_t = _slowing(steps)
+    return RewardRate(
+        per_step=total / len(fine),
+        per_s=15.0 * total / len(fine),
+        per_percent=total / done if done > 0 else None,
+        by_speed=_by_speed(fine),
+        step_power=power,
+        step_t=t,
+        lap_power=laps.power,
+        lap_t=laps.t,
+        episodes=laps.count,
+        complete=laps.complete,
+        slow_s=laps.halves[0],
+        fast_s=laps.halves[1],
+        slow_reward=laps.halves[2],
+        fast_reward=laps.halves[3],
+        early_mps=early_mps,
+        late_mps=late_mps,
+        slowing_t=slowing_t,
+        pace=_pace(late_mps, steps, space),
+        slower=slower,
+    )
+
+
+def _step_power(steps: DrivenSteps) -> tuple[float | None, float | None]:
+    """How the reward of a step depends on its speed, within a part of lap and training."""
+    fine = np.isfinite(steps.reward) & np.isfinite(steps.speed_mps) & steps.on_track & ~steps.last
+    if np.count_nonzero(fine) < LEAST_STEPS:
+        return None, None
+    speed, reward = steps.speed_mps[fine], _without_bonus(steps.reward[fine])
+    mean_speed, mean_reward = float(speed.mean()), float(reward.mean())
+    if mean_reward <= 0 or mean_speed <= 0:
+        return None, None
+    cell = _cells(steps.waypoint[fine], steps.iteration[fine])
+    count = np.bincount(cell)
+    count = np.maximum(1, count)
+    v = speed - (np.bincount(cell, weights=speed) / count)[cell]
+    r = reward - (np.bincount(cell, weights=reward) / count)[cell]
+    moved = float(v @ v)
+    if moved / len(v) < (0.03 * mean_speed) ** 2:
+        return None, None
+    rate = float(v @ r) / moved
+    rest = r - rate * v
+    error = math.sqrt(max(float(rest @ rest) / len(v) / moved, 1e-18))
+    return rate * mean_speed / mean_reward, rate / error
+
+
+def _without_bonus(reward: Floats) -> Floats:
+    """Rewards, with rare bonuses cut to the size of an ordinary large one."""
+    low, high = np.percentile(reward, [1.0, 99.0])
+    return np.clip(reward, low, high)
+
+
+def _cells(waypoint: Ints, iteration: Ints) -> Ints:
+    """Part of the lap and of the training of each step, as one number."""
+    places = int(max(waypoint.max(), 0)) + 1
+    parts = min(max(PARTS, len(waypoint) // (PERIODS * STEPS_IN_PART)), places)
+    place = np.maximum(waypoint, 0) * parts // places
+    first, last = int(iteration.min()), int(iteration.max())
+    return np.asarray((iteration - first) * PERIODS // (last - first + 1) * parts + place)
+
+
+def _by_speed(steps: DrivenSteps) -> tuple[SpeedPay, ...]:
+    """Mean reward by speed: by the speeds themselves if they are few."""
+    speed = steps.speed_mps
+    values = np.unique(np.round(speed, 3))
+    if len(values) > SPEEDS:
+        edges = np.unique(np.percentile(speed, np.linspace(0.0, 100.0, SPEEDS + 1)[1:-1]))
+        group = np.searchsorted(edges, speed, side="right")
+    else:
+        group = np.searchsorted(values, np.round(speed, 3))
+    return tuple(
+        SpeedPay(float(speed[at].mean()), float(steps.reward[at].mean()), int(at.sum()))
+        for n in np.unique(group)
+        if (at := group == n).any()
+    )
+
+
+@dataclass(frozen=True)
+class _Laps:
+    """Reward against time, over laps or long episodes."""
+
+    power: float | None
+    t: float | None
+    count: int
+    complete: bool
+    halves: tuple[float | None, float | None, float | None, float | None]
+
+    @staticmethod
+    def of(table: "pd.DataFrame", first: int, last: int) -> "_Laps":
+        nothing = _Laps(None, None, 0, False, (None, None, None, None))
+        if not len(table):
+            return nothing
+        iteration = np.asarray(table["iteration"], dtype=np.int64)
+        progress, time_s, reward = (
+            np.asarray(table[name], dtype=np.float64) for name in ("progress", "time", "reward")
+        )
+        fine = (iteration >= first) & (iteration <= last)
+        fine &= np.isfinite(reward + time_s + progress)
+        fine &= (time_s > 0) & (reward > 0) & (progress > 0)
+        complete = np.asarray(table["complete"], dtype=bool) & fine
+        laps = int(complete.sum()) >= LEAST_EPISODES
+        kept = complete if laps else fine & (progress >= LEAST_PROGRESS)
+        if int(kept.sum()) < LEAST_EPISODES:
+            return nothing
+        share = progress[kept] / 100.0
+        return _Laps._fit(time_s[kept] / share, reward[kept] / share, complete=laps)
+
+    @staticmethod
+    def _fit(time_s: Floats, reward: Floats, *, complete: bool) -> "_Laps":
+        x, y = np.log(time_s), np.log(reward)
+        kept = _central(x) & _central(y)
+        x, y = x[kept] - x[kept].mean(), y[kept] - y[kept].mean()
+        moved, middle = float(x @ x), float(np.median(time_s))
+        slow = time_s >= middle
+        halves = (
+            float(time_s[slow].mean()),
+            float(time_s[~slow].mean()) if (~slow).any() else None,
+            float(reward[slow].mean()),
+            float(reward[~slow].mean()) if (~slow).any() else None,
+        )
+        if len(x) < LEAST_EPISODES or moved / len(x) < 0.01**2:
+            return _Laps(None, None, len(time_s), complete, halves)
+        rate = float(x @ y) / moved
+        rest = y - rate * x
+        error = math.sqrt(max(float(rest @ rest) / max(1, len(x) - 2) / moved, 1e-18))
+        return _Laps(rate, rate / error, len(time_s), complete, halves)
+
+
+def _central(values: Floats) -> Bools:
+    """Values that are not far outside: within four robust standard deviations of the median."""
+    middle = np.median(values)
+    spread = 1.4826 * float(np.median(np.abs(values - middle)))
+    return np.asarray(np.abs(values - middle) <= max(4.0 * spread, 1e-9))
+
+
+def _slowing(steps: DrivenSteps) -> tuple[float, float, float]:
+    """Mean requested speed early and late in the training, and the t-value of the change."""
+    known = np.isfinite(steps.speed_mps)
+    number, speed = steps.iteration[known], steps.speed_mps[known]
+    values, at = np.unique(number, return_inverse=True)
+    means = np.bincount(at, weights=speed) / np.bincount(at)
+    part = max(1, len(values) // 3)
+    early, late = means[:part], means[-part:]
+    return float(early.mean()), float(late.mean()), change_t(early, late)
+
+
+def _pace(late_mps: float, steps: DrivenSteps, space: ActionSpace | None) -> float | None:
+    """Where a speed is between the least and the greatest of the actions."""
+    if space is not None and space.low is not None and space.high is not None:
+        slow, fast = space.low[1], space.high[1]
+    elif space is not None and space.values:
+        speeds = [speed for _, speed in space.values]
+        slow, fast = min(speeds), max(speeds)
+    else:
+        slow, fast = float(np.nanmin(steps.speed_mps)), float(np.nanmax(steps.speed_mps))
+    return (late_mps - slow) / (fast - slow) if fast > 1.05 * slow else None

@@ -1,0 +1,219 @@
+"""Advice on the updates: batches, learning rate, entropy, discount."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from drcli.analysis.findings.advice_item import Advice, rounded, train_on
+from drcli.analysis.findings.evidence import LEAST_NOISE, Evidence, is_sac
+from drcli.analysis.findings.learning_curve import slope, swings
+from drcli.analysis.findings.start_effect import without_starts
+from drsim.arrays import Floats
+
+USUAL_LR, USUAL_BATCH, USUAL_EPISODES = 0.0003, 64, 20
+"""What is trained with if hyperparameters.json says nothing."""
+
+
+JUMP = 0.4
+"""Mean jump of the reward from iteration to iteration beyond chance, as a share of the reward;
+`dr-status` warns of jumps of this size."""
+
+
+SMALL_JUMP, TINY_JUMP = 0.3, 0.22
+"""The same where a batch is small or tiny: then the cause of the jumps is known."""
+
+
+JUMP_SIGMAS, JUMP_SPREAD = 2.0, 0.9
+"""Jumps are beyond chance if they are larger by so many standard errors. That of a mean of n jumps
+is this spread times the mean, divided by the square root of n: neighbours share a value."""
+
+
+TURNS = 0.5
+"""Share of the jumps that turn back; unrelated values have two of three."""
+
+
+JUMP_WINDOW, JUMP_LEAST = 40, 8
+"""Newest iterations that jumps are counted in, and how many there must be."""
+
+
+SMALL_BATCH, SMALL_EPISODES = 32, 10
+"""Fewer than these, or as many, are small."""
+
+
+TINY_BATCH, TINY_EPISODES = 16, 5
+"""Fewer than these, or as many, are tiny."""
+
+
+BY_CHANCE = 1.6
+"""Jumps up to this many times those that the spread of the episodes makes by chance come from too
+few episodes; larger ones come from the updates."""
+
+
+def unstable(evidence: Evidence) -> Advice | None:
+    """The reward goes up and down from iteration to iteration."""
+    if evidence.fall is not None or is_sac(evidence.run.hyperparameters):
+        return None  # SAC learns from a replay buffer: an iteration may be a single episode
+    curve = evidence.curve
+    count = min(JUMP_WINDOW, 2 * len(curve) // 3)
+    if count < JUMP_LEAST or not np.isfinite(curve.reward[-count:]).all():
+        return None
+    newest = curve.iteration[-count:]
+    measured = tuple(
+        _jumps(what, without_starts(evidence.run, newest, values[-count:]), error[-count:])
+        for what, values, error in (
+            ("reward", curve.reward, curve.reward_error),
+            ("progress", curve.progress, curve.progress_error),
+        )
+    )
+    to_and_fro = [found for found in measured if found.turns >= TURNS]
+    if not to_and_fro:
+        return None
+    jumps = max(to_and_fro, key=lambda found: (found.beyond, found.size))
+    batch = evidence.number("batch_size")
+    wanted = evidence.number("num_episodes_between_training")
+    episodes = float(np.median(curve.episodes[-count:])) if wanted is None else wanted
+    small = episodes <= SMALL_EPISODES or (batch is not None and batch <= SMALL_BATCH)
+    tiny = episodes <= TINY_EPISODES or (batch is not None and batch <= TINY_BATCH)
+    large = jumps.beyond >= (TINY_JUMP if tiny else SMALL_JUMP if small else JUMP)
+    chance_alone = episodes <= TINY_EPISODES and jumps.size >= JUMP
+    if not (large or chance_alone):
+        return None
+    numbers = {"jump": jumps.size, "turns": jumps.turns, "episodes": episodes}
+    chance = ""
+    if jumps.chance is not None:
+        numbers["chance"] = jumps.chance
+        chance = f"; by chance alone it would jump by {100 * jumps.chance:.0f} %"
+    if batch is not None:
+        numbers["batch_size"] = batch
+    seen = (
+        f"From one iteration to the next, the mean {jumps.what} jumps by "
+        f"{100 * jumps.size:.0f} %, and {100 * jumps.turns:.0f} % of the jumps turn back{chance}. "
+    )
+    few = episodes <= SMALL_EPISODES and not (batch is not None and batch <= TINY_BATCH)
+    if small or (jumps.chance is not None and jumps.size <= BY_CHANCE * jumps.chance):
+        by_batch = batch is not None and batch <= SMALL_BATCH and not few
+        return _larger_batch(seen, numbers, episodes, batch, by_batch=by_batch)
+    if _outgrown(curve.progress, count):
+        return None
+    lr = evidence.number("lr")
+    return Advice(
+        "learning-rate-too-high",
+        "The reward zigzags",
+        f"{seen}So the updates are too large.",
+        numbers if lr is None else {**numbers, "lr": lr},
+        "lr",
+        train_on(f"lr={lower_lr(evidence)}"),
+    )
+
+
+def _outgrown(progress: Floats, count: int) -> bool:
+    """Whether progress surely rises by more than it jumps: such large updates still help."""
+    newest = progress[-count:]
+    trend = slope(newest, LEAST_NOISE)
+    return trend.rises and trend.gain > float(np.mean(np.abs(np.diff(newest))))
+
+
+def _larger_batch(
+    seen: str, numbers: dict[str, float], episodes: float, batch: float | None, *, by_batch: bool
+) -> Advice:
+    if by_batch and batch is not None:
+        better = max(USUAL_BATCH, 2 * int(batch))
+        cause = f"Each change of the weights is a mean over only {batch:.0f} steps (batch_size)."
+        setting, change = "batch_size", f"batch_size={better}"
+    else:
+        better = max(USUAL_EPISODES, 2 * int(episodes))
+        cause = f"An iteration has only {episodes:.0f} episodes (num_episodes_between_training)" + (
+            f", and a batch {batch:.0f} steps (batch_size)." if batch is not None else "."
+        )
+        setting = "num_episodes_between_training"
+        change = f"num_episodes_between_training={better}"
+    return Advice(
+        "batch-too-small",
+        "The batch is too small for the noise",
+        f"{seen}{cause} Chance decides what is learned.",
+        numbers,
+        setting,
+        train_on(change),
+    )
+
+
+@dataclass(frozen=True)
+class _Jumps:
+    """How a mean jumps from iteration to iteration. Jumps are shares of its mean.
+
+    Attributes:
+        what: Mean of what.
+        size: The mean jump.
+        turns: Share of the jumps that turn back.
+        chance: The mean jump that the spread of so many episodes makes by chance; None if unknown.
+        beyond: The mean jump without that by chance; 0 if it may all be chance.
+    """
+
+    what: str
+    size: float
+    turns: float
+    chance: float | None
+    beyond: float
+
+
+def _jumps(what: str, values: Floats, error: Floats) -> _Jumps:
+    """Measure the jumps of the means of iterations.
+
+    Args:
+        what: Means of what.
+        values: The means. Shape (n,).
+        error: Their standard errors; NaN where an iteration has a single episode. Shape (n,).
+    """
+    size, turns = swings(values)
+    mean = float(np.mean(np.abs(values)))
+    if not np.isfinite(error).any() or mean <= 0:
+        return _Jumps(what, size, turns, None, 0.0)
+    chance = 1.128 * float(np.sqrt(np.nanmean(error**2))) / mean  # E|a - b| is 1.128 sigma
+    surely = chance * (1.0 + JUMP_SIGMAS * JUMP_SPREAD / math.sqrt(len(values)))
+    beyond = math.sqrt(size**2 - chance**2) if size > surely else 0.0
+    return _Jumps(what, size, turns, chance, beyond)
+
+
+def entropy_rises(evidence: Evidence) -> Advice | None:
+    """The policy becomes less sure."""
+    learner = evidence.learner
+    if learner is None or learner.rising_since is None:
+        return None
+    low, now = learner.lowest_entropy, learner.last_entropy
+    assert low is not None
+    assert now is not None
+    beta = evidence.number("beta_entropy")
+    change = f"beta_entropy={rounded(beta / 3.0)}" if beta else f"lr={lower_lr(evidence)}"
+    return Advice(
+        "entropy-rises",
+        "The policy becomes less sure",
+        f"Its entropy rose from {low:.2f} to {now:.2f} nats in the last {learner.rising_since} "
+        "iterations. It should fall while a car learns.",
+        {"lowest": low, "now": now, "iterations": learner.rising_since},
+        change.partition("=")[0],
+        train_on(change),
+    )
+
+
+def short_horizon(evidence: Evidence) -> Advice | None:
+    """The discount factor is so low that the car plans only some steps ahead."""
+    horizon = evidence.horizon
+    if horizon is None or horizon.steps > 7.5 or evidence.level >= 90.0:
+        return None
+    way = "" if horizon.metres is None else f" or {horizon.metres:.1f} m"
+    return Advice(
+        "short-horizon",
+        "The car plans only a moment ahead",
+        f"A discount_factor of {horizon.discount:g} plans about {horizon.steps:.0f} steps ahead: "
+        f"{horizon.seconds:.1f} s{way}. A car cannot see a crash coming that late.",
+        {"discount_factor": horizon.discount, "steps": horizon.steps, "seconds": horizon.seconds},
+        "discount_factor",
+        train_on("discount_factor=0.95"),
+    )
+
+
+def lower_lr(evidence: Evidence) -> str:
+    """A third of the learning rate."""
+    lr = evidence.number("lr") or USUAL_LR
+    return rounded(lr / 3.0) if math.isfinite(lr) and lr > 0 else rounded(USUAL_LR / 3.0)

@@ -1,0 +1,243 @@
+"""Reads the small files of a model: actions, hyperparameters, settings, parent, cost."""
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from drcli.analysis.find_world import world_in_log, world_in_parameters
+from drcli.analysis.model_source import ModelSource
+from drcli.base.errors import DrError
+from drcli.base.json_record import RecordError
+from drcli.exchange.spending import StartSpending
+from drcli.exchange.training_start import TrainingStart
+from drcli.modelfiles.action_space import ActionSpace
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+
+SETTINGS = "settings"
+"""Name of the settings among the files of a run."""
+
+_TEXT_BYTES = 1 << 20
+"""Of a file of the racer; a longer one is cut."""
+
+_LOG_START_BYTES = 4 << 20
+"""Of a log, in which a simulation describes itself."""
+
+_LOGS = re.compile(r"logs/training/[^/]+\.log")
+
+_LINE_START = re.compile(r"^\s*(?:\[[^\]\n]*\]\s+)+", re.MULTILINE)
+"""What the launcher of DeepRacer on AWS puts before each line."""
+
+_LOGGED_ACTIONS = re.compile(r"ction space from file: (.+)")
+_LOGGED_PARAMETERS = re.compile(r"Using the following hyper-parameters\s*(\{.*?\})", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class ModelFacts:
+    """What small files tell.
+
+    Attributes:
+        hyperparameters: As they are in their file; may be empty.
+        actions: None if unknown.
+        world: The track of the training, if a file names it.
+        evaluation_world: The track of the newest evaluation, if a file names it.
+        parent: The model that this one was started from, if a record names it.
+        files: The racer's files and the settings as text, by name.
+        parent_files: The same of the parent.
+        machine_hours: Of all starts; None if unknown.
+        cost_usd: What they cost; None if unknown.
+    """
+
+    hyperparameters: Mapping[str, object] = field(default_factory=dict)
+    actions: ActionSpace | None = None
+    world: str | None = None
+    evaluation_world: str | None = None
+    parent: str | None = None
+    files: Mapping[str, str] = field(default_factory=dict)
+    parent_files: Mapping[str, str] = field(default_factory=dict)
+    machine_hours: float | None = None
+    cost_usd: float | None = None
+
+    @property
+    def episodes_per_iteration(self) -> int:
+        """As the hyperparameters say; the reference's default if they do not."""
+        written = self.hyperparameters.get("num_episodes_between_training")
+        return written if isinstance(written, int) and written > 0 else 20
+
+
+def model_facts(source: ModelSource, problems: list[str]) -> ModelFacts:
+    """Read them; what is damaged becomes a sentence in `problems`."""
+    texts = _Texts(source, problems)
+    log = texts.log_start()
+    parameters = texts.json(("ip/hyperparameters.json", "hyperparameters.json"))
+    if parameters is None and (found := _LOGGED_PARAMETERS.search(log)):
+        parameters = _json_or_none(found[1])
+    metadata = texts.json(("model/model_metadata.json", "model_metadata.json"))
+    written = metadata.get("action_space") if isinstance(metadata, dict) else None
+    if written is None and (logged := _LOGGED_ACTIONS.findall(log)):
+        written = _json_or_none(logged[-1].replace("'", '"'))
+    start = _start(texts)
+    files = texts.of_racer(start)
+    parent = start.pretrained.prefix if start is not None and start.pretrained else None
+    hours, usd = _spending(source)
+    world = world_in_parameters(texts.training_parameters()) or world_in_log(log)
+    settings = (start.settings if start is not None else None) or {}
+    return ModelFacts(
+        hyperparameters=parameters if isinstance(parameters, dict) else {},
+        actions=actions_of(written),
+        world=world or _text_or_none(settings.get("DR_WORLD_NAME")),
+        evaluation_world=world_in_parameters(texts.read("evaluation_params.yaml")),
+        parent=parent,
+        files=files,
+        parent_files=_parent_files(source, parent),
+        machine_hours=hours,
+        cost_usd=usd,
+    )
+
+
+def actions_of(written: Any) -> ActionSpace | None:
+    """The action space in model_metadata.json; None if it cannot be understood.
+
+    Less strict than a training: a file of strangers may have actions that no car of ours can do.
+    """
+    try:
+        if isinstance(written, dict):
+            ranges = [written[name] for name in ("steering_angle", "speed")]
+            low, high = ([float(each[end]) for each in ranges] for end in ("low", "high"))
+            return ActionSpace(low=(low[0], low[1]), high=(high[0], high[1]))
+        pairs = [(float(each["steering_angle"]), float(each["speed"])) for each in written]
+    except (KeyError, TypeError, ValueError, IndexError):
+        return None
+    if not pairs or not all(math.isfinite(number) for pair in pairs for number in pair):
+        return None
+    return ActionSpace(values=tuple(pairs))
+
+
+class _Texts:
+    """The small files of a model as text; what cannot be read is empty."""
+
+    def __init__(self, source: ModelSource, problems: list[str]) -> None:
+        self._source = source
+        self._problems = problems
+
+    def read(self, name: str, limit: int = _TEXT_BYTES) -> str:
+        real = self._source.files.others.get(name)
+        if real is None:
+            return ""
+        try:
+            return self._source.objects.read(real)[:limit].decode("utf-8", "replace")
+        except DrError as error:
+            self._problems.append(f"{real} cannot be read: {error}")
+            return ""
+
+    def json(self, names: tuple[str, ...]) -> Any:
+        """The first of these files that exists; None if none does, or if it is damaged."""
+        for name in names:
+            if name in self._source.files.others:
+                text = self.read(name)
+                found = _json_or_none(text)
+                if not isinstance(found, dict):
+                    real = self._source.files.others[name]
+                    self._problems.append(f"{real} is damaged: it is not a JSON object.")
+                    return None
+                return found
+        return None
+
+    def training_parameters(self) -> str:
+        """training_params.yaml, or that of the first worker."""
+        found = self.read("training_params.yaml")
+        return found or self.read("training_params_1.yaml")
+
+    def log_start(self) -> str:
+        """How the log of a console begins, without what its launcher puts before each line."""
+        logs = [name for name in self._source.files.others if _LOGS.fullmatch(name)]
+        if not logs:
+            return ""
+        return _LINE_START.sub("", self.read(logs[-1], _LOG_START_BYTES))
+
+    def of_racer(self, start: TrainingStart | None) -> dict[str, str]:
+        """The racer's files, and the settings that differ from their defaults."""
+        found = {
+            keys.REWARD_FUNCTION_FILE: self.read("reward_function.py"),
+            keys.HYPERPARAMETERS_FILE: self.read("ip/hyperparameters.json")
+            or self.read("hyperparameters.json"),
+            keys.MODEL_METADATA_FILE: self.read("model/model_metadata.json")
+            or self.read("model_metadata.json"),
+            SETTINGS: _settings_text(start),
+        }
+        return {name: text for name, text in found.items() if text}
+
+
+def _settings_text(start: TrainingStart | None) -> str:
+    if start is None or not start.settings:
+        return ""
+    return "".join(f"{name}={value}\n" for name, value in sorted(start.settings.items()))
+
+
+def _start(texts: _Texts) -> TrainingStart | None:
+    text = texts.read("ip/run.json")
+    if not text:
+        return None
+    try:
+        return TrainingStart.decode(text.encode())
+    except RecordError:
+        return None  # it only adds what other files lack
+
+
+def _parent_files(source: ModelSource, parent: str | None) -> dict[str, str]:
+    """The files of the model that this one began with, if it is in the same bucket."""
+    if parent is None or source.bucket is None:
+        return {}
+    names = {
+        keys.REWARD_FUNCTION_FILE: keys.reward_function(parent),
+        keys.HYPERPARAMETERS_FILE: keys.hyperparameters(parent),
+        keys.MODEL_METADATA_FILE: keys.model_metadata(parent),
+    }
+    found = {name: _object_or_empty(source.bucket, key) for name, key in names.items()}
+    try:
+        start = TrainingStart.decode(
+            _object_or_empty(source.bucket, keys.training_start(parent)).encode()
+        )
+    except RecordError:
+        start = None
+    found[SETTINGS] = _settings_text(start)
+    return {name: text for name, text in found.items() if text}
+
+
+def _object_or_empty(bucket: Bucket, key: str) -> str:
+    try:
+        return bucket.get(key)[:_TEXT_BYTES].decode("utf-8", "replace")
+    except DrError:
+        return ""
+
+
+def _spending(source: ModelSource) -> tuple[float | None, float | None]:
+    """Machine hours and cost of all starts of a model of ours."""
+    if source.bucket is None or not source.prefix:
+        return None, None
+    hours, usd = [], []
+    try:
+        for info in source.bucket.list(keys.spending_folder(source.prefix)):
+            try:
+                one = StartSpending.decode(source.bucket.get(info.key))
+            except RecordError:
+                continue
+            hours.append(one.hours)
+            usd += [one.usd] if one.usd is not None else []
+    except DrError:
+        return None, None
+    return (sum(hours) if hours else None), (sum(usd) if usd else None)
+
+
+def _json_or_none(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _text_or_none(value: object) -> str | None:
+    return value if isinstance(value, str) and value else None

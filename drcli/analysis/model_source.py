@@ -1,0 +1,321 @@
+"""Finds the model to analyse: in our bucket, another bucket, a folder or an archive."""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+
+from drcli.analysis.file_layout import ModelFiles, find_models, is_read
+from drcli.base.errors import SettingsError, StorageError
+from drcli.base.problems import closest, shown
+from drcli.base.regular_file import read_regular
+from drcli.config.settings import Settings
+from drcli.formats.archive import read_packed, unpack_readable
+from drcli.formats.zip_archive import unzip_readable
+from drcli.models.source_files import LARGEST_BYTES, files_in_folder
+from drcli.models.transfer_buckets import bucket_to_look_at, source_bucket
+from drcli.store import keys
+from drcli.store.bucket import Bucket, Listing, ObjectInfo, ObjectMissing
+from drcli.store.complete_files import read_complete
+from drcli.store.model_traces import models_in
+
+ARCHIVES = (".tar.gz", ".tgz", ".tar", ".zip")
+
+PATIENCE_S = 30.0
+"""How long a bucket that does not answer is asked again."""
+
+_URL = re.compile(r"s3://([A-Za-z0-9][A-Za-z0-9._-]{2,62})/?(.*)", re.IGNORECASE)
+
+_NAMES_TOLD = 5
+
+
+@dataclass(frozen=True)
+class Objects:
+    """Some files that are only read, by name.
+
+    Attributes:
+        sizes: The size in bytes of each by its name.
+        fetch: Reads one of them.
+        modified: When each was last written, as far as known, Unix seconds.
+    """
+
+    sizes: Mapping[str, int]
+    fetch: Callable[[str], bytes]
+    modified: Mapping[str, float] = field(default_factory=dict)
+
+    def read(self, name: str) -> bytes:
+        """The content of a file.
+
+        Raises:
+            SettingsError: It is too large for a file of a model, or cannot be read.
+            StorageError: The bucket cannot be read.
+        """
+        if self.sizes[name] > LARGEST_BYTES:
+            raise SettingsError(
+                f"{name} has {self.sizes[name]:,} bytes, more than any file of a model.",
+                remedy="Remove it, and try again.",
+            )
+        return self.fetch(name)
+
+    def read_whole(self, name: str) -> bytes:
+        """The same with the parts that a running training has written beside the file."""
+        return read_complete(_ReadOnly(self), name)
+
+
+@dataclass(frozen=True)
+class ModelSource:
+    """A model to analyse.
+
+    Attributes:
+        name: Of the model.
+        origin: s3://bucket/prefix, folder or archive, as messages call it.
+        files: What there is of it.
+        objects: Reads that.
+        bucket: The bucket that it is in; None for a folder or archive.
+        prefix: Its prefix there; empty for a folder or archive.
+        problems: What could not be read, a sentence each.
+    """
+
+    name: str
+    origin: str
+    files: ModelFiles
+    objects: Objects
+    bucket: Bucket | None = None
+    prefix: str = ""
+    problems: tuple[str, ...] = ()
+
+
+def open_model(settings: Settings, what: str | None, *, local: bool = False) -> ModelSource:
+    """Find a model.
+
+    Args:
+        settings: Of the working folder.
+        what: A model of our bucket by its prefix, s3://bucket/prefix, a folder, an archive
+            (.tar.gz, .tgz, .tar, .zip) or a trace (.csv); None for the model of run.env. A name
+            that is both a model and a folder is the model: `./NAME` is the folder.
+        local: Whether any s3:// address is one of our own server.
+
+    Raises:
+        SettingsError: There is no such thing, or nothing in it to analyse.
+        StorageError: A bucket cannot be read.
+    """
+    if what is None:
+        return _in_own_bucket(settings, settings.model_prefix, named=False)
+    if what.casefold().startswith("s3:"):
+        return _at_address(settings, what, local=local)
+    path = Path(what).expanduser()
+    if _is_certainly_a_path(what, path):
+        return _on_disk(path, what)
+    prefix = what.strip("/")
+    if keys.is_valid_prefix(prefix) and not what.startswith("/"):
+        found = _if_in_own_bucket(settings, prefix)
+        if found is not None:
+            return found
+    if path.exists():
+        return _on_disk(path, what)
+    if keys.is_valid_prefix(prefix) and not what.startswith("/"):
+        return _in_own_bucket(settings, prefix, named=True)
+    return _on_disk(path, what)
+
+
+def _is_certainly_a_path(what: str, path: Path) -> bool:
+    endings = (*ARCHIVES, ".csv")
+    return what.startswith((".", "~", "/")) or (
+        path.name.casefold().endswith(endings) and path.is_file()
+    )
+
+
+def _if_in_own_bucket(settings: Settings, prefix: str) -> ModelSource | None:
+    """The model of this prefix; None if there is nothing, or no bucket."""
+    try:
+        return _in_own_bucket(settings, prefix, named=True)
+    except (SettingsError, StorageError):
+        if Path(prefix).exists():
+            return None
+        raise
+
+
+def _in_own_bucket(settings: Settings, prefix: str, *, named: bool) -> ModelSource:
+    bucket = bucket_to_look_at(settings.transfer, upload=False)
+    metrics = None
+    if prefix == settings.model_prefix and not settings.metrics_prefix.startswith(
+        keys.folder(prefix)
+    ):
+        metrics = settings.metrics_prefix
+    return _in_bucket(bucket, prefix, metrics=metrics, setting=not named)
+
+
+def _at_address(settings: Settings, address: str, *, local: bool) -> ModelSource:
+    found = _URL.fullmatch(address.strip())
+    prefix = found[2].strip("/") if found else ""
+    if found is None or (prefix and not keys.is_valid_prefix(prefix)):
+        raise SettingsError(
+            f"'{shown(address)}' is not the address of a model.",
+            remedy="Write it as s3://bucket/team/model-1.",
+        )
+    if found[1] == settings.transfer.own.bucket and not local:
+        return _in_bucket(bucket_to_look_at(settings.transfer, upload=False), prefix)
+    bucket = source_bucket(settings.transfer, found[1], local=local, patience_s=PATIENCE_S)
+    return _in_bucket(bucket, prefix)
+
+
+def _in_bucket(
+    bucket: Bucket, prefix: str, *, metrics: str | None = None, setting: bool = False
+) -> ModelSource:
+    folder = keys.folder(prefix) if prefix else ""
+    infos = {info.key.removeprefix(folder): info for info in bucket.list(folder)}
+    real = {name: folder + name for name in infos}
+    if metrics is not None:
+        for info in bucket.list(keys.folder(metrics)):
+            name = "metrics/" + info.key.removeprefix(keys.folder(metrics))
+            infos[name], real[name] = info, info.key
+    infos = {name: info for name, info in infos.items() if not name.endswith("/")}
+    origin = f"s3://{bucket.name}/{prefix}".rstrip("/")
+    if not infos:
+        remedy = "`dr-list-models` lists the models that there are."
+        if setting:
+            remedy = "Train it with `dr-start-training`, or name another one; " + remedy
+        else:
+            remedy = _similar(bucket, prefix) + remedy
+        raise SettingsError(f"There is nothing at {origin}.", remedy=remedy)
+    objects = Objects(
+        {name: info.size_bytes for name, info in infos.items()},
+        lambda name: bucket.get(real[name]),
+        {name: info.modified.timestamp() for name, info in infos.items()},
+    )
+    files = _only_model(find_models(infos), origin, at_root=bool(prefix))
+    prefix = (folder + files.root).rstrip("/")
+    return ModelSource(
+        prefix, f"s3://{bucket.name}/{prefix}", files, objects, bucket=bucket, prefix=prefix
+    )
+
+
+def _similar(bucket: Bucket, prefix: str) -> str:
+    """Names the model that was probably meant."""
+    near = closest(prefix, list(models_in(bucket.list(""))))
+    return f"Did you mean {near}? " if near else ""
+
+
+def _on_disk(path: Path, what: str) -> ModelSource:
+    try:
+        if path.is_dir():
+            return _in_folder(path)
+        if path.is_file() and path.name.casefold().endswith(ARCHIVES):
+            return _in_archive(path)
+        if path.is_file() and path.suffix.casefold() == ".csv":
+            return _single_trace(path)
+    except OSError as e:
+        raise SettingsError(
+            f"{e.filename or path}: cannot be read ({e.strerror or e}).",
+            remedy="Check its name and permissions.",
+        ) from e
+    state = "is not a folder, an archive or a trace" if path.exists() else "does not exist"
+    raise SettingsError(
+        f"{shown(what)} {state}.",
+        remedy="Name a model of `dr-list-models`, s3://bucket/prefix, a folder, or an archive "
+        f"({', '.join(ARCHIVES)}).",
+    )
+
+
+def _in_folder(path: Path) -> ModelSource:
+    source = files_in_folder(path)
+    if not source.sizes:
+        raise SettingsError(f"{path} is empty.", remedy="Name a folder with the files of a model.")
+    files = _only_model(find_models(source.sizes), str(path))
+    top = path.resolve() / files.root
+    modified = {name: (path / name).stat().st_mtime for name in files.others.values()}
+    objects = Objects(source.sizes, lambda name: read_regular(path / name), modified)
+    return ModelSource(top.name, str(path), files, objects)
+
+
+def _in_archive(path: Path) -> ModelSource:
+    data = read_packed(path)
+    is_zip = data.startswith(b"PK")
+    members, fault = (unzip_readable if is_zip else unpack_readable)(BytesIO(data), is_read)
+    problems: tuple[str, ...] = ()
+    if fault is not None:
+        member = f" ({shown(fault.member)})" if fault.member else ""
+        if not members:
+            raise SettingsError(
+                f"{path}{member} {fault}.",
+                remedy="Use another archive, or pack the files again with `tar czf NAME.tar.gz "
+                "FILES`.",
+            )
+        problems = (f"The archive{member} {fault}: what comes before that is analysed.",)
+    sizes = {name: len(content) for name, content in members.items()}
+    files = _only_model(find_models(sizes), str(path))
+    name = files.root.rstrip("/").rpartition("/")[2]
+    if not name:
+        end = next(end for end in ARCHIVES if path.name.casefold().endswith(end))
+        name = path.name[: -len(end)]
+    objects = Objects(sizes, members.__getitem__)
+    return ModelSource(name, str(path), files, objects, problems=problems)
+
+
+def _single_trace(path: Path) -> ModelSource:
+    digits = re.match(r"(\d+)", path.name)
+    name = f"{digits[1] if digits else 0}-iteration.csv"
+    objects = Objects({name: path.stat().st_size}, lambda _: read_regular(path))
+    return ModelSource(path.stem, str(path), find_models([name])[0], objects)
+
+
+def _only_model(models: list[ModelFiles], origin: str, *, at_root: bool = False) -> ModelFiles:
+    """The one model among the files of a place.
+
+    Raises:
+        SettingsError: There is none, or more than one.
+    """
+    if not models:
+        raise SettingsError(
+            f"{origin} contains no traces, metrics or evaluations of a model.",
+            remedy="Name a model's folder: the one with training-simtrace, 0/training-simtrace or "
+            "sim-trace in it.",
+        )
+    own = [model for model in models if not model.root]
+    if own and (at_root or own[0].traces or len(models) == 1):
+        return own[0]
+    traced = [model for model in models if model.traces] or models
+    if len(traced) == 1:
+        return traced[0]
+    roots = [model.root.rstrip("/") or "." for model in traced]
+    listed = ", ".join(roots[:_NAMES_TOLD]) + (" ..." if len(roots) > _NAMES_TOLD else "")
+    raise SettingsError(
+        f"{origin} contains {len(roots)} models: {listed}.",
+        remedy=f"Name one of them, such as {origin}/{roots[0]}.",
+    )
+
+
+class _ReadOnly:
+    """Files as a bucket, for readers that expect one."""
+
+    def __init__(self, objects: Objects) -> None:
+        self.name = ""
+        self._objects = objects
+
+    def get(self, key: str, *, watch: object = None) -> bytes:
+        if key not in self._objects.sizes:
+            raise ObjectMissing(f"There is no {key}.", remedy="Check the name.")
+        return self._objects.read(key)
+
+    def get_with_age(self, key: str) -> tuple[bytes, float | None]:
+        return self.get(key), None
+
+    def put(self, key: str, data: bytes, *, watch: object = None) -> None:
+        raise TypeError("These files are only read.")
+
+    def delete(self, keys: object) -> None:
+        raise TypeError("These files are only read.")
+
+    def exists(self, key: str) -> bool:
+        return key in self._objects.sizes
+
+    def list(self, folder: str) -> Listing:
+        from datetime import UTC, datetime
+
+        never = datetime.fromtimestamp(0, UTC)
+        return [
+            ObjectInfo(name, self._objects.sizes[name], "", never)
+            for name in sorted(self._objects.sizes)
+            if name.startswith(folder)
+        ]

@@ -1,0 +1,77 @@
+"""Writes what an analysis can be written as: the HTML report and pictures."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drcli.analysis.analysis import Analysis, AnalysisReport
+from drcli.analysis.compare_runs import Comparison, compare_runs
+from drcli.base.errors import SettingsError
+from drcli.base.replaceable import HTML_PAGE, refuse_replacing
+
+if TYPE_CHECKING:
+    from drcli.analysis.report.picture_section import Picture
+    from drcli.analysis.run import Run
+
+
+def check_targets(html: Path | None, png: Path | None) -> None:
+    """Refuse targets that cannot be written, before anything is read.
+
+    Raises:
+        SettingsError: The report would replace another file, or the folder of one is missing.
+    """
+    if html is not None:
+        refuse_replacing(html, HTML_PAGE)
+    if png is not None and png.exists() and not png.is_dir():
+        raise SettingsError(
+            f"{png} is a file, so no pictures can be written into it.",
+            remedy="Name a folder, such as --png pictures.",
+        )
+
+
+def write_outputs(
+    analysis: Analysis,
+    html: Path | None,
+    png: Path | None,
+    explained: "Sequence[Picture]" = (),
+) -> AnalysisReport:
+    """Write the report and the pictures that are asked for.
+
+    Args:
+        analysis: What was found.
+        html: The report.
+        png: Folder of the pictures.
+        explained: For the report: what moves the action.
+
+    Returns:
+        The analysis as a record, with the paths of what was written.
+
+    Raises:
+        SettingsError: One cannot be written.
+    """
+    pictures: tuple[str, ...] = ()
+    if png is not None:
+        from drcli.analysis.stills import write_pngs
+
+        pictures = tuple(str(path) for path in write_pngs(analysis, png))
+    if html is not None:
+        from drcli.analysis.report.html_report import write_html
+
+        write_html(analysis, html, explained)
+    return analysis.report(html=None if html is None else str(html), png=pictures)
+
+
+def write_comparison_of(runs: "Sequence[Run]", html: Path | None) -> Comparison:
+    """Compare trainings, and write the page if it is asked for.
+
+    Raises:
+        SettingsError: It cannot be written.
+    """
+    report = compare_runs(runs)
+    if html is None:
+        return report
+    from drcli.analysis.report.compare_report import write_comparison
+
+    write_comparison(report, html)
+    return replace(report, html=str(html))

@@ -1,0 +1,158 @@
+"""Reads evaluations that were driven on their own: their traces, or else their metrics."""
+
+import json
+import re
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from drcli.analysis.episode_table import aggregated
+from drcli.analysis.model_source import ModelSource
+from drcli.analysis.read_traces import COLUMNS, TraceFile, read_traces
+from drcli.analysis.run import StoredEvaluation
+from drcli.analysis.spans import spans
+from drcli.base.errors import DrError
+from drcli.exchange.trace import VIOLATIONS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TRIAL_COLUMNS = ("trial", "time", "progress", "complete", "crashed", "off_track", "resets")
+
+MOST_EVALUATIONS = 50
+"""The newest so many are read."""
+
+_METRICS = re.compile(
+    r"metrics/(?:EvaluationMetrics-|evaluation/(?:evaluation-)?)(?P<stamp>\d{14})[^/]*\.json"
+)
+
+
+class WorldOf(Protocol):
+    """Finds the track that some steps were driven on."""
+
+    def __call__(self, steps: "pd.DataFrame", named: str | None = None) -> str | None:
+        """Its name, None if unknown; `named` is what the files say."""
+
+
+def read_evaluations(
+    source: ModelSource,
+    named: str | None,
+    world_of: WorldOf,
+    problems: list[str],
+) -> tuple[StoredEvaluation, ...]:
+    """All stand-alone evaluations of a model, the oldest first.
+
+    Args:
+        source: The model.
+        named: The track of the newest one, which is the only one that the files name.
+        world_of: The track that some steps were driven on; its second argument is what the files
+            say about it.
+        problems: Gets what was wrong, a sentence each.
+    """
+    metrics = {
+        match["stamp"]: real
+        for name, real in source.files.others.items()
+        if (match := _METRICS.fullmatch(name))
+    }
+    stamps = sorted({*source.files.evaluations, *metrics})
+    if len(stamps) > MOST_EVALUATIONS:
+        problems.append(
+            f"There are {len(stamps)} evaluations; the newest {MOST_EVALUATIONS} are analysed."
+        )
+        stamps = stamps[-MOST_EVALUATIONS:]
+    found = []
+    for stamp in stamps:
+        of_it = named if stamp == stamps[-1] else None
+        evaluation = _from_trace(source, stamp, partial(world_of, named=of_it), problems)
+        if evaluation is None and stamp in metrics:
+            evaluation = _from_metrics(source, stamp, metrics[stamp], of_it, problems)
+        if evaluation is not None:
+            found.append(evaluation)
+    return tuple(found)
+
+
+def _from_trace(
+    source: ModelSource,
+    stamp: str,
+    world_of: "Callable[[pd.DataFrame], str | None]",
+    problems: list[str],
+) -> StoredEvaluation | None:
+    names = source.files.evaluations.get(stamp, ())
+    files = [TraceFile(name, 0, number) for number, name in enumerate(names)]
+    if not files:
+        return None
+    reading = read_traces(files, source.objects.read)
+    problems += reading.problems
+    if reading.steps is None:
+        return None
+    steps = reading.steps.sort_values(["iteration", "episode", "steps"], kind="stable")
+    steps = steps.reset_index(drop=True)
+    return StoredEvaluation(stamp, world_of(steps), steps, trials_of(steps))
+
+
+def trials_of(steps: "pd.DataFrame") -> "pd.DataFrame":
+    """A row for each trial of an evaluation, in its order.
+
+    A race without a stop has no `prepare` row in its later laps: a lap begins where the one before
+    ended, as deepracer-utils counts.
+    """
+    import pandas as pd
+
+    found = aggregated(steps, "episode", is_eval=True)
+    first, last = spans(steps["episode"].to_numpy())
+    status = steps["episode_status"].astype(str).to_numpy()
+    done = steps["done"].to_numpy()
+    complete = found["complete"].to_numpy().astype(bool)
+    resets = [
+        int(np.isin(status[begin : end + 1], VIOLATIONS).sum())
+        # The fault that ended the trial did not put the car back.
+        - int(done[end] and not lap and status[end] in VIOLATIONS)
+        for begin, end, lap in zip(first, last, complete, strict=True)
+    ]
+    return pd.DataFrame(
+        {
+            "trial": range(1, len(found) + 1),
+            "time": found["time"],
+            "progress": found["progress"],
+            "complete": complete,
+            "crashed": found["crashed"].astype(int),
+            "off_track": found["off_track"].astype(int),
+            "resets": resets,
+        }
+    )
+
+
+def _from_metrics(
+    source: ModelSource, stamp: str, name: str, world: str | None, problems: list[str]
+) -> StoredEvaluation | None:
+    """An evaluation whose trace is missing, as in an uploaded model."""
+    import pandas as pd
+
+    try:
+        written = json.loads(source.objects.read(name))
+        rows = [_trial(number, record) for number, record in enumerate(written["metrics"], 1)]
+    except DrError as error:
+        problems.append(f"{name} cannot be read: {error}")
+        return None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        problems.append(f"{name} is damaged: it is not a file of evaluation metrics.")
+        return None
+    if not rows:
+        return None
+    trials = pd.DataFrame(rows, columns=list(TRIAL_COLUMNS))
+    return StoredEvaluation(stamp, world, pd.DataFrame(columns=list(COLUMNS)), trials)
+
+
+def _trial(number: int, record: Any) -> tuple[Any, ...]:
+    progress = float(record["completion_percentage"])
+    return (
+        number,
+        float(record["elapsed_time_in_milliseconds"]) / 1000.0,
+        progress,
+        progress >= 100.0,
+        int(record.get("crash_count", 0)),
+        int(record.get("off_track_count", 0)),
+        int(record.get("reset_count", 0)),
+    )

@@ -1,0 +1,271 @@
+"""Reads a training: everything that its files tell, as one `Run`."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drcli.analysis.episode_table import EPISODE_COLUMNS, episode_table, number_episodes
+from drcli.analysis.extra import deepracer_logs
+from drcli.analysis.find_world import directed_as_driven, fitting_track, open_track
+from drcli.analysis.iteration_table import iteration_table
+from drcli.analysis.model_facts import ModelFacts, model_facts
+from drcli.analysis.model_source import ModelSource, open_model
+from drcli.analysis.read_evaluations import read_evaluations
+from drcli.analysis.read_log import read_console_log
+from drcli.analysis.read_metrics import learner_table, learning_curve, metric_records
+from drcli.analysis.read_traces import COLUMNS, TraceFile, TraceReading, read_traces
+from drcli.analysis.run import Run
+from drcli.analysis.spans import spans
+from drcli.base.errors import SettingsError
+from drcli.config.settings import Settings
+from drsim.track.track import Track
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MOST_TRACE_BYTES = 1 << 30
+"""Of all training traces together, about five million steps. Of more, every second iteration is
+read, or every third ..., so that any training can be analysed within a few gigabytes of memory."""
+
+_NUMBER_RANGE = 3
+
+
+def read_run(settings: Settings, what: str | None, *, local: bool = False) -> Run:
+    """Find a model and read it; see `open_model` for `what` and `local`.
+
+    Raises:
+        SettingsError: There is no such model, or nothing in it to analyse.
+        StorageError: A bucket cannot be read.
+        NotAvailable: The extra is not installed.
+    """
+    deepracer_logs()
+    source = open_model(settings, what, local=local)
+    return run_of(source, settings.tracks_folder)
+
+
+def read_runs(settings: Settings, names: Sequence[str], *, local: bool = False) -> list[Run]:
+    """Find two or more models, and read them; see `open_model` for a name and `local`.
+
+    Raises:
+        SettingsError: One is named twice, does not exist, or has nothing to analyse.
+        StorageError: A bucket cannot be read.
+        NotAvailable: The extra is not installed.
+    """
+    deepracer_logs()
+    sources = [open_model(settings, name, local=local) for name in names]
+    places: dict[tuple[str, str], str] = {}
+    for name, source in zip(names, sources, strict=True):
+        where = source.origin if source.bucket else str(Path(source.origin).resolve())
+        place = (where, source.files.root)
+        if place in places:
+            twice = f"{name} is named twice"
+            if places[place] != name:
+                twice = f"{places[place]} and {name} are the same model"
+            raise SettingsError(
+                f"{twice} ({source.origin}), so there is nothing to compare.",
+                remedy="Name two different models.",
+            )
+        places[place] = name
+    return [run_of(source, settings.tracks_folder) for source in sources]
+
+
+def run_of(source: ModelSource, tracks: Path) -> Run:
+    """Read a model.
+
+    Args:
+        source: The model.
+        tracks: Folder of the racer's own tracks.
+
+    Raises:
+        SettingsError: There is nothing in it to analyse.
+        StorageError: The bucket cannot be read.
+    """
+    import pandas as pd
+
+    problems = [*source.problems, *source.files.problems]
+    facts = model_facts(source, problems)
+    reading = _read_steps(source, facts, problems)
+    records = metric_records(source, problems)
+    curve = learning_curve(source, problems)
+    if reading.steps is None:
+        steps = pd.DataFrame(columns=[*COLUMNS, "unique_episode"])
+        episodes = pd.DataFrame(columns=list(EPISODE_COLUMNS))
+        episodes.index.name = "unique_episode"
+    else:
+        steps, found = number_episodes(reading.steps)
+        reading.steps = None
+        problems += found
+        problems += _without_bad_rewards(steps)
+        problems += _cut_off(steps)
+        episodes = episode_table(steps)
+    iterations = iteration_table(steps, episodes, records, curve)
+    problems += _gaps(iterations)
+    world, track = _world(facts, steps, tracks, problems)
+    worlds = _EvaluationWorlds(track, tracks)
+    evaluations = read_evaluations(source, facts.evaluation_world, worlds, problems)
+    if not len(iterations) and not evaluations:
+        why = " ".join(problems[:_NUMBER_RANGE])
+        raise SettingsError(
+            f"{source.origin} has no readable trace, metrics or evaluation. {why}".strip(),
+            remedy="Train or evaluate the model first, or name another one.",
+        )
+    return Run(
+        name=source.name,
+        origin=source.origin,
+        layout=source.files.layout,
+        world=world,
+        track=track,
+        hyperparameters=facts.hyperparameters,
+        actions=facts.actions,
+        steps=steps,
+        episodes=episodes,
+        iterations=iterations,
+        learner=learner_table(source, curve, problems),
+        evaluations=evaluations,
+        problems=tuple(dict.fromkeys(problems)),
+        parent=facts.parent,
+        files=facts.files,
+        parent_files=facts.parent_files,
+        records=records,
+        machine_hours=facts.machine_hours,
+        cost_usd=facts.cost_usd,
+    )
+
+
+def _read_steps(source: ModelSource, facts: ModelFacts, problems: list[str]) -> TraceReading:
+    """The steps of the training, from traces, else from the log of a console."""
+    files = [TraceFile(*trace) for trace in source.files.traces]
+    if not files:
+        return read_console_log(source, facts.episodes_per_iteration, problems)
+    sizes = source.objects.sizes
+    total = sum(sizes[file.name] for file in files)
+    every = -(-total // MOST_TRACE_BYTES)
+    if every > 1:
+        numbers = sorted({file.iteration for file in files})
+        kept = set(numbers[::every])
+        files = [file for file in files if file.iteration in kept]
+        problems.append(
+            f"The traces have {total / 1e9:.1f} GB; the steps of {len(kept)} of {len(numbers)} "
+            "iterations are analysed, evenly spread."
+        )
+    reading = read_traces(files, source.objects.read)
+    problems += reading.problems
+    return reading
+
+
+def _without_bad_rewards(steps: "pd.DataFrame") -> list[str]:
+    """Count rewards that are no finite numbers as 0, as the sums of deepracer-utils do with NaN."""
+    bad = ~np.isfinite(steps["reward"].to_numpy(float))
+    if not bad.any():
+        return []
+    steps.loc[bad, "reward"] = 0.0
+    of = steps.loc[bad, ["iteration", "unique_episode"]]
+    return [
+        f"{int(bad.sum()):,} rewards in {of['unique_episode'].nunique():,} episodes are not "
+        f"numbers (the first in iteration {int(of['iteration'].iloc[0])}); they count as 0."
+    ]
+
+
+def _cut_off(steps: "pd.DataFrame") -> list[str]:
+    """What is told about episodes whose end is missing, because their trace was cut off."""
+    _, last = spans(steps["unique_episode"].to_numpy())
+    ends = steps["iteration"].to_numpy()[last]
+    open_ends = ends[~steps["done"].to_numpy(bool)[last]]
+    if not len(open_ends):
+        return []
+    count = "An episode has" if len(open_ends) == 1 else f"{len(open_ends):,} episodes have"
+    return [
+        f"{count} no end, the first in {_numbers([int(open_ends[0])])}: a trace was cut off, and "
+        "episodes may be missing there."
+    ]
+
+
+def _gaps(iterations: "pd.DataFrame") -> list[str]:
+    """What is told about iterations without a trace."""
+    if not len(iterations) or not iterations["traced"].any():
+        return []
+    expected = range(int(iterations.index[0]), int(iterations.index[-1]) + 1)
+    expected = range(0 if iterations.index[0] < len(iterations) else expected.start, expected.stop)
+    without = [n for n in expected if n not in iterations.index]
+    untraced = [int(n) for n in iterations.index[~iterations["traced"]]]
+    told = []
+    if untraced:
+        told.append(
+            f"There is no trace of {_numbers(untraced)}; the metrics tell rewards and progress, "
+            "but not the steps."
+        )
+    if without:
+        told.append(f"Of {_numbers(without)}, there is neither a trace nor a metrics record.")
+    return told
+
+
+def _numbers(iterations: list[int]) -> str:
+    """Iterations in words, such as `iterations 3, 7 to 9`."""
+    starts = [n for n in iterations if n - 1 not in iterations]
+    ends = [n for n in iterations if n + 1 not in iterations]
+    parts = [f"{a}" if a == b else f"{a} to {b}" for a, b in zip(starts, ends, strict=True)]
+    if len(parts) > 2 * _NUMBER_RANGE:
+        return f"{len(iterations)} iterations"
+    return ("iteration " if len(iterations) == 1 else "iterations ") + ", ".join(parts)
+
+
+def _world(
+    facts: ModelFacts, steps: "pd.DataFrame", tracks: Path, problems: list[str]
+) -> tuple[str | None, Track | None]:
+    """Name and shape of the track, as far as they are known."""
+    first = steps[steps["worker"] == steps["worker"].min()] if len(steps) else steps
+    lengths = steps.groupby("worker")["track_len"].median() if len(steps) else steps["track_len"]
+    if len(lengths) and float(lengths.max()) > 1.02 * float(lengths.min()):
+        problems.append(
+            "The workers drove on different tracks; maps show that of worker "
+            f"{int(first['worker'].iloc[0])}."
+        )
+    if facts.world is not None:
+        track = open_track(facts.world, tracks)
+        if track is None:
+            problems.append(
+                f"The track {facts.world} is not installed, so there is no map: fetch it with "
+                f"`dr-tracks fetch {facts.world}`."
+            )
+            return facts.world, None
+        directed = directed_as_driven(track, first)
+        if directed is None:
+            problems.append(
+                f"The files name the track {facts.world}, but the traces were driven elsewhere; "
+                "another track is looked for."
+            )
+        else:
+            return facts.world, directed
+    found = fitting_track(first, tracks) if len(first) else None
+    if found is not None:
+        return found.name, found
+    if len(first):
+        problems.append(
+            f"None of the installed tracks, of which one would have "
+            f"{float(first['track_len'].median()):.2f} m, is that of the traces: there is no map. "
+            "`dr-tracks fetch NAME` fetches one."
+        )
+    return facts.world, None
+
+
+class _EvaluationWorlds:
+    """The tracks of evaluations, most of which are that of the training."""
+
+    def __init__(self, track: Track | None, tracks: Path) -> None:
+        self._known = [] if track is None else [track]
+        self._tracks = tracks
+
+    def __call__(self, steps: "pd.DataFrame", named: str | None = None) -> str | None:
+        if named is not None:
+            track = open_track(named, self._tracks)
+            if track is None or directed_as_driven(track, steps) is not None:
+                return named
+        for track in self._known:
+            if directed_as_driven(track, steps) is not None:
+                return track.name
+        found = fitting_track(steps, self._tracks)
+        if found is not None:
+            self._known.append(found)
+        return None if found is None else found.name

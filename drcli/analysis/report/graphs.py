@@ -1,0 +1,179 @@
+"""Descriptions of graphs, which the page draws with uPlot."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from drcli.analysis.report.markup import Html, element
+from drcli.analysis.report.packing import numbers
+from drcli.analysis.report.words import nth
+
+_FEW = 150
+"""Points up to which each is drawn large."""
+
+MOST_DOTS = 10_000
+"""Dots of a series: more cover each other, make the page large, and take seconds to draw."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """One line, or dots.
+
+    Attributes:
+        name: What it shows, in the legend.
+        x: Positions. Shape (n,).
+        y: Values; NaN where there is none. Shape (n,).
+        color: A colour of page.css, such as "--c1".
+        kind: "line"; "dots" for many small dots; "marks" for few large ones.
+        axis: Side of its axis.
+        decimals: Digits after the point where numbers are shown; None: four significant digits.
+        on: Whether it is shown until the reader switches it off.
+    """
+
+    name: str
+    x: ArrayLike
+    y: ArrayLike
+    color: str
+    kind: Literal["line", "dots", "marks"] = "line"
+    axis: Literal["left", "right"] = "left"
+    decimals: int | None = None
+    on: bool = True
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A vertical line at a position, with a word."""
+
+    x: float
+    label: str
+
+
+@dataclass(frozen=True)
+class Graph:
+    """One graph.
+
+    Attributes:
+        key: Its name among those of the page.
+        title: What it shows.
+        x_label: Quantity of the horizontal axis.
+        series: What is drawn.
+        left: Quantity of the left axis.
+        right: Quantity of the right axis.
+        marks: Vertical lines.
+        whole_x: Whether positions are numbers of iterations.
+        x_decimals: Digits of positions after the point.
+        left_range: Ends of the left axis; None: by the values.
+        right_range: Ends of the right axis.
+        near: How far from the cursor a value may lie so that it is read out.
+        height: Pixels on a wide screen.
+    """
+
+    key: str
+    title: str
+    x_label: str
+    series: Sequence[Series]
+    left: str
+    right: str = ""
+    marks: Sequence[Mark] = ()
+    whole_x: bool = True
+    x_decimals: int | None = None
+    left_range: tuple[float, float] | None = None
+    right_range: tuple[float, float] | None = None
+    near: float = 0.5
+    height: int = 320
+
+    def as_data(self) -> dict[str, Any]:
+        """Its description for the page."""
+        names = ("x_label", "whole_x", "x_decimals", "left_range", "right_range", "near", "height")
+        return {name: getattr(self, name) for name in names} | {
+            "marks": [asdict(mark) for mark in self.marks],
+            "series": [_series_data(one) for one in self.series],
+        }
+
+    def as_html(self) -> Html:
+        """Its place on the page, with a switch for each series."""
+        # A single series needs no switch.
+        several = self.series if len(self.series) > 1 else ()
+        keys = [_key(number, one) for number, one in enumerate(several)]
+        return element(
+            "figure",
+            element("figcaption", self.title, class_="graph-name"),
+            element("div", *keys, class_="keys"),
+            element(
+                "div",
+                element("span", self.left),
+                element("span", self.right),
+                class_="axis-names",
+                aria_hidden="true",
+            ),
+            element(
+                "div",
+                class_="plot",
+                tabindex="0",
+                role="group",
+                aria_label=f"{self.title}, over {self.x_label}. "
+                "The left and right arrow keys read its values.",
+            ),
+            element("p", class_="readout", aria_live="polite"),
+            data_graph=self.key,
+        )
+
+
+def many_points(
+    name: str,
+    x: ArrayLike,
+    y: ArrayLike,
+    color: Literal["--c1", "--c2", "--c3"],
+    axis: Literal["left", "right"] = "left",
+    decimals: int | None = None,
+    *,
+    on: bool = True,
+    alone: bool = True,
+) -> Series:
+    """Points as small dots that shine through, or as larger ones where there are few.
+
+    Of more than `MOST_DOTS`, every second is drawn, or every third and so on. Points that are not
+    `alone`, but around a line, stay small.
+    """
+    if alone and len(np.asarray(x)) <= _FEW:
+        return Series(name, x, y, color, "marks", axis, decimals, on)
+    every = dots_apart(len(np.asarray(x)))
+    x, y = np.asarray(x)[::every], np.asarray(y)[::every]
+    return Series(name, x, y, color.replace("--c", "--dots"), "dots", axis, decimals, on)
+
+
+def dots_note(count: int, what: str) -> Html | None:
+    """A sentence that says which of so many points are drawn as dots; None if all are."""
+    every = dots_apart(count)
+    if every == 1:
+        return None
+    text = f"Every {nth(every)} {what} is a dot; lines and tables are of all."
+    return element("p", text, class_="quiet")
+
+
+def dots_apart(count: int) -> int:
+    """1: all of so many points are drawn as dots; n: every n-th."""
+    return max(1, math.ceil(count / MOST_DOTS))
+
+
+def _series_data(series: Series) -> dict[str, Any]:
+    names = ("name", "color", "kind", "axis", "decimals", "on")
+    return {name: getattr(series, name) for name in names} | {
+        "x": numbers(series.x),
+        "y": numbers(series.y),
+    }
+
+
+def _key(number: int, series: Series) -> Html:
+    swatch = element(
+        "svg",
+        element("rect", width="100%", height="100%", class_=f"ink{series.color}"),
+        class_="swatch" if series.kind == "line" else "swatch dots",
+        aria_hidden="true",
+    )
+    tick = element("input", type="checkbox", checked=series.on, data_series=str(number))
+    return element("label", tick, swatch, series.name)

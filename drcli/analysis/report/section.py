@@ -1,0 +1,40 @@
+"""A section of the report: a title, one sentence that says what to look for, and its content."""
+
+from dataclasses import dataclass
+
+from drcli.analysis.report.graphs import Graph
+from drcli.analysis.report.markup import Content, Html, element
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section.
+
+    Attributes:
+        key: Its address in the page.
+        title: Its heading.
+        short: Its name in the list of contents.
+        look: What to look for, one sentence; empty where the content says it.
+        content: HTML below that sentence.
+        graphs: Graphs in the content.
+    """
+
+    key: str
+    title: str
+    short: str
+    look: str
+    content: tuple[Content, ...]
+    graphs: tuple[Graph, ...] = ()
+
+    def as_html(self) -> Html:
+        """The section."""
+        look = element("p", self.look, class_="look") if self.look else None
+        heading = element("h2", self.title, id=f"{self.key}-title")
+        return element(
+            "section",
+            heading,
+            look,
+            *self.content,
+            id=self.key,
+            aria_labelledby=f"{self.key}-title",
+        )

@@ -1,0 +1,189 @@
+"""Writes the graphs and maps of a report as PNG pictures, for slides and chats."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drcli.analysis.analysis import Analysis
+from drcli.analysis.findings.action_use import ActionUse
+from drcli.analysis.findings.episode_ends import EpisodeEnds
+from drcli.analysis.map_stills import draw_maps
+from drcli.analysis.report.graphs import Graph, Series
+from drcli.analysis.report.progress_sections import lap_section, learner_section, reward_section
+from drcli.analysis.report.reward_rate_section import reward_rate_section
+from drcli.base.atomic_file import rewrite
+from drcli.base.errors import SettingsError
+from drcli.base.png_picture import INK, LINES, png
+from drcli.base.replaceable import refuse_replacing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_WIDTH_IN, _HEIGHT_IN = 11.0, 3.6
+_COLORS = dict(zip(("--c1", "--c2", "--c3", "--c4", "--c5"), LINES, strict=False)) | {
+    "--c6": "#4d4dad",
+    "--dots1": LINES[0],
+    "--dots2": LINES[1],
+    "--dots3": LINES[2],
+}
+"""Colours by the names that the page uses."""
+
+_OTHER = "#8b949e"
+
+
+def write_pngs(analysis: Analysis, folder: Path) -> tuple[Path, ...]:
+    """Write the pictures of an analysis into a folder, which is made if it does not exist.
+
+    Returns:
+        The files: reward.png, laps.png, track.png, ends.png, actions.png, reward-rate.png and
+        learner.png, without those that would be empty.
+
+    Raises:
+        SettingsError: One cannot be written, or would replace a file that is not a picture.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SettingsError(
+            f"{folder} cannot be made ({error.strerror or error}).",
+            remedy="Name a folder that you can write to, such as --png pictures.",
+        ) from None
+    pictures = {folder / name: draw for name, draw in _pictures(analysis)}
+    for path in pictures:
+        refuse_replacing(path)
+    for path, draw in pictures.items():
+        rewrite(path, draw())
+    return tuple(pictures)
+
+
+def _pictures(analysis: Analysis) -> Iterator[tuple[str, Callable[[], bytes]]]:
+    """Names of pictures, and what draws each."""
+    run, found = analysis.run, analysis.evidence
+    sections = {
+        "reward.png": reward_section(run),
+        "laps.png": lap_section(run),
+        "reward-rate.png": reward_rate_section(run, found.rate),
+        "learner.png": learner_section(run),
+    }
+    for name, section in sections.items():
+        if section is not None and section.graphs:
+            yield name, partial(_draw_graphs, section.graphs, run.name)
+    if np.isfinite(run.steps[["x", "y"]].to_numpy(np.float64)).all(axis=1).any():
+        yield "track.png", partial(draw_maps, run)
+    if found.ends is not None and found.ends.parts:
+        yield "ends.png", partial(_draw_ends, found.ends, run.name)
+    if found.actions is not None:
+        yield "actions.png", partial(_draw_actions, found.actions, run.name)
+
+
+def _draw_graphs(graphs: Sequence[Graph], title: str) -> bytes:
+    """Graphs below each other."""
+
+    def draw(figure: "Figure") -> None:
+        figure.suptitle(title, x=0.01, ha="left", size=14)
+        axes = np.atleast_1d(figure.subplots(len(graphs)))
+        for graph, room in zip(graphs, axes, strict=True):
+            _draw_graph(graph, room)
+
+    height_in = max(_HEIGHT_IN * len(graphs), 5.0) + 0.4
+    return png(draw, (_WIDTH_IN, height_in))
+
+
+def _draw_graph(graph: Graph, left: "Axes") -> None:
+    used = {one.axis for one in graph.series}
+    right = left.twinx() if "right" in used else None
+    handles = []
+    for one in graph.series:
+        axes = right if one.axis == "right" and right is not None else left
+        handles += _draw_series(one, axes)
+    left.set_title(graph.title)
+    left.set(xlabel=graph.x_label, ylabel=graph.left)
+    if graph.left_range:
+        left.set_ylim(*graph.left_range)
+    if right is not None:
+        right.set_ylabel(graph.right)
+        right.spines["right"].set_visible(True)
+        right.grid(False)
+        if graph.right_range:
+            right.set_ylim(*graph.right_range)
+    for mark in graph.marks:
+        left.axvline(mark.x, color=LINES[2], linestyle="--", linewidth=1.2)
+        left.annotate(
+            mark.label,
+            (mark.x, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(4, -2),
+            textcoords="offset points",
+            va="top",
+            color=LINES[2],
+        )
+    if len(handles) > 1:
+        left.legend(
+            handles=handles, loc="upper left", bbox_to_anchor=(0.0, -0.17), ncols=3, frameon=False
+        )
+
+
+def _draw_series(series: Series, axes: "Axes") -> list[object]:
+    """One series; nothing if the page shows it only when asked."""
+    if not series.on:
+        return []
+    x, y = np.asarray(series.x, np.float64), np.asarray(series.y, np.float64)
+    known = np.isfinite(x) & np.isfinite(y)
+    color = _COLORS.get(series.color, INK)
+    if series.kind == "line":
+        mark = "o" if known.sum() < 3 else ""
+        return list(
+            axes.plot(x[known], y[known], color=color, lw=2.0, marker=mark, label=series.name)
+        )
+    size, alpha = (6.0, 0.9) if series.kind == "marks" else (3.5, 0.35)
+    return list(
+        axes.plot(
+            x[known], y[known], "o", color=color, ms=size, alpha=alpha, mew=0, label=series.name
+        )
+    )
+
+
+def _draw_ends(ends: EpisodeEnds, title: str) -> bytes:
+    """Where episodes end along the lap."""
+    names = [f"{part.first}-{part.last}" for part in ends.parts]
+    counts = [part.ends for part in ends.parts]
+
+    def draw(figure: "Figure") -> None:
+        axes = figure.subplots()
+        figure.suptitle(title, x=0.01, ha="left", size=14)
+        colors = [LINES[1] if number == ends.worst else LINES[0] for number in range(len(names))]
+        axes.bar(range(len(names)), counts, color=colors)
+        axes.set_xticks(range(len(names)), names, rotation=60, ha="right")
+        axes.set_title(
+            f"Where episodes end, late in the training: {ends.episodes} episodes, "
+            f"{ends.complete} full laps"
+        )
+        axes.set(xlabel="waypoints", ylabel="episodes that end there")
+
+    return png(draw, (_WIDTH_IN, 4.6))
+
+
+def _draw_actions(use: ActionUse, title: str) -> bytes:
+    """How often each action is used, now and at the beginning."""
+    names = [f"{one.steering_deg:.3g}°\n{one.speed_mps:.2g} m/s" for one in use.actions]
+    at = np.arange(len(names))
+
+    def draw(figure: "Figure") -> None:
+        axes = figure.subplots()
+        figure.suptitle(title, x=0.01, ha="left", size=14)
+        late = [100 * one.share for one in use.actions]
+        early = [100 * one.early_share for one in use.actions]
+        axes.bar(at - 0.2, early, 0.38, color=_OTHER, label="first third of the training")
+        axes.bar(at + 0.2, late, 0.38, color=LINES[0], label="late in the training")
+        axes.set_xticks(at, names, size=9)
+        for number in use.dead:
+            axes.get_xticklabels()[number].set_color(LINES[1])
+        axes.set_title("Use of the actions" + (": dead ones in orange" if use.dead else ""))
+        axes.set(xlabel="steering (left is positive) and speed", ylabel="share of the steps (%)")
+        axes.legend(frameon=False)
+
+    return png(draw, (max(_WIDTH_IN, 0.62 * len(names)), 4.6))

@@ -1,0 +1,145 @@
+"""`dr analyze`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drcli.cli import candidates, console
+from drcli.cli.evaluation_options import with_options
+from drcli.cli.options import AsJson
+from drcli.cli.views import analysis_view
+from drcli.cli.working_folder import settings_for_files
+
+if TYPE_CHECKING:
+    from drcli.analysis.report.picture_section import Picture
+    from drcli.config.settings import Settings
+
+COMPARE = "compare"
+"""The word before several models."""
+
+
+def analyze(
+    what: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="WHAT",
+            help="A model, s3://bucket/prefix, a folder or an archive; the model of run.env if "
+            "left out. After the word compare: two or more of them.",
+            autocompletion=candidates.model_prefixes,
+        ),
+    ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option(
+            "--html", metavar="FILE", help="Write the report, or the comparison, as one HTML file."
+        ),
+    ] = None,
+    png: Annotated[
+        Path | None, typer.Option("--png", metavar="FOLDER", help="Write its pictures there.")
+    ] = None,
+    explain: Annotated[
+        bool,
+        typer.Option(
+            "--explain",
+            help="Also show in the report what moves the action: drives an episode of the best "
+            "checkpoint.",
+        ),
+    ] = False,
+    local: Annotated[
+        bool, typer.Option("-L", "--local", help="s3:// is a bucket of the local server.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Show what a training came to: a verdict, curves, laps, and what to change, with evidence.
+
+    Reads models of drcli, DeepRacer-for-Cloud, the DeepRacer console and DeepRacer on AWS, also
+    while they are trained, and changes nothing. Archives can be .tar.gz, .tgz, .tar and .zip.
+    `compare A B` shows two or more side by side, and whether they differ by more than chance.
+
+    Example: dr-analyze team/model-1 --html report.html
+    """
+    words = what or []
+    if explain and html is None:
+        raise typer.BadParameter("--explain adds pictures to the report; name that with --html.")
+    if words[:1] == [COMPARE]:
+        _compare(words[1:], html, png, local=local, as_json=as_json)
+        return
+    if len(words) > 1:
+        raise typer.BadParameter(
+            f"There are {len(words)} models; one can be analysed. To compare them: "
+            f"dr-analyze {COMPARE} {' '.join(words)}."
+        )
+    from drcli.analysis.analysis import analyse
+    from drcli.analysis.outputs import check_targets, write_outputs
+    from drcli.analysis.read_run import read_run
+
+    loaded = settings_for_files(words)
+    name = words[0] if words else None
+    check_targets(html, png)
+    if explain:
+        _refuse_outside_the_bucket(loaded, name)
+    with console.waiting(f"Reading {name or loaded.model_prefix} ..."):
+        analysis = analyse(read_run(loaded, name, local=local))
+    explained = _explained(loaded, name, analysis.run.world) if explain else ()
+    with console.waiting("Writing ...") if html or png else console.waiting("", only_live=True):
+        report = write_outputs(analysis, html, png, explained)
+    console.warn(*report.problems)
+    console.emit(report, analysis_view.analysis(report), as_json=as_json)
+    if not as_json and html is None:
+        given = f" {name}" if name else ""
+        console.suggest([(f"dr-analyze{given} --html report.html", "graphs, map and all laps")])
+
+
+def _explained(loaded: "Settings", name: str | None, world: str | None) -> "tuple[Picture, ...]":
+    """Pictures of what moves the action of a model in our bucket, on the track of its training."""
+    from drcli.analysis.explained_model import explained_pictures
+    from drcli.models.transfer_buckets import bucket_to_look_at
+
+    prefix = loaded.model_prefix if name is None else name.strip("/")
+    with console.waiting("Driving an episode and explaining it ..."):
+        bucket = bucket_to_look_at(loaded.transfer, upload=False)
+        return explained_pictures(with_options(loaded, DR_WORLD_NAME=world), bucket, prefix)
+
+
+def _refuse_outside_the_bucket(loaded: "Settings", name: str | None) -> None:
+    """Return if a model is in our bucket, so that it can be driven.
+
+    Raises:
+        typer.BadParameter: It is a folder, an archive, or in another bucket.
+        SettingsError: There is no such model.
+    """
+    from drcli.analysis.model_source import open_model
+    from drcli.store import keys
+
+    if name is None:
+        return
+    prefix = name.strip("/")
+    if (
+        not keys.is_valid_prefix(prefix)
+        or prefix.casefold().startswith("s3:")
+        or not open_model(loaded, name).origin.startswith("s3://")
+    ):
+        raise typer.BadParameter(
+            f"--explain drives a model of the bucket, and {name} is not one. To explain a "
+            "policy's file: dr-saliency --model FILE."
+        )
+
+
+def _compare(
+    words: list[str], html: Path | None, png: Path | None, *, local: bool, as_json: bool
+) -> None:
+    """Compare models, and write the page if it is asked for."""
+    from drcli.analysis.outputs import check_targets, write_comparison_of
+    from drcli.analysis.read_run import read_runs
+
+    if len(words) < 2:
+        raise typer.BadParameter(f"Name two or more models after {COMPARE}.")
+    if png is not None:
+        raise typer.BadParameter(f"--png is for one model; {COMPARE} writes --html and --json.")
+    loaded = settings_for_files(words)
+    check_targets(html, None)
+    with console.waiting(f"Reading {', '.join(words)} ..."):
+        report = write_comparison_of(read_runs(loaded, words, local=local), html)
+    console.warn(*report.problems)
+    console.emit(report, analysis_view.comparison(report), as_json=as_json)

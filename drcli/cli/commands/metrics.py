@@ -1,0 +1,87 @@
+"""`dr start-metrics` and `dr stop-metrics`."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import typer
+
+from drcli.cli import console
+from drcli.cli.options import AsJson, models_argument
+from drcli.cli.views import metrics_view
+from drcli.cli.working_folder import settings, working_folder
+
+
+@dataclass(frozen=True)
+class StoppedMetrics:
+    """What stop-metrics did.
+
+    Attributes:
+        stopped: Whether TensorBoard ran.
+        pid: Its process, which has ended; null if it did not run.
+    """
+
+    stopped: bool
+    pid: int | None
+
+
+def start_metrics(
+    models: Annotated[
+        list[str] | None,
+        models_argument("[MODEL]...", "Prefixes of models; that of run.env if left out."),
+    ] = None,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            "--port", metavar="PORT", min=1, max=65_535, help="Where TensorBoard listens; 6006."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Start TensorBoard, and show where the figures of trainings go.
+
+    Event files of models that another machine trains come from the bucket; give the command again
+    for newer ones. Models that were trained without DR_TENSORBOARD get theirs from their history.
+    With DR_TENSORBOARD=True, curves of a training on this machine follow within seconds.
+    TensorBoard runs in the background, for this machine only, until dr-stop-metrics.
+
+    Grafana, Prometheus, MLflow and trackio are not started: the list shows the setting that sends
+    figures to yours. Exits 7 if TensorBoard is not installed and no other tool gets figures.
+
+    Example: dr-start-metrics
+    """
+    from drcli.base.errors import StorageError
+    from drcli.models.transfer_buckets import bucket_to_look_at
+    from drcli.runs import tensorboard_server
+
+    loaded = settings()
+    tensorboard_server.check_tensorboard(loaded)
+    prefixes = [loaded.model_prefix] if not models else [name.rstrip("/") for name in models]
+    with console.waiting("Starting TensorBoard ..."):
+        try:
+            bucket = bucket_to_look_at(loaded.transfer, upload=False)
+            fetched = tensorboard_server.fetch_events(loaded, bucket, prefixes)
+            written = tensorboard_server.write_histories(loaded, bucket, prefixes)
+        except StorageError as error:
+            if models:
+                raise
+            console.warn(f"{error} {error.remedy} Only the files on this machine are shown.")
+            fetched, written = [], []
+        report = tensorboard_server.start_tensorboard(loaded, written, port, fetched)
+    console.emit(report, metrics_view.metrics(report), as_json=as_json)
+
+
+def stop_metrics(as_json: AsJson = False) -> None:
+    """Stop the TensorBoard that dr-start-metrics has started in this folder.
+
+    Does nothing when none is running. Live figures of a running training go on.
+
+    Example: dr-stop-metrics
+    """
+    from drcli.runs.tensorboard_server import stop_tensorboard
+
+    record = stop_tensorboard(working_folder())
+    if record is None:
+        console.emit(StoppedMetrics(False, None), "No TensorBoard is running.", as_json=as_json)
+        return
+    said = f"Stopped TensorBoard (process {record.pid})."
+    console.emit(StoppedMetrics(True, record.pid), said, as_json=as_json)

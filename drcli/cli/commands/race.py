@@ -1,0 +1,274 @@
+"""`dr race`: races at home over the models of the bucket."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drcli.cli import console, prompts
+from drcli.cli.commands import race_making
+from drcli.cli.options import AsJson, DryRun, Force, checkpoint_option, prefix_option
+from drcli.cli.race_access import Closes, Race, found_race, print_race, races_to_look_at
+from drcli.cli.views import race_view
+from drcli.cli.working_folder import settings
+
+if TYPE_CHECKING:
+    pass
+
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Race models of the bucket against each other, on a leaderboard or in pairs.\n\n"
+    "Somebody makes a race, racers submit checkpoints, and `dr-race run` evaluates them one after "
+    "the other. RACE is the id or the name of a race.\n\n"
+    'Example: dr-race create "Friday Cup" --laps 3',
+)
+
+_Submission = Annotated[
+    str, typer.Argument(metavar="SUBMISSION", help="Its id, or the beginning of it.")
+]
+_Video = Annotated[
+    bool | None,
+    typer.Option(
+        "--video/--no-video", help="Film every run; without this option, if the encoder is there."
+    ),
+]
+app.command()(race_making.create)
+app.command()(race_making.edit)
+
+
+@app.command("list")
+def list_all(as_json: AsJson = False) -> None:
+    """List the races of the bucket, the newest first.
+
+    Example: dr-race list
+    """
+    from drcli.races.organise import list_races
+    from drcli.races.race_report import RaceList
+
+    loaded = settings()
+    bucket = races_to_look_at(loaded)
+    found = RaceList(loaded.bucket, []) if bucket is None else list_races(bucket)
+    console.warn(*found.damaged)
+    console.emit(found, race_view.races(found), as_json=as_json)
+
+
+@app.command()
+def show(race: Race, as_json: AsJson = False) -> None:
+    """Show leaderboard, queue and submissions of a race.
+
+    Example: dr-race show friday-cup
+    """
+    from drcli.races.organise import show_race
+
+    bucket, found = found_race(settings(), race)
+    print_race(show_race(bucket, found), as_json=as_json)
+
+
+@app.command()
+def submit(
+    race: Race,
+    prefix: Annotated[str | None, prefix_option("Submit this model instead.")] = None,
+    checkpoint: Annotated[str, checkpoint_option("Submit")] = "last",
+    racer: Annotated[
+        str | None, typer.Option("--racer", metavar="NAME", help="Your name (DR_RACER_NAME).")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Submit a checkpoint of the model of run.env to a race.
+
+    The race gets a copy: you can train on, or delete the model.
+
+    Example: dr-race submit friday-cup --racer Ann --checkpoint best
+    """
+    from drcli.races.submissions import submit as submit_to
+
+    loaded = settings()
+    bucket, found = found_race(loaded, race)
+    taken = submit_to(loaded, bucket, found, prefix=prefix, checkpoint=checkpoint, racer=racer)
+    console.emit(taken, race_view.taken(taken), as_json=as_json)
+    if not taken.queue:
+        console.suggest([(f"dr-race run {found}", "drive what was submitted")])
+
+
+@app.command()
+def withdraw(
+    race: Race, submission: _Submission, force: Force = False, as_json: AsJson = False
+) -> None:
+    """Remove a submission, with all that it drove.
+
+    Example: dr-race withdraw friday-cup 3f9a01c2
+    """
+    from drcli.races import stored_race, submissions
+
+    bucket, found = found_race(settings(), race)
+    stored = stored_race.read_race(bucket, found)
+    entry = stored.submissions[stored.find(submission)]
+    question = f"Withdraw {entry.racer}'s {entry.model} and its laps? It cannot be undone."
+    prompts.agree(question, yes=force)
+    print_race(submissions.withdraw(bucket, found, submission), as_json=as_json)
+
+
+@app.command()
+def move(
+    race: Race,
+    submission: _Submission,
+    place: Annotated[
+        int, typer.Argument(metavar="PLACE", min=1, help="In the queue; 1 is driven next.")
+    ],
+    as_json: AsJson = False,
+) -> None:
+    """Put a waiting submission at another place of the queue.
+
+    Example: dr-race move friday-cup 3f9a01c2 1
+    """
+    from drcli.races import submissions
+
+    bucket, found = found_race(settings(), race)
+    print_race(submissions.move(bucket, found, submission, place), as_json=as_json)
+
+
+@app.command()
+def restart(race: Race, submission: _Submission, as_json: AsJson = False) -> None:
+    """Let a submission be driven again, such as one that has failed.
+
+    Example: dr-race restart friday-cup 3f9a01c2
+    """
+    from drcli.races import submissions
+
+    bucket, found = found_race(settings(), race)
+    print_race(submissions.restart(bucket, found, submission), as_json=as_json)
+
+
+@app.command()
+def run(
+    race: Race,
+    quiet: Annotated[
+        bool, typer.Option("-q", "--quiet", help="Drive in the background, and return at once.")
+    ] = False,
+    video: _Video = None,
+    limit: Annotated[
+        int, typer.Option("-n", "--limit", metavar="N", min=0, help="Only the next N; 0 for all.")
+    ] = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Drive what waits in the queue, and what is submitted meanwhile.
+
+    Every run is an evaluation under the rules of the race, with a video beside the race. Only one
+    process at a time drives a queue. If it is killed, run this again: what it was driving is driven
+    again, the rest is kept.
+
+    Example: dr-race run friday-cup
+    """
+    drive(race, quiet=quiet, video=video, limit=limit, as_json=as_json)
+
+
+@app.command()
+def stop(race: Race, as_json: AsJson = False) -> None:
+    """Stop the process on this machine that drives a queue.
+
+    Example: dr-race stop friday-cup
+    """
+    from drcli.races.queue_process import stop_queue
+
+    bucket, found = found_race(settings(), race)
+    stopped = stop_queue(bucket, found)
+    text = f"Stopped the queue of {found} (process {stopped.pid}). What was driven is kept."
+    console.emit(stopped, text, as_json=as_json)
+
+
+@app.command("open")
+def open_again(race: Race, closes: Closes = None, as_json: AsJson = False) -> None:
+    """Take submissions from now on.
+
+    Example: dr-race open friday-cup --closes 1d
+    """
+    import time
+
+    from drcli.races.organise import open_race
+    from drcli.races.race_times import parse_time
+
+    bucket, found = found_race(settings(), race)
+    until = None if closes is None else parse_time("--closes", closes, time.time())
+    print_race(open_race(bucket, found, until), as_json=as_json)
+
+
+@app.command()
+def close(race: Race, as_json: AsJson = False) -> None:
+    """Take no more submissions; what waits is still driven, and then there is a winner.
+
+    Example: dr-race close friday-cup
+    """
+    from drcli.races.organise import close_race
+
+    bucket, found = found_race(settings(), race)
+    print_race(close_race(bucket, found), as_json=as_json)
+
+
+@app.command()
+def export(
+    race: Race,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", metavar="FILE", help="Write the leaderboard as CSV.")
+    ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option("--html", metavar="FILE", help="Write a page; RACE.html without --csv."),
+    ] = None,
+    videos: Annotated[
+        bool, typer.Option("--videos", help="Put the videos of the leaderboard into the page.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a race as a CSV table, or as one HTML file that needs no network.
+
+    Example: dr-race export friday-cup --html cup.html --videos
+    """
+    from drcli.races.organise import show_race
+    from drcli.races.race_export import export_race, videos_of
+
+    bucket, found = found_race(settings(), race)
+    report = show_race(bucket, found)
+    page = Path(f"{found}.html") if html is None and csv is None else html
+    if videos and page is None:
+        raise typer.BadParameter("--videos puts videos into a page; add --html FILE.")
+    films = videos_of(report, bucket) if videos else {}
+    written = export_race(report, csv_path=csv, html_path=page, videos=films)
+    console.emit(written, race_view.exported(written), as_json=as_json)
+
+
+@app.command()
+def delete(
+    race: Race, force: Force = False, dry_run: DryRun = False, as_json: AsJson = False
+) -> None:
+    """Delete a race with submissions, results and videos; the models of the racers stay.
+
+    Example: dr-race delete friday-cup
+    """
+    from drcli.races.organise import delete_race
+
+    bucket, found = found_race(settings(), race)
+    planned = delete_race(bucket, found, dry_run=True)
+    if not dry_run:
+        console.err.print(race_view.deleted(planned))
+        prompts.agree("Delete this race? It cannot be undone.", yes=force)
+        planned = delete_race(bucket, found)
+    console.emit(planned, race_view.deleted(planned), as_json=as_json)
+
+
+def drive(race: str, *, quiet: bool, video: bool | None, limit: int, as_json: bool) -> None:
+    """Drive a queue here, or in the background."""
+    from drcli.cli.fetch_tracks import bring_tracks
+    from drcli.races.queue_process import launch_queue
+    from drcli.races.race_queue import race_conditions, run_queue
+
+    loaded = settings()
+    bucket, found = found_race(loaded, race)
+    bring_tracks(race_conditions(loaded, bucket, found))
+    if quiet:
+        if limit:
+            raise typer.BadParameter("-n limits what is driven here; leave out -q.")
+        started = launch_queue(loaded, bucket, found, video=video)
+        console.emit(started, race_view.started(started), as_json=as_json)
+        return
+    report = run_queue(loaded, bucket, found, video=video, limit=limit, on_progress=console.say)
+    print_race(report, as_json=as_json)

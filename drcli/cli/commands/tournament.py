@@ -1,0 +1,45 @@
+"""`dr start-tournament`: drives the queue of a head-to-head race."""
+
+from typing import Annotated
+
+import typer
+
+from drcli.cli import candidates
+from drcli.cli.commands.race import drive
+from drcli.cli.options import AsJson
+from drcli.cli.working_folder import settings
+
+
+def start_tournament(
+    race: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="RACE",
+            help="The race; not needed if there is only one in pairs that is not finished.",
+            autocompletion=candidates.races,
+        ),
+    ] = None,
+    quiet: Annotated[
+        bool, typer.Option("-q", "--quiet", help="Drive in the background, and return at once.")
+    ] = False,
+    video: Annotated[
+        bool | None,
+        typer.Option(
+            "--video/--no-video", help="Film every pair; without this, if the encoder is there."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Drive the pairs of a head-to-head race, or go on with them.
+
+    Make the race with `dr-race create NAME --type HEAD_TO_MODEL`, submit models with `dr-race
+    submit NAME`, then run this. It does the same as `dr-race run`.
+
+    Example: dr-start-tournament club-night
+    """
+    if race is None:
+        from drcli.races.tournament_choice import only_tournament
+        from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+
+        race = only_tournament(open_bucket(settings().storage, patience_s=COMMAND_PATIENCE_S))
+    drive(race, quiet=quiet, video=video, limit=0, as_json=as_json)

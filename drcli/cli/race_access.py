@@ -1,0 +1,49 @@
+"""What the commands of races share: the bucket, the race that is meant, how it is shown."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drcli.cli import candidates, console
+from drcli.cli.views import race_view
+
+if TYPE_CHECKING:
+    from drcli.config.settings import Settings
+    from drcli.races.race_report import RaceReport
+    from drcli.store.bucket import Bucket
+
+Race = Annotated[
+    str, typer.Argument(metavar="RACE", help="The race.", autocompletion=candidates.races)
+]
+Closes = Annotated[
+    str | None,
+    typer.Option("--closes", metavar="WHEN", help="Close it then: a date in UTC, or 2h from now."),
+]
+
+
+def print_race(report: "RaceReport", *, as_json: bool) -> None:
+    """Print a race, and what is damaged of it."""
+    console.warn(*report.damaged)
+    console.emit(report, race_view.race(report), as_json=as_json)
+
+
+def open_races(loaded: "Settings") -> "Bucket":
+    """The bucket of the races; its server is started if needed."""
+    from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+
+    return open_bucket(loaded.storage, patience_s=COMMAND_PATIENCE_S)
+
+
+def races_to_look_at(loaded: "Settings") -> "Bucket | None":
+    """The bucket for readers, which need no server; None if there is nothing."""
+    from drcli.store.connect import open_running_bucket
+
+    return open_running_bucket(loaded.storage)
+
+
+def found_race(loaded: "Settings", race: str) -> "tuple[Bucket, str]":
+    """The bucket, and the id of the race that a text names."""
+    from drcli.races.stored_race import find_race
+
+    bucket = open_races(loaded)
+    return bucket, find_race(bucket, race)

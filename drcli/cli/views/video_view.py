@@ -1,0 +1,34 @@
+"""Shows what a video holds and where it is."""
+
+from typing import TYPE_CHECKING
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from drcli.cli.views.layout import Rows
+
+if TYPE_CHECKING:
+    from drcli.video.video_report import VideoReport
+
+
+def video(report: "VideoReport") -> RenderableType:
+    """A row for each episode, and the file."""
+    shown = f"{report.width}x{report.height}, {report.fps} frames per second"
+    return Group(
+        Text(f"{report.trace} on {report.world}", style="bold"),
+        Rows(
+            ("episode", "time", "progress", "status", "resets"),
+            [
+                (
+                    str(episode.episode),
+                    f"{episode.seconds:.2f} s",
+                    f"{episode.progress:.1f} %",
+                    episode.status,
+                    str(episode.resets),
+                )
+                for episode in report.episodes
+            ],
+            left=("status",),
+        ),
+        Text.assemble(f"Video of {report.seconds:.2f} s, {shown}: ", (report.file, "bold")),
+    )

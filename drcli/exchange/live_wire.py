@@ -1,0 +1,93 @@
+"""How live pictures travel between a worker and a viewer: proof of the key, then framed messages.
+
+`multiprocessing.connection` is not used: its listener waits without limit for a visitor that says
+nothing, and a sender waits without limit for a reader that does not read. Nothing is unpickled.
+"""
+
+import hashlib
+import hmac
+import secrets
+import socket
+
+from drcli.exchange.live_record import PROTOCOL
+
+HOST = "127.0.0.1"
+
+MOST_MESSAGE_BYTES = 4 << 20
+"""Of what a worker sends."""
+
+MOST_REQUEST_BYTES = 4096
+"""Of what a viewer sends."""
+
+_GREETING = b"drcli-live-%d\n" % PROTOCOL
+_NONCE_BYTES = 32
+_LENGTH_BYTES = 4
+
+
+class WireError(Exception):
+    """The other side is not one of ours, or does not follow the protocol."""
+
+
+def admit(peer: socket.socket, key: bytes) -> None:
+    """Let a viewer in that knows the key, and prove to it that this side knows it too.
+
+    Raises:
+        WireError: It does not know the key.
+        OSError: It left, or took longer than the timeout of the socket.
+    """
+    own = secrets.token_bytes(_NONCE_BYTES)
+    peer.sendall(_GREETING + own)
+    theirs = _exactly(peer, _NONCE_BYTES)
+    if not hmac.compare_digest(_exactly(peer, _NONCE_BYTES), _proof(key, b"viewer", own, theirs)):
+        raise WireError("the viewer does not know the key")
+    peer.sendall(_proof(key, b"worker", own, theirs))
+
+
+def enter(peer: socket.socket, key: bytes) -> None:
+    """Prove to a worker that this side knows the key, and check that it is that worker.
+
+    Raises:
+        WireError: It is another program, or refuses the key.
+        OSError: It left, or took longer than the timeout of the socket.
+    """
+    if _exactly(peer, len(_GREETING)) != _GREETING:
+        raise WireError("another program listens there")
+    theirs = _exactly(peer, _NONCE_BYTES)
+    own = secrets.token_bytes(_NONCE_BYTES)
+    peer.sendall(own + _proof(key, b"viewer", theirs, own))
+    if not hmac.compare_digest(_exactly(peer, _NONCE_BYTES), _proof(key, b"worker", theirs, own)):
+        raise WireError("the worker does not know the key")
+
+
+def send(peer: socket.socket, data: bytes) -> None:
+    """Send a message; OSError if the other side left or does not read in time."""
+    peer.sendall(len(data).to_bytes(_LENGTH_BYTES, "big") + data)
+
+
+def receive(peer: socket.socket, most_bytes: int) -> bytes:
+    """The next message.
+
+    Raises:
+        WireError: It is longer than allowed, or the other side has left.
+        OSError: The connection broke, or nothing came in time.
+    """
+    length = int.from_bytes(_exactly(peer, _LENGTH_BYTES), "big")
+    if length > most_bytes:
+        raise WireError(f"a message of {length} bytes is too long")
+    return _exactly(peer, length)
+
+
+def _exactly(peer: socket.socket, count: int) -> bytes:
+    parts, missing = [], count
+    while missing:
+        part = peer.recv(min(missing, 1 << 16))
+        if not part:
+            raise WireError("the other side has left")
+        parts.append(part)
+        missing -= len(part)
+    return b"".join(parts)
+
+
+def _proof(key: bytes, side: bytes, of_worker: bytes, of_viewer: bytes) -> bytes:
+    """The proof of one side: it depends on both random numbers, so none can be used again."""
+    return hmac.digest(key, side + of_worker + of_viewer, hashlib.sha256)

@@ -1,0 +1,76 @@
+"""The rules of a race: one object in the bucket, written by whoever organises it."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from drcli.base.json_record import JsonRecord, RecordError
+
+RaceKind = Literal["TIME_TRIAL", "OBJECT_AVOIDANCE", "HEAD_TO_BOT", "HEAD_TO_MODEL"]
+"""As DR_RACE_TYPE; in HEAD_TO_MODEL the submissions race each other in pairs."""
+
+Ranking = Literal["best-lap", "best-average", "total-time"]
+"""What a leaderboard compares."""
+
+Pairing = Literal["round-robin", "bracket"]
+"""Who meets whom in HEAD_TO_MODEL: everybody everybody once, or the winners only."""
+
+
+@dataclass(frozen=True)
+class RaceRules(JsonRecord):
+    """The rules of a race. Times of day are Unix seconds.
+
+    Attributes:
+        name: What it is called.
+        created_at: When it was made.
+        world: The track, as DR_WORLD_NAME names it.
+        reverse: Whether it is driven against the direction of its name.
+        race_type: As DR_RACE_TYPE.
+        ranking: What decides: best-lap, best-average or total-time; pairs are decided by points.
+        max_laps: Laps that each submission drives.
+        min_laps: Complete laps that it needs to be ranked; in a row for best-average, all of them
+            for total-time.
+        average_laps: Number of consecutive complete laps of which the best average is the mean.
+        off_track_penalty_s: Added to the lap time whenever the car leaves the track, seconds.
+        collision_penalty_s: The same for a collision, seconds.
+        max_submissions: Submissions of one racer that count; 0 for any number.
+        opens_at: When submissions are first taken; None if they are at once.
+        closes_at: When no more are taken; None if it stays open.
+        seed: Of all random numbers, the same for every submission.
+        pairing: Who meets whom in HEAD_TO_MODEL.
+        sensors: The only sensors that a model may use; empty for any.
+        settings: What else the laps are driven with, as texts by DR_ name: objects, disturbances.
+        changes: How often the organiser has changed these rules.
+    """
+
+    name: str
+    created_at: float
+    world: str
+    reverse: bool = False
+    race_type: RaceKind = "TIME_TRIAL"
+    ranking: Ranking = "best-lap"
+    max_laps: int = 3
+    min_laps: int = 1
+    average_laps: int = 3
+    off_track_penalty_s: float = 5.0
+    collision_penalty_s: float = 5.0
+    max_submissions: int = 0
+    opens_at: float | None = None
+    closes_at: float | None = None
+    seed: int = 0
+    pairing: Pairing = "round-robin"
+    sensors: list[str] = field(default_factory=list)
+    settings: dict[str, str] = field(default_factory=dict)
+    changes: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.name.strip():
+            raise RecordError("'name' is empty")
+        if not 1 <= self.min_laps <= self.max_laps or not 1 <= self.average_laps <= self.max_laps:
+            raise RecordError("'min_laps' and 'average_laps' must be from 1 to 'max_laps'")
+        if min(self.off_track_penalty_s, self.collision_penalty_s, self.max_submissions) < 0:
+            raise RecordError("penalties and 'max_submissions' cannot be negative")
+
+    @property
+    def in_pairs(self) -> bool:
+        """Whether submissions race each other."""
+        return self.race_type == "HEAD_TO_MODEL"

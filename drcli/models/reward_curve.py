@@ -1,0 +1,139 @@
+"""The reward graph of a training: its episodes one by one, and the means of its iterations."""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from drcli.config.bucket_config import ModelConfig
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.episode_metrics import EpisodeMetrics
+from drcli.exchange.iteration import IterationRecord
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.store.repair import Model, read_all_metrics, readable_history, readable_scores
+
+MOST_EPISODES = 4_000
+"""Points that a graph shows; of more, every second one is left out, or two of three ..."""
+
+_METRICS = re.compile(r"TrainingMetrics(_\d+)?\.json")
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """One iteration; None where a number is not known.
+
+    Attributes:
+        iteration: Its number.
+        reward: Mean reward of its training episodes.
+        progress: Their mean progress, percent of a lap.
+        evaluation_reward: Mean reward of the evaluation of its checkpoint.
+        evaluation_progress: Mean progress of that.
+        evaluation_laps: Completed laps of that.
+        entropy: Of the policy, nats.
+    """
+
+    iteration: int
+    reward: float | None
+    progress: float | None
+    evaluation_reward: float | None
+    evaluation_progress: float | None
+    evaluation_laps: int
+    entropy: float | None
+
+
+@dataclass(frozen=True)
+class EpisodePoint:
+    """One episode: its iteration, its phase, its reward, its progress in percent of a lap."""
+
+    iteration: int
+    evaluation: bool
+    reward: float
+    progress: float
+
+
+@dataclass(frozen=True)
+class RewardCurve:
+    """The reward graph of a training.
+
+    Attributes:
+        iterations: Oldest first.
+        episodes: By iteration; thinned out evenly if there are very many.
+        all_episodes: How many there are.
+        best_iteration: Number of the best checkpoint; None without one.
+        damaged: A sentence for each damaged record.
+    """
+
+    iterations: list[CurvePoint]
+    episodes: list[EpisodePoint]
+    all_episodes: int
+    best_iteration: int | None
+    damaged: list[str] = field(default_factory=list)
+
+
+def read_reward_curve(config: ModelConfig, bucket: Bucket, prefix: str) -> RewardCurve:
+    """Read the reward graph of a model; damaged records are reconstructed as far as possible.
+
+    Raises:
+        StorageError: The bucket does not answer.
+    """
+    model = Model.of(config, bucket, prefix)
+    history, damaged = readable_history(model)
+    scores, worse = readable_scores(model)
+    damaged += worse
+    records: list[EpisodeMetrics] = []
+    for key in _metrics_keys(bucket, model.metrics_prefix):
+        try:
+            records += read_all_metrics(bucket, key)
+        except ObjectMissing:
+            continue
+        except ObjectDamaged as error:
+            damaged.append(str(error))
+    numbered = [record for record in records if record.iteration is not None]
+    numbered.sort(key=lambda record: (record.iteration or 0, record.episode))
+    driven: dict[int, list[float]] = {}
+    for record in numbered:
+        if record.phase == "evaluation":
+            driven.setdefault(record.iteration or 0, []).append(record.reward_score)
+    best = None
+    if scores is not None:
+        name = CheckpointName.parse(scores.best_checkpoint.name)
+        best = None if name is None else name.number
+    every = max(1, math.ceil(len(numbered) / MOST_EPISODES))
+    return RewardCurve(
+        [_point(record, driven.get(record.iteration, [])) for record in history],
+        [_episode(record) for record in numbered[::every]],
+        len(records),
+        best,
+        damaged,
+    )
+
+
+def _metrics_keys(bucket: Bucket, metrics_prefix: str) -> list[str]:
+    folder = metrics_prefix.rstrip("/") + "/"
+    names = {info.key.removeprefix(folder).partition(".part-")[0] for info in bucket.list(folder)}
+    return sorted(folder + name for name in names if _METRICS.fullmatch(name))
+
+
+def _point(record: IterationRecord, rewards: Sequence[float]) -> CurvePoint:
+    return CurvePoint(
+        record.iteration,
+        record.mean_reward,
+        record.mean_progress,
+        _mean(rewards),
+        _mean(record.evaluation_progress),
+        len(record.evaluation_lap_s),
+        record.entropy,
+    )
+
+
+def _episode(record: EpisodeMetrics) -> EpisodePoint:
+    return EpisodePoint(
+        record.iteration or 0,
+        record.phase == "evaluation",
+        record.reward_score,
+        record.completion_percentage,
+    )
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return sum(values) / len(values) if values else None

@@ -1,0 +1,207 @@
+"""Compares two trainings: settings, hyperparameters, files, machine, and what they came to."""
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from drcli.exchange.training_record import TrainingRecord
+from drcli.models.training_entry import TrainingEntry, settings_of
+from drcli.store import keys
+
+NOT_COMPARED = ("DR_RUN_ID", "DR_LOCAL_S3_MODEL_PREFIX", "DR_LOCAL_S3_METRICS_PREFIX")
+"""Settings that say which training it is and not how it trains."""
+
+_RESULTS = (
+    "state",
+    "iterations",
+    "episodes",
+    "steps",
+    "elapsed_s",
+    "hours",
+    "usd",
+    "best_lap_s",
+    "best_training_lap_s",
+    "best_progress",
+    "best_checkpoint",
+    "best_score",
+    "mean_reward",
+    "mean_progress",
+)
+
+_CONTEXT = 2
+"""Lines around a change."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A value of two trainings.
+
+    Attributes:
+        name: What it is.
+        before: Its value in the first training; None if it is not there.
+        after: Its value in the second.
+    """
+
+    name: str
+    before: Any
+    after: Any
+
+
+@dataclass(frozen=True)
+class FileDifference:
+    """A file of a training that differs.
+
+    Attributes:
+        name: Of the file.
+        diff: Lines of a unified diff; empty if a text was not kept.
+    """
+
+    name: str
+    diff: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class TrainingComparison:
+    """Two trainings side by side.
+
+    Attributes:
+        before: The first.
+        after: The second.
+        results: What they came to, equal values included.
+        settings: Settings that differ, with the values of defaults.
+        worker_settings: The same for the files of other workers, such as `worker-2.env DR_...`.
+        hyperparameters: Those that differ.
+        model: What differs about algorithm, actions, network and sensors.
+        start: What differs about the weights that they began with.
+        versions: Of Python and packages.
+        machine: Processor, cores and others.
+        files: Files that differ, except hyperparameters.json.
+    """
+
+    before: TrainingEntry
+    after: TrainingEntry
+    results: list[Difference]
+    settings: list[Difference]
+    worker_settings: list[Difference]
+    hyperparameters: list[Difference]
+    model: list[Difference]
+    start: list[Difference]
+    versions: list[Difference]
+    machine: list[Difference]
+    files: list[FileDifference]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A training that is compared.
+
+    Attributes:
+        record: What was recorded.
+        entry: The same in short.
+        texts: Its files by name; None for a text that was not kept.
+    """
+
+    record: TrainingRecord
+    entry: TrainingEntry
+    texts: Mapping[str, str | None]
+
+
+def compare(one: Compared, other: Compared) -> TrainingComparison:
+    """Compare two trainings by their newest starts."""
+    a, b = one.record, other.record
+    return TrainingComparison(
+        one.entry,
+        other.entry,
+        [
+            Difference(name, getattr(one.entry, name), getattr(other.entry, name))
+            for name in _RESULTS
+        ],
+        setting_differences(a, b),
+        differences(_by_worker(a), _by_worker(b)),
+        differences(a.hyperparameters, b.hyperparameters),
+        differences(_model_of(a), _model_of(b)),
+        differences(_weights_of(a), _weights_of(b)),
+        differences(_versions_of(a), _versions_of(b)),
+        differences(a.newest.machine, b.newest.machine),
+        _files(one, other),
+    )
+
+
+def setting_differences(a: TrainingRecord, b: TrainingRecord) -> list[Difference]:
+    """Settings that differ; none if those of one are not known."""
+    if a.newest.settings is None or b.newest.settings is None:
+        return []
+    found = differences(settings_of(a), settings_of(b))
+    return [each for each in found if each.name not in NOT_COMPARED]
+
+
+def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Difference]:
+    """Values that differ, by name."""
+    names = sorted({*before, *after})
+    return [
+        Difference(name, before.get(name), after.get(name))
+        for name in names
+        if before.get(name) != after.get(name)
+    ]
+
+
+def changed_files(a: TrainingRecord, b: TrainingRecord) -> list[str]:
+    """Files that both trainings have and that differ."""
+    one, other = a.newest.files, b.newest.files
+    return [name for name in one if name in other and one[name] != other[name]]
+
+
+def _by_worker(record: TrainingRecord) -> dict[str, Any]:
+    return {
+        f"worker-{number}.env {name}": value
+        for number, settings in enumerate(record.newest.worker_settings, start=2)
+        for name, value in settings.items()
+    }
+
+
+def _model_of(record: TrainingRecord) -> dict[str, Any]:
+    return {
+        "algorithm": record.algorithm,
+        "action_space": record.action_space,
+        "network": record.network,
+        "sensors": ", ".join(record.sensors),
+        "stages": record.stages,
+    }
+
+
+def _weights_of(record: TrainingRecord) -> dict[str, Any]:
+    parent = record.parent
+    return {
+        "pretrained model": None if parent is None else parent.prefix,
+        "pretrained checkpoint": None if parent is None else parent.name,
+        "seed": record.newest.seed,
+    }
+
+
+def _versions_of(record: TrainingRecord) -> dict[str, Any]:
+    git = {
+        f"git {name.replace('_', ' ')}": f"{state.commit[:12]}{' + changes' if state.dirty else ''}"
+        for name, state in record.newest.git.items()
+        if state is not None
+    }
+    return {**record.newest.versions, **git}
+
+
+def _files(one: Compared, other: Compared) -> list[FileDifference]:
+    found = []
+    for name in sorted({*one.record.newest.files, *other.record.newest.files}):
+        same = one.record.newest.files.get(name) == other.record.newest.files.get(name)
+        if same or name == keys.HYPERPARAMETERS_FILE:
+            continue
+        a, b = one.texts.get(name), other.texts.get(name)
+        lines: list[str] = []
+        if a is not None and b is not None:
+            titles = f"{one.entry.model} {name}", f"{other.entry.model} {name}"
+            lines = list(
+                difflib.unified_diff(
+                    a.splitlines(), b.splitlines(), *titles, lineterm="", n=_CONTEXT
+                )
+            )
+        found.append(FileDifference(name, lines))
+    return found

@@ -1,0 +1,135 @@
+"""Shows one training whole, gives its files back, and forgets trainings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from drcli.base.atomic_file import rewrite
+from drcli.base.errors import SettingsError
+from drcli.exchange.training_record import TrainingRecord
+from drcli.models.recorded_files import texts_of
+from drcli.models.training_comparison import Compared
+from drcli.models.training_entry import TrainingEntry, entry_of
+from drcli.models.training_list import KnownTrainings
+from drcli.store import keys, lease
+from drcli.store.bucket import Bucket
+from drcli.store.training_records import forget_training
+
+
+@dataclass(frozen=True)
+class TrainingDetails:
+    """One training.
+
+    Attributes:
+        training: In short.
+        record: Everything that was recorded.
+        files: Names of its files whose texts were kept.
+        saved: Files on this machine that they were written to.
+        damaged: A sentence for each record of the bucket that cannot be read.
+    """
+
+    training: TrainingEntry
+    record: TrainingRecord
+    files: list[str] = field(default_factory=list)
+    saved: list[str] = field(default_factory=list)
+    damaged: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class ForgottenTrainings:
+    """The result of `dr-history forget`.
+
+    Attributes:
+        bucket: Its name.
+        trainings: Those whose records were deleted.
+        dry_run: Whether nothing was deleted.
+    """
+
+    bucket: str
+    trainings: list[TrainingEntry]
+    dry_run: bool
+
+
+def details_of(
+    bucket: Bucket, known: KnownTrainings, name: str, *, save: Path | None = None
+) -> TrainingDetails:
+    """Everything about a training; with `save`, its files are written to that folder.
+
+    Raises:
+        SettingsError: No training has this name, or a file exists already.
+    """
+    record = known.find(name)
+    texts = {file: text for file, text in texts_of(bucket, record).items() if text is not None}
+    saved = [] if save is None else _saved(save, texts, name)
+    entry = entry_of(record, exists=record.id in known.existing)
+    return TrainingDetails(entry, record, sorted(texts), saved, list(known.damaged))
+
+
+def compared(bucket: Bucket, known: KnownTrainings, name: str) -> Compared:
+    """A training with its files, for a comparison.
+
+    Raises:
+        SettingsError: No training has this name.
+    """
+    record = known.find(name)
+    entry = entry_of(record, exists=record.id in known.existing)
+    return Compared(record, entry, texts_of(bucket, record))
+
+
+def plan_forgetting(known: KnownTrainings, names: Sequence[str]) -> list[TrainingRecord]:
+    """The trainings whose records are to be deleted.
+
+    Raises:
+        SettingsError: One does not exist, is running, or has no record.
+    """
+    found: dict[str, TrainingRecord] = {}
+    for name in names:
+        record = known.find(name)
+        if record.state == "running":
+            raise SettingsError(
+                f"The training {record.id} of {record.prefix} is running.",
+                remedy="Forget it when it has ended, or stop it with `dr-stop-training`.",
+            )
+        if record.derived:
+            raise SettingsError(
+                f"The training {record.id} of {record.prefix} has no record; what is known about "
+                "it is in the model.",
+                remedy=f"Delete the model with `dr-delete-model {record.prefix} --forget`.",
+            )
+        found[record.id] = record
+    return list(found.values())
+
+
+def forget(bucket: Bucket, records: Sequence[TrainingRecord]) -> None:
+    """Delete the records of trainings that do not run.
+
+    Raises:
+        SettingsError: Somebody has begun to train one of the models.
+    """
+    for record in records:
+        if record.gone_at is None:
+            lease.refuse_other_owner(bucket, record.prefix)
+        forget_training(bucket, record.prefix, record.id)
+
+
+def _saved(folder: Path, texts: dict[str, str], name: str) -> list[str]:
+    if not texts:
+        raise SettingsError(
+            f"The files of the training {name} were not kept.",
+            remedy=f"Look for {keys.REWARD_FUNCTION_FILE} in copies of the model.",
+        )
+    for file in texts:
+        if (folder / file).exists():
+            raise SettingsError(
+                f"{folder / file} exists.", remedy="Name another folder with --save."
+            )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for file, text in texts.items():
+            rewrite(folder / file, text.encode())
+    except OSError as error:
+        raise SettingsError(
+            f"{folder}: the files cannot be written there ({error.strerror or error}).",
+            remedy="Name another folder with --save.",
+        ) from error
+    return [str(folder / file) for file in texts]

@@ -1,0 +1,388 @@
+"""Answers everything that a viewer of a stored episode asks; the heavy part of the player."""
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterable
+from dataclasses import asdict
+from io import BytesIO
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from drcli.base.errors import SettingsError
+from drcli.playback.drivers_policy import open_checkpoint
+from drcli.playback.lap_parameters import directed_track, lap_parameters
+from drcli.playback.opened_trace import OpenedTrace, open_trace
+from drcli.playback.packed_answer import pack
+from drcli.store.bucket import Bucket
+from drcli.video.recorded_lap import RecordedLap
+from drcli.video.video_job import Defaults
+from drsim.viewing.car_eye import CarEye
+
+if TYPE_CHECKING:
+    from drcli.saliency.policy_outputs import ExplainedPolicy, PolicyOutputs
+
+MOST_STEPS = 128
+"""In one request: pictures of a step take about 3 kB."""
+
+MOST_EXPLAINED = 32
+"""Maps in one request: each takes a few passes through the network."""
+
+CACHE_BYTES = 48 << 20
+"""Of pictures that are kept."""
+
+_TRACES, _EYES, _POLICIES = 4, 2, 2
+"""How many of each are kept: a trace takes some MB, a painted world up to 55, a policy up to 20."""
+
+_QUALITY = 88
+
+_SAMPLES = 9
+"""Pictures of a lap whose maps decide what is drawn as most."""
+
+Picture = NDArray[np.uint8]
+
+V = TypeVar("V")
+
+
+class Kept(Generic[V]):
+    """The values that were used last, by key."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._values: OrderedDict[Any, V] = OrderedDict()
+
+    def get(self, key: Any, make: Callable[[], V]) -> V:
+        """The value of a key, made if it is not there."""
+        if key not in self._values:
+            self._values[key] = make()
+        self._values.move_to_end(key)
+        while len(self._values) > self._most:
+            self._values.popitem(last=False)
+        return self._values[key]
+
+    def drop(self, of: Callable[[Any], bool]) -> None:
+        """Forget the values of some keys."""
+        for key in [key for key in self._values if of(key)]:
+            del self._values[key]
+
+
+class KeptPictures:
+    """Pictures as files, those that were used last, within a number of bytes."""
+
+    def __init__(self, most_bytes: int) -> None:
+        self._most_bytes = most_bytes
+        self._files: OrderedDict[Any, bytes] = OrderedDict()
+        self.size_bytes = 0
+
+    def find(self, key: Any) -> bytes | None:
+        """A picture, if it is there."""
+        file = self._files.get(key)
+        if file is not None:
+            self._files.move_to_end(key)
+        return file
+
+    def keep(self, key: Any, file: bytes) -> None:
+        """Keep a picture, and give up old ones."""
+        self.size_bytes += len(file) - len(self._files.pop(key, b""))
+        self._files[key] = file
+        while self.size_bytes > self._most_bytes:
+            self.size_bytes -= len(self._files.popitem(last=False)[1])
+
+    def drop(self, of: Callable[[Any], bool]) -> None:
+        """Forget some pictures."""
+        for key in [key for key in self._files if of(key)]:
+            self.size_bytes -= len(self._files.pop(key))
+
+
+class EpisodePlayer:
+    """Plays stored episodes.
+
+    Args:
+        connect: Opens the bucket and reads the settings, anew for each trace.
+    """
+
+    def __init__(self, connect: Callable[[], tuple[Bucket, Defaults]]) -> None:
+        self._connect = connect
+        self._traces: Kept[OpenedTrace] = Kept(_TRACES)
+        self._eyes: Kept[CarEye] = Kept(_EYES)
+        self._policies: Kept[ExplainedPolicy] = Kept(_POLICIES)
+        self._most: Kept[float] = Kept(64)
+        self.pictures = KeptPictures(CACHE_BYTES)
+
+    def answer(self, request: dict[str, Any]) -> bytes:
+        """The packed answer to a request; see `packed_answer`.
+
+        Args:
+            request: `do` is `open`, `lap`, `steps`, `policy` or `explain`; `model` and `trace` say
+                of which trace; the others take `episode`, and the last three `first` and `count`.
+
+        Raises:
+            SettingsError: Something that is asked for does not exist.
+            StorageError: The bucket cannot be read.
+            NotAvailable: A library is missing.
+        """
+        model, name = str(request["model"]), str(request["trace"])
+        if request["do"] == "open":
+            # It may have been written again since: a model was wiped and trained anew.
+            self._traces.drop(lambda key: key == (model, name))
+            self.pictures.drop(lambda key: key[:2] == (model, name))
+            self._policies.drop(lambda key: key[0] == model)
+            self._most.drop(lambda key: key[:2] == (model, name))
+            return pack(self._opened(model, name).facts())
+        opened = self._opened(model, name)
+        index = int(request["episode"])
+        lap = opened.lap(index)
+        if request["do"] == "lap":
+            return pack(lap_columns(lap))
+        first, count = _range(request, lap)
+        if request["do"] == "steps":
+            return self._steps(opened, model, index, first, count)
+        checkpoint = int(request["checkpoint"])
+        if request["do"] == "policy":
+            return self._choices(opened, model, lap, first, count, checkpoint)
+        return self._explained(opened, model, index, first, count, checkpoint)
+
+    def _opened(self, model: str, name: str) -> OpenedTrace:
+        def read() -> OpenedTrace:
+            bucket, defaults = self._connect()
+            return open_trace(bucket, defaults, model, name)
+
+        return self._traces.get((model, name), read)
+
+    def _eye(self, opened: OpenedTrace) -> CarEye:
+        track = opened.track
+        if track is None:
+            raise SettingsError(
+                f"The track of {opened.found.origin} is not known, so there are no pictures.",
+                remedy="Fetch the track with `dr-tracks fetch NAME`.",
+            )
+        shapes = opened.race.shapes
+        names = tuple(shape.name for shape in shapes)
+        return self._eyes.get((track.name, names), lambda: CarEye(track, shapes))
+
+    def _steps(self, opened: OpenedTrace, model: str, index: int, first: int, count: int) -> bytes:
+        """Pictures and parameters of some steps."""
+        lap = opened.lap(index)
+        facts: dict[str, Any] = {"first": first, "count": count, "parameters": None}
+        files: list[bytes] = []
+        if opened.track is not None:
+            track = directed_track(opened.track, lap, opened.race)
+            facts["parameters"] = asdict(lap_parameters(track, lap, opened.race, first, count))
+            files = self._pictures(opened, model, index, first, count)
+        return pack(facts, files)
+
+    def _pictures(
+        self, opened: OpenedTrace, model: str, index: int, first: int, count: int
+    ) -> list[bytes]:
+        lap, name = opened.lap(index), opened.trace.name
+        there = {row: self.pictures.find((model, name, index, row)) for row in _rows(first, count)}
+        missing = [row for row, file in there.items() if file is None]
+        if missing:
+            frames = self._eye(opened).frames(
+                lap.poses[missing], _objects(lap, opened, missing), opened.eyes
+            )
+            for row, eyes in zip(missing, frames, strict=True):
+                there[row] = jpeg(np.concatenate(list(eyes), axis=1))
+                self.pictures.keep((model, name, index, row), there[row] or b"")
+        return [file or b"" for file in there.values()]
+
+    def _policy(self, model: str, checkpoint: int) -> "ExplainedPolicy":
+        def read() -> "ExplainedPolicy":
+            import torch
+
+            torch.set_num_threads(1)
+            bucket, defaults = self._connect()
+            return open_checkpoint(bucket, defaults.model, model, checkpoint)
+
+        return self._policies.get((model, checkpoint), read)
+
+    def _choices(
+        self,
+        opened: OpenedTrace,
+        model: str,
+        lap: RecordedLap,
+        first: int,
+        count: int,
+        checkpoint: int,
+    ) -> bytes:
+        """What a policy makes of the pictures of some steps."""
+        subject = self._policy(model, checkpoint)
+        seen = self._seen(opened, subject, lap, range(first, first + count))
+        from drcli.learn.policy import Observation
+        from drcli.saliency.policy_outputs import outputs_of
+
+        return pack(
+            {
+                "first": first,
+                "count": count,
+                "checkpoint": checkpoint,
+                **choices(outputs_of(subject, Observation.of_arrays(*seen)), subject),
+            }
+        )
+
+    def _explained(
+        self,
+        opened: OpenedTrace,
+        model: str,
+        index: int,
+        first: int,
+        count: int,
+        checkpoint: int,
+    ) -> bytes:
+        """The pictures of some steps with a map over each of which pixels moved the action."""
+        from drcli.saliency.heat_picture import overlay
+
+        rows = _rows(first, min(count, MOST_EXPLAINED))
+        name, lap = opened.trace.name, opened.lap(index)
+        place = (model, name, index, checkpoint)
+        there = {row: self.pictures.find((*place, row)) for row in rows}
+        missing = [row for row, file in there.items() if file is None]
+        if missing:
+            subject = self._policy(model, checkpoint)
+            full = self._most.get(place, lambda: self._strongest(opened, subject, lap))
+            frames, maps = self._maps(opened, subject, lap, missing)
+            eyes = subject.policy.spec.eyes
+            for row, frame, values in zip(missing, frames, maps, strict=True):
+                # Of a stack, the newest picture of the first eye.
+                there[row] = jpeg(overlay(frame[len(frame) - eyes], values, full))
+                self.pictures.keep((*place, row), there[row] or b"")
+        facts = {"first": first, "count": len(there), "checkpoint": checkpoint}
+        return pack(facts, [file or b"" for file in there.values()])
+
+    def _strongest(
+        self, opened: OpenedTrace, subject: "ExplainedPolicy", lap: RecordedLap
+    ) -> float:
+        """What is drawn as most in the maps of a lap, so that its pictures can be compared."""
+        from drcli.saliency.heat_picture import full_of
+
+        rows = sorted({round(at) for at in np.linspace(0, len(lap.time_s) - 1, _SAMPLES)})
+        return full_of(self._maps(opened, subject, lap, rows)[1])
+
+    def _maps(
+        self,
+        opened: OpenedTrace,
+        subject: "ExplainedPolicy",
+        lap: RecordedLap,
+        rows: Iterable[int],
+    ) -> tuple[Picture, NDArray[np.float32]]:
+        from drcli.video.policy_insight import action_maps
+
+        frames, scans, states = self._seen(opened, subject, lap, rows)
+        return frames, action_maps(subject, frames, scans, states)
+
+    def _seen(
+        self,
+        opened: OpenedTrace,
+        subject: "ExplainedPolicy",
+        lap: RecordedLap,
+        rows: Iterable[int],
+    ) -> tuple[Picture, NDArray[np.float32], NDArray[np.float32]]:
+        """What a policy sees at some rows: stacked pictures, lidar, and no state."""
+        eye, spec, chosen = self._eye(opened), subject.policy.spec, list(rows)
+        needed = sorted({max(row - back, 0) for row in chosen for back in range(spec.stack)})
+        frames = eye.frames(lap.poses[needed], _objects(lap, opened, needed), spec.eyes)
+        parts = [
+            frames[np.searchsorted(needed, [max(row - back, 0) for row in chosen])]
+            for back in reversed(range(spec.stack))
+        ]
+        whole = np.concatenate(parts, axis=1)
+        scans = eye.scans(lap.poses[chosen], _objects(lap, opened, chosen), subject.sensors)
+        return whole, scans, np.zeros((len(chosen), 0), np.float32)
+
+
+def choices(outputs: "PolicyOutputs", subject: "ExplainedPolicy") -> dict[str, Any]:
+    """Outputs of a policy for people, as lists."""
+    from drsim.car.actions import DiscreteActions
+
+    def rounded(values: NDArray[np.float64] | None, digits: int = 4) -> Any:
+        return None if values is None else np.round(values, digits).tolist()
+
+    actions = subject.actions
+    reason = ""
+    if outputs.value is None:
+        reason = (
+            "The critic of this model sees the state of the car, which a trace does not have."
+            if subject.policy.spec.state_dims
+            else "There is no critic in the file of this policy."
+        )
+    return {
+        "actions": [list(pair) for pair in actions.choices]
+        if isinstance(actions, DiscreteActions)
+        else None,
+        "probabilities": rounded(outputs.probabilities),
+        "steering_deg": rounded(outputs.steering_deg),
+        "speed_mps": rounded(outputs.speed_mps),
+        "low": rounded(outputs.low),
+        "high": rounded(outputs.high),
+        "entropy": rounded(outputs.entropy),
+        # As small as the rewards of the model, whose scale is the racer's.
+        "value": None
+        if outputs.value is None
+        else [float(f"{value + 0.0:.6g}") for value in outputs.value.tolist()],
+        "no_value": reason,
+    }
+
+
+def lap_columns(lap: RecordedLap) -> dict[str, Any]:
+    """The rows of a lap as lists, for curves, map and the numbers of a step."""
+
+    def rounded(values: NDArray[np.float64], digits: int) -> list[float]:
+        found: list[float] = np.round(values, digits).tolist()
+        return found
+
+    return {
+        "number": lap.number,
+        "step": rounded(lap.steps, 0),
+        "time_s": rounded(lap.time_s, 4),
+        "x": rounded(lap.poses[:, 0], 4),
+        "y": rounded(lap.poses[:, 1], 4),
+        "yaw_rad": rounded(lap.poses[:, 2], 4),
+        "steering_deg": rounded(lap.steering_deg, 3),
+        "speed_mps": rounded(lap.speed_mps, 3),
+        "driven_mps": rounded(lap.driven_mps, 3),
+        "reward": rounded(lap.reward, 6),
+        "progress": rounded(lap.progress, 3),
+        "pause_s": rounded(lap.pause_s, 3),
+        "resets": lap.resets.tolist(),
+        "status": list(lap.status),
+        "action": list(lap.action),
+        "objects": [rounded(each, 3) for each in lap.objects[: 1 if _stands(lap) else None]],
+    }
+
+
+def jpeg(picture: Picture) -> bytes:
+    """A grey or coloured picture as a JPEG file."""
+    data = BytesIO()
+    Image.fromarray(picture).save(data, "JPEG", quality=_QUALITY)
+    return data.getvalue()
+
+
+def _stands(lap: RecordedLap) -> bool:
+    """Whether no object moves in the lap."""
+    return bool((lap.objects == lap.objects[:1]).all())
+
+
+def _objects(lap: RecordedLap, opened: OpenedTrace, rows: list[int]) -> NDArray[np.float64]:
+    """The objects of some rows; none where their shapes are not known."""
+    return lap.objects[rows] if opened.race.shapes else np.empty((len(rows), 0, 3))
+
+
+def _rows(first: int, count: int) -> list[int]:
+    return list(range(first, first + count))
+
+
+def _range(request: dict[str, Any], lap: RecordedLap) -> tuple[int, int]:
+    """First row and number of rows that are asked for, within the lap.
+
+    Raises:
+        SettingsError: They are outside of it.
+    """
+    first, count = int(request["first"]), int(request["count"])
+    rows = len(lap.time_s)
+    if not (0 <= first < rows and 1 <= count <= MOST_STEPS):
+        raise SettingsError(
+            f"The episode has no {count} steps from number {first} on: it has {rows}.",
+            remedy=f"Ask for at most {MOST_STEPS} steps of it.",
+        )
+    return first, min(count, rows - first)

@@ -1,0 +1,170 @@
+"""Ranks submissions by the laps that they drove. Pure functions: the same laps, the same ranks.
+
+Source of the three rankings and of the laps that are needed: DeepRacer on AWS.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from drcli.exchange.race_rules import Ranking
+from drcli.exchange.race_submission import DrivenLap
+
+COMPLETE = "Lap complete"
+"""Status of a lap that was completed."""
+
+
+@dataclass(frozen=True)
+class LapFigures:
+    """What the laps of one submission come to. Times are simulated seconds, penalties included.
+
+    Attributes:
+        driven: Laps driven, complete or not.
+        complete: Laps completed.
+        in_a_row: Most laps completed in a row.
+        best_lap_s: Fastest complete lap; None without one.
+        best_average_s: Least mean of consecutive complete laps; None without so many.
+        total_s: All laps together; None if one was not completed.
+        progress: Percent of the lap, summed over all laps.
+        off_track: How often the car left the track.
+        crashes: How often it crashed.
+        resets: How often it was put back on the track.
+    """
+
+    driven: int
+    complete: int
+    in_a_row: int
+    best_lap_s: float | None
+    best_average_s: float | None
+    total_s: float | None
+    progress: float
+    off_track: int
+    crashes: int
+    resets: int
+
+
+@dataclass(frozen=True)
+class RankingRule:
+    """What decides.
+
+    Attributes:
+        ranking: What is compared.
+        min_laps: Complete laps that are needed; in a row for best-average.
+        max_laps: Laps of a submission.
+    """
+
+    ranking: Ranking
+    min_laps: int
+    max_laps: int
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A submission in its place.
+
+    Attributes:
+        name: Of the submission.
+        rank: From 1; None if it is not qualified.
+        score_s: The time that decides; None if it is not qualified.
+        gap_s: Behind the first; None if it is not qualified.
+    """
+
+    name: str
+    rank: int | None
+    score_s: float | None
+    gap_s: float | None
+
+
+def figures_of(laps: Sequence[DrivenLap], average_laps: int) -> LapFigures:
+    """What laps come to; `average_laps` is the length of the best average."""
+    is_complete = [lap.status == COMPLETE for lap in laps]
+    times = [lap.lap_s for lap, complete in zip(laps, is_complete, strict=True) if complete]
+    rows = [
+        laps[first : first + average_laps]
+        for first in range(len(laps) - average_laps + 1)
+        if all(is_complete[first : first + average_laps])
+    ]
+    averages = [math.fsum(lap.lap_s for lap in row) / average_laps for row in rows]
+    longest = run = 0
+    for complete in is_complete:
+        run = run + 1 if complete else 0
+        longest = max(longest, run)
+    return LapFigures(
+        driven=len(laps),
+        complete=len(times),
+        in_a_row=longest,
+        best_lap_s=min(times, default=None),
+        best_average_s=min(averages, default=None),
+        total_s=math.fsum(times) if laps and len(times) == len(laps) else None,
+        progress=math.fsum(lap.progress for lap in laps),
+        off_track=sum(lap.off_track for lap in laps),
+        crashes=sum(lap.crashes for lap in laps),
+        resets=sum(lap.resets for lap in laps),
+    )
+
+
+def score_s(figures: LapFigures, rule: RankingRule) -> float | None:
+    """The time that decides; None if the submission is not qualified."""
+    if rule.ranking == "best-average":
+        return figures.best_average_s if figures.in_a_row >= rule.min_laps else None
+    if figures.complete < rule.min_laps:
+        return None
+    if rule.ranking == "total-time":
+        return figures.total_s if figures.driven >= rule.max_laps else None
+    return figures.best_lap_s
+
+
+def ranked(submissions: Mapping[str, LapFigures], rule: RankingRule) -> list[Ranked]:
+    """All submissions, the best first; no two have the same rank.
+
+    Equal times (to the millisecond) are decided by the other times, then by fewer violations, then
+    by the name, which begins with the time of the submission: who was first keeps the place. Those
+    that are not qualified come last, those that came furthest first.
+    """
+    order = sorted(submissions, key=lambda name: _key(name, submissions[name], rule))
+    first: float | None = None
+    found = []
+    for number, name in enumerate(order, start=1):
+        score = score_s(submissions[name], rule)
+        if score is None:
+            found.append(Ranked(name, None, None, None))
+            continue
+        first = score if first is None else first
+        found.append(Ranked(name, number, score, max(0.0, score - first)))
+    return found
+
+
+def best_of_each(
+    submissions: Mapping[str, LapFigures], racers: Mapping[str, str], rule: RankingRule
+) -> list[Ranked]:
+    """The same with the best submission of each racer only.
+
+    Args:
+        submissions: By name.
+        racers: Who submitted each of them.
+        rule: What decides.
+    """
+    best: dict[str, str] = {}
+    for place in ranked(submissions, rule):
+        best.setdefault(same_racer(racers[place.name]), place.name)
+    return ranked({name: submissions[name] for name in best.values()}, rule)
+
+
+def same_racer(name: str) -> str:
+    """Equal for two names that mean the same racer: capitals and spaces do not count."""
+    return " ".join(name.split()).casefold()
+
+
+def milliseconds(seconds: float | None) -> float:
+    """A time as it is compared; without one, longer than every other."""
+    return math.inf if seconds is None else round(seconds * 1000.0)
+
+
+def _key(name: str, figures: LapFigures, rule: RankingRule) -> tuple[float | str, ...]:
+    score = score_s(figures, rule)
+    violations = figures.off_track + figures.crashes
+    if score is None:
+        reached = (-figures.complete, -figures.progress, violations)
+        return (1, *reached, 0, 0, name)
+    times = (figures.best_average_s, figures.best_lap_s, figures.total_s)
+    return (0, milliseconds(score), *map(milliseconds, times), violations, name)

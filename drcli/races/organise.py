@@ -1,0 +1,176 @@
+"""Makes, shows, opens, closes and deletes races."""
+
+import secrets
+import time
+from dataclasses import dataclass, replace
+
+from drcli.base.errors import SettingsError, StorageError
+from drcli.config.settings import Settings
+from drcli.races.queue_lease import live_lease, runner_of
+from drcli.races.race_report import RaceEntry, RaceList, RaceReport
+from drcli.races.race_runs import moment
+from drcli.races.race_settings import check_track, settings_of_rules
+from drcli.races.race_wish import RaceWish, rules_of
+from drcli.races.standings import report_of
+from drcli.races.stored_race import is_race_id, put, race_id, race_ids, read_race, read_rules
+from drcli.races.unchanged_objects import RaceObjects
+from drcli.store import race_keys
+from drcli.store.bucket import Bucket
+
+
+@dataclass(frozen=True)
+class DeletedRace:
+    """A race that was deleted.
+
+    Attributes:
+        bucket: Where it was.
+        race: Its id.
+        objects: How many objects it had.
+        size_bytes: Their size.
+        dry_run: Whether nothing was deleted.
+    """
+
+    bucket: str
+    race: str
+    objects: int
+    size_bytes: int
+    dry_run: bool
+
+
+def create_race(
+    settings: Settings, bucket: Bucket, wish: RaceWish, *, now_s: float | None = None
+) -> RaceReport:
+    """Make a race.
+
+    Raises:
+        SettingsError: A rule is wrong, the track is not installed, or the race exists.
+    """
+    now = time.time() if now_s is None else now_s
+    rules = rules_of(settings, wish, now)
+    check_track(settings_of_rules(settings, rules))
+    race = race_id(rules.name) or f"race-{secrets.token_hex(3)}"
+    if bucket.list(race_keys.folder(race)):
+        raise SettingsError(
+            f"There is a race {race} in s3://{bucket.name} already.",
+            remedy=f"Choose another name, or delete that race with `dr-race delete {race}`.",
+        )
+    put(bucket, race_keys.rules(race), rules)
+    return show_race(bucket, race, now_s=now)
+
+
+def show_race(bucket: Bucket, race: str, *, now_s: float | None = None) -> RaceReport:
+    """A race as it stands now.
+
+    Raises:
+        SettingsError: There is no such race.
+    """
+    now = time.time() if now_s is None else now_s
+    runner = runner_of(bucket, race)  # before the results: what it finishes meanwhile is not lost
+    return report_of(read_race(bucket, race), bucket.name, now, runner)
+
+
+def list_races(
+    bucket: Bucket, *, objects: RaceObjects | None = None, now_s: float | None = None
+) -> RaceList:
+    """All races of a bucket, the newest first.
+
+    Args:
+        bucket: Where they are.
+        objects: Keeps what was read, so that the next list reads only what has changed.
+        now_s: The time, Unix seconds.
+    """
+    entries, damaged = [], []
+    seen = (objects or RaceObjects()).look(bucket, race_keys.folder())
+    for race in race_ids(seen):
+        try:
+            found = show_race(seen, race, now_s=now_s)
+        except (SettingsError, StorageError) as error:
+            damaged.append(str(error))
+            continue
+        first = found.leaderboard[0] if found.leaderboard else None
+        leads = first is not None and first.rank == 1
+        entries.append(
+            RaceEntry(
+                race=race,
+                name=found.rules.name,
+                state=found.state,
+                world=found.rules.world,
+                race_type=found.rules.race_type,
+                submissions=len(found.submissions),
+                queued=len(found.queue),
+                leader=first.racer if first is not None and leads else None,
+                leader_s=first.score_s if first is not None else None,
+                runner=found.runner,
+                created_at=moment(found.rules.created_at),
+            )
+        )
+    entries.sort(key=lambda entry: (entry.created_at, entry.race), reverse=True)
+    return RaceList(bucket.name, entries, damaged)
+
+
+def close_race(bucket: Bucket, race: str, *, now_s: float | None = None) -> RaceReport:
+    """Take no more submissions; what was submitted is still driven.
+
+    Raises:
+        SettingsError: There is no such race, or it is closed already.
+    """
+    now = time.time() if now_s is None else now_s
+    rules = read_rules(bucket, race)
+    if rules.closes_at is not None and rules.closes_at <= now:
+        raise SettingsError(
+            f"Race {race} was closed at {moment(rules.closes_at)}.",
+            remedy=f"Open it again with `dr-race open {race}`.",
+        )
+    changed = replace(rules, closes_at=now, changes=rules.changes + 1)
+    put(bucket, race_keys.rules(race), changed)
+    return show_race(bucket, race, now_s=now)
+
+
+def open_race(
+    bucket: Bucket, race: str, closes_at: float | None = None, *, now_s: float | None = None
+) -> RaceReport:
+    """Take submissions from now on.
+
+    Args:
+        bucket: Where the race is.
+        race: Its id.
+        closes_at: When to close it, Unix seconds; None for never.
+        now_s: The time, Unix seconds.
+
+    Raises:
+        SettingsError: There is no such race, or it would be closed already.
+    """
+    now = time.time() if now_s is None else now_s
+    rules = read_rules(bucket, race)
+    if closes_at is not None and closes_at <= now:
+        raise SettingsError(
+            f"The race would close at {moment(closes_at)}, which has passed.",
+            remedy="Choose a later time with --closes.",
+        )
+    opens_at = None if rules.opens_at is None else min(rules.opens_at, now)
+    changed = replace(rules, opens_at=opens_at, closes_at=closes_at, changes=rules.changes + 1)
+    put(bucket, race_keys.rules(race), changed)
+    return show_race(bucket, race, now_s=now)
+
+
+def delete_race(bucket: Bucket, race: str, *, dry_run: bool = False) -> DeletedRace:
+    """Delete a race with all submissions, results and videos; the models of the racers stay.
+
+    Raises:
+        SettingsError: There is no such race, or its queue is being driven.
+    """
+    found = bucket.list(race_keys.folder(race)) if is_race_id(race) else []
+    if not found:
+        read_rules(bucket, race)
+    holder = live_lease(bucket, race)
+    if holder is not None:
+        raise SettingsError(
+            f"The queue of race {race} is being driven by {holder.owner}.",
+            remedy=f"Stop it there with `dr-race stop {race}`.",
+        )
+    if not dry_run:
+        rules = race_keys.rules(race)
+        bucket.delete([rules])  # first: half a race is none
+        bucket.delete([info.key for info in found if info.key != rules])
+    size = sum(info.size_bytes for info in found)
+    return DeletedRace(bucket.name, race, len(found), size, dry_run)

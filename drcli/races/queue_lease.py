@@ -1,0 +1,141 @@
+"""Lets one process at a time drive the queue of a race, on all machines.
+
+Works as the lease of a training (`store.lease`): a record that its owner renews, and that expires a
+minute after the last renewal. It needs neither conditional writes nor equal clocks.
+"""
+
+import os
+import secrets
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+
+from drcli.base.errors import OwnershipLost, SettingsError, StorageError
+from drcli.base.json_record import NewerFormat, RecordError
+from drcli.base.process_identity import started_s, this_machine
+from drcli.exchange.run_state import Lease
+from drcli.races.race_runs import NOBODY, Runner
+from drcli.store import race_keys
+from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.lease import STALE_S, is_owner_alive
+
+RENEW_S = 10.0
+
+
+class QueueLease:
+    """The right of this process to drive the queue, while `held` lasts."""
+
+    def __init__(self, bucket: Bucket, race: str, lease: Lease) -> None:
+        self._bucket = bucket
+        self._race = race
+        self._lease = lease
+        self.session = lease.session
+
+    def check(self) -> None:
+        """Return if the queue is still ours; called before anything is written.
+
+        Raises:
+            OwnershipLost: Another process drives it.
+        """
+        found = read_queue_lease(self._bucket, self._race)
+        if found is not None and found.outranks(self.session, self._lease.term):
+            raise OwnershipLost(
+                f"The queue of race {self._race} is driven by {found.owner}, which took over "
+                "because this process had not renewed its lock for a minute.",
+                remedy="Nothing is lost: the other process drives what is left.",
+            )
+
+    def renew(self) -> None:
+        """Write the lease again if it is still ours."""
+        found = read_queue_lease(self._bucket, self._race)
+        if found is None or not found.outranks(self.session, self._lease.term):
+            self._write(self._lease)
+
+    def release(self) -> None:
+        """Let others drive the queue at once."""
+        found = read_queue_lease(self._bucket, self._race)
+        if found is not None and found.session == self.session:
+            self._write(replace(self._lease, released=True))
+
+    def _write(self, lease: Lease) -> None:
+        record = replace(lease, renewed=time.time())
+        self._bucket.put(race_keys.lease(self._race), record.encode())
+
+
+def read_queue_lease(bucket: Bucket, race: str) -> Lease | None:
+    """The lease of a queue, however old; None if there is none or it is damaged."""
+    try:
+        data, age_s = bucket.get_with_age(race_keys.lease(race))
+        lease = Lease.decode(data)
+    except NewerFormat:
+        return Lease.of_newer()
+    except (ObjectMissing, RecordError):
+        return None
+    return replace(lease, age_s=time.time() - lease.renewed if age_s is None else age_s)
+
+
+def live_lease(bucket: Bucket, race: str) -> Lease | None:
+    """The lease of the process that drives a queue; None if none does."""
+    lease = read_queue_lease(bucket, race)
+    if lease is None or lease.newer:
+        return lease
+    if lease.released or lease.age_s >= STALE_S or not is_owner_alive(lease):
+        return None
+    return lease
+
+
+def runner_of(bucket: Bucket, race: str) -> Runner:
+    """Who drives the queue of a race now."""
+    lease = live_lease(bucket, race)
+    return NOBODY if lease is None else Runner(lease.session, lease.owner)
+
+
+@contextmanager
+def held(bucket: Bucket, race: str) -> Iterator[QueueLease]:
+    """Own the queue of a race inside the `with` block.
+
+    Raises:
+        SettingsError: Another process drives it.
+    """
+    holder = live_lease(bucket, race)
+    if holder is not None:
+        raise SettingsError(
+            f"The queue of race {race} is being driven by {holder.owner}.",
+            remedy=f"Watch it with `dr-race show {race}`, or stop it there with `dr-race stop "
+            f"{race}`. If that machine is gone, try again in {STALE_S:.0f} seconds.",
+        )
+    before = read_queue_lease(bucket, race)
+    lease = QueueLease(
+        bucket,
+        race,
+        Lease(
+            session=secrets.token_hex(6),
+            host=socket.gethostname(),
+            pid=os.getpid(),
+            renewed=time.time(),
+            machine=this_machine(),
+            pid_started=started_s(os.getpid()) or 0.0,
+            term=1 if before is None else before.term + 1,
+        ),
+    )
+    lease.renew()
+    ended = threading.Event()
+
+    def keep() -> None:
+        while not ended.wait(RENEW_S):
+            with suppress(StorageError):  # the next time, perhaps; after a minute another may come
+                lease.renew()
+
+    keeper = threading.Thread(target=keep, name="queue-lease", daemon=True)
+    keeper.start()
+    try:
+        lease.check()
+        yield lease
+    finally:
+        ended.set()
+        keeper.join(RENEW_S)
+        with suppress(StorageError):
+            lease.release()

@@ -1,0 +1,172 @@
+"""Drives the queue of a race in the background: `python -m drcli.races.queue_process`."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from drcli.base.backoff import wait_until
+from drcli.base.errors import Absent, DrError, SettingsError, WorkerDied
+from drcli.base.log import LogFile, get_logger
+from drcli.base.process_identity import is_alive, this_machine
+from drcli.config import secret_environment
+from drcli.config.loading import load_settings
+from drcli.config.settings import Settings
+from drcli.races.queue_lease import live_lease, read_queue_lease
+from drcli.races.race_queue import check_queue, run_queue
+from drcli.store.bucket import Bucket
+from drcli.store.connect import open_bucket
+
+READY_TIMEOUT_S = 20.0
+STOPPED_S = 10.0
+
+
+@dataclass(frozen=True)
+class QueueStarted:
+    """A queue that is driven in the background.
+
+    Attributes:
+        race: Id of the race.
+        pid: The process that drives it.
+        log: Its log on this machine.
+    """
+
+    race: str
+    pid: int
+    log: str
+
+
+@dataclass(frozen=True)
+class QueueStopped:
+    """A queue that was stopped.
+
+    Attributes:
+        race: Id of the race.
+        pid: The process that drove it.
+    """
+
+    race: str
+    pid: int
+
+
+def queue_log(settings: Settings, race: str) -> Path:
+    """The log of a queue that is driven in the background."""
+    return settings.directory / "data" / "logs" / "races" / f"{race}.log"
+
+
+def launch_queue(
+    settings: Settings, bucket: Bucket, race: str, *, video: bool | None = None
+) -> QueueStarted:
+    """Drive the queue in a process that outlives this one.
+
+    Raises:
+        SettingsError: As for `run_queue`.
+        WorkerDied: The process did not begin.
+    """
+    check_queue(settings, bucket, race)
+    if video:
+        from drcli.video.encode import require_encoder
+
+        require_encoder()
+    log = queue_log(settings, race)
+    log.parent.mkdir(parents=True, exist_ok=True)
+    plain, _ = secret_environment.split(os.environ)
+    secrets = secret_environment.all_secrets()
+    if secrets:
+        secret_environment.hide_process()
+    call = {"race": race, "folder": str(settings.directory), "video": video, "secrets": secrets}
+    with log.open("ab") as file:
+        process = subprocess.Popen(
+            # -P: a file of the working folder must not replace a module of the same name.
+            [sys.executable, "-P", "-m", "drcli.races.queue_process"],
+            stdin=subprocess.PIPE,
+            stdout=file,
+            stderr=file,
+            cwd=settings.directory,
+            env=plain,
+            start_new_session=True,
+        )
+    assert process.stdin is not None
+    with suppress(BrokenPipeError), process.stdin as pipe:
+        pipe.write(json.dumps(call).encode())
+    process.stdin = None
+    code: int | None = None
+
+    def is_decided() -> bool:
+        nonlocal code
+        code = process.poll()
+        lease = read_queue_lease(bucket, race)
+        return code is not None or (lease is not None and lease.pid == process.pid)
+
+    if not wait_until(is_decided, patience_s=READY_TIMEOUT_S, last_s=0.2) or code:
+        if code is None:
+            process.kill()
+            process.wait()
+        raise WorkerDied(
+            f"The queue of race {race} did not start.", remedy=f"Read the reason in {log}."
+        )
+    return QueueStarted(race, process.pid, str(log))
+
+
+def stop_queue(bucket: Bucket, race: str) -> QueueStopped:
+    """Stop the process that drives a queue on this machine; what it was driving waits again.
+
+    Raises:
+        Absent: No process drives it.
+        SettingsError: It runs on another machine, or does not end.
+    """
+    lease = live_lease(bucket, race)
+    if lease is None:
+        raise Absent(
+            f"No process drives the queue of race {race}.",
+            remedy=f"Drive it with `dr-race run {race}`.",
+        )
+    if lease.newer or lease.machine != this_machine():
+        raise SettingsError(
+            f"The queue of race {race} is driven by {lease.owner}, on another machine.",
+            remedy=f"Run `dr-race stop {race}` there.",
+        )
+    with suppress(ProcessLookupError):
+        os.kill(lease.pid, signal.SIGTERM)
+    if wait_until(lambda: not is_alive(lease.pid, lease.pid_started), patience_s=STOPPED_S):
+        return QueueStopped(race, lease.pid)
+    raise SettingsError(
+        f"The process {lease.pid} that drives the queue of race {race} does not end.",
+        remedy="Look at it with `ps`; it may wait for a network or a disk.",
+    )
+
+
+def main() -> None:
+    """Drive the queue that standard input names.
+
+    Raises:
+        SystemExit: With the exit code of what went wrong.
+    """
+    call = json.loads(sys.stdin.buffer.read())
+    with Path(os.devnull).open("rb") as nothing:
+        os.dup2(nothing.fileno(), sys.stdin.fileno())
+    secret_environment.keep(call["secrets"])
+    logger = get_logger(__name__)
+    try:
+        settings = load_settings(Path(call["folder"]))
+        LogFile(queue_log(settings, call["race"]), settings.run.logs.log_max_mb << 20)
+        bucket = open_bucket(settings.storage)
+        report = run_queue(
+            settings,
+            bucket,
+            call["race"],
+            video=call["video"],
+            on_progress=lambda text: logger.info("%s", text),
+        )
+        logger.info("The queue is empty; %d on the leaderboard.", len(report.leaderboard))
+    except DrError as error:
+        logger.error("%s %s", error, error.remedy)
+        raise SystemExit(error.code) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""Writes a race as a CSV table and as one HTML file."""
+
+import csv
+import io
+import re
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from drcli.base.atomic_file import rewrite
+from drcli.base.replaceable import HTML_PAGE, FileKind, refuse_replacing
+from drcli.races.race_page import race_page
+from drcli.races.race_report import LeaderboardRow, RaceReport
+from drcli.store.bucket import Bucket, ObjectMissing
+
+COLUMNS = tuple(each.name for each in fields(LeaderboardRow))
+"""Of the table: those of the leaderboard."""
+
+RACE_TABLE = FileKind(
+    "the table of a race",
+    re.compile(rf"(\xef\xbb\xbf)?{','.join(COLUMNS[:3])},".encode()),
+    "--csv race.csv",
+)
+
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+"""Beginnings of a cell that spreadsheets would compute."""
+
+
+@dataclass(frozen=True)
+class ExportedRace:
+    """A race that was written into files.
+
+    Attributes:
+        race: Its id.
+        csv: Path of the table; None without one.
+        html: Path of the page; None without one.
+        size_bytes: Size of the page.
+        videos: How many videos it contains.
+    """
+
+    race: str
+    csv: str | None
+    html: str | None
+    size_bytes: int = 0
+    videos: int = 0
+
+
+def csv_of(report: RaceReport) -> str:
+    """The leaderboard as CSV; what is unknown is empty."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for row in report.leaderboard:
+        table.writerow([_cell(getattr(row, name)) for name in COLUMNS])
+    return text.getvalue()
+
+
+def videos_of(report: RaceReport, bucket: Bucket) -> dict[str, bytes]:
+    """The videos of the leaderboard that are still in the bucket, by key."""
+    found = {}
+    for row in report.leaderboard:
+        if row.video and row.video not in found:
+            try:
+                found[row.video] = bucket.get(row.video)
+            except ObjectMissing:
+                continue
+    return found
+
+
+def export_race(
+    report: RaceReport,
+    *,
+    csv_path: Path | None = None,
+    html_path: Path | None = None,
+    videos: dict[str, bytes] | None = None,
+) -> ExportedRace:
+    """Write a race into files.
+
+    Args:
+        report: The race.
+        csv_path: The table; None for none.
+        html_path: The page; None for none.
+        videos: That the page contains, by key.
+
+    Raises:
+        SettingsError: A file cannot be written, or would replace one of another kind.
+    """
+    if csv_path is not None:
+        refuse_replacing(csv_path, RACE_TABLE)
+    if html_path is not None:
+        refuse_replacing(html_path, HTML_PAGE)
+    page = b""
+    if csv_path is not None:
+        rewrite(csv_path, csv_of(report).encode())
+    if html_path is not None:
+        page = race_page(report, videos or {}).encode()
+        rewrite(html_path, page)
+    return ExportedRace(
+        report.race,
+        None if csv_path is None else str(csv_path),
+        None if html_path is None else str(html_path),
+        len(page),
+        len(videos or {}) if html_path is not None else 0,
+    )
+
+
+def _cell(value: object) -> object:
+    """A value for a cell: names must not become formulas."""
+    if value is None:
+        return ""
+    if isinstance(value, str) and value.startswith(_FORMULA):
+        return f"'{value}"
+    return value

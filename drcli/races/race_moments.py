@@ -1,0 +1,111 @@
+"""What a race night shows beside the leaderboard: what is driven now, and what came last."""
+
+from dataclasses import dataclass, field
+
+from drcli.exchange.race_submission import RaceResult
+from drcli.races.lap_ranking import COMPLETE
+from drcli.races.race_runs import Runner, run_state
+from drcli.races.stored_race import StoredRace, submission_id
+
+
+@dataclass(frozen=True)
+class RunCar:
+    """A car of a run.
+
+    Attributes:
+        submission: Its id.
+        racer: Who submitted it.
+        model: Prefix of the model.
+        complete: Laps that it completed.
+        laps: Laps that it drove.
+        best_lap_s: Its fastest complete lap; None without one.
+        total_s: Time of its complete laps, simulated seconds; None without any.
+    """
+
+    submission: str
+    racer: str
+    model: str
+    complete: int = 0
+    laps: int = 0
+    best_lap_s: float | None = None
+    total_s: float | None = None
+
+
+@dataclass(frozen=True)
+class RaceRun:
+    """A submission or a pair that is driven, or was.
+
+    Attributes:
+        key: Tells it from all other runs of the race.
+        state: running, done or failed.
+        began_at: Unix seconds.
+        ended_at: None while it runs.
+        cars: One, or the two of a pair.
+        message: Why it failed.
+    """
+
+    key: str
+    state: str
+    began_at: float
+    ended_at: float | None
+    cars: list[RunCar] = field(default_factory=list)
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class RaceMoments:
+    """What happens in a race.
+
+    Attributes:
+        driving: What is driven now; None if nothing is.
+        last: What ended last; None if nothing has.
+    """
+
+    driving: RaceRun | None
+    last: RaceRun | None
+
+
+def moments_of(stored: StoredRace, runner: Runner) -> RaceMoments:
+    """What is driven now in a race, and what came last."""
+    driving: RaceRun | None = None
+    last: RaceRun | None = None
+    for name in sorted(stored.results):
+        names = name.split("_")
+        result = stored.result(*names)
+        if result is None or not all(each in stored.submissions for each in names):
+            continue
+        state = run_state(result, runner)
+        if state == "running":
+            driving = _run(stored, names, result, state)
+        elif state in ("done", "failed") and (
+            last is None or (result.ended_at or 0.0) > (last.ended_at or 0.0)
+        ):
+            last = _run(stored, names, result, state)
+    return RaceMoments(driving, last)
+
+
+def _run(stored: StoredRace, names: list[str], result: RaceResult, state: str) -> RaceRun:
+    laps = {car.submission: car.laps for car in result.cars}
+    cars = []
+    for name in [car.submission for car in result.cars] or names:
+        submission, driven = stored.submissions[name], laps.get(name, [])
+        times = [lap.lap_s for lap in driven if lap.status == COMPLETE]
+        cars.append(
+            RunCar(
+                submission_id(name),
+                submission.racer,
+                submission.model,
+                len(times),
+                len(driven),
+                min(times, default=None),
+                sum(times) if times else None,
+            )
+        )
+    return RaceRun(
+        f"{'+'.join(map(submission_id, names))}-{result.restarts}-{result.session}",
+        state,
+        result.began_at,
+        result.ended_at,
+        cars,
+        result.message,
+    )

@@ -1,0 +1,222 @@
+"""Drives the queue of a race: one evaluation after the other, each as `dr-evaluate` does it."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from drcli.base.errors import DrError, NotAvailable, OwnershipLost, SettingsError, StorageError
+from drcli.base.termination import Stopped, until_sigterm
+from drcli.config.settings import Settings
+from drcli.exchange.race_submission import BracketDraw, DrivenCar, DrivenLap, RaceResult
+from drcli.races.organise import show_race
+from drcli.races.queue_lease import QueueLease, held, runner_of
+from drcli.races.race_film import film_car
+from drcli.races.race_report import RaceReport
+from drcli.races.race_runs import Runner, counted
+from drcli.races.race_settings import check_track, settings_of_rules, settings_of_run
+from drcli.races.standings import queue_of
+from drcli.races.stored_race import StoredRace, put, read_race, read_rules, submission_id
+from drcli.races.submissions import video_names
+from drcli.runs.evaluation import run_evaluation
+from drcli.runs.evaluation_plan import prepare_evaluation
+from drcli.store import race_keys
+from drcli.store.bucket import Bucket
+
+Say = Callable[[str], None]
+
+
+def race_conditions(settings: Settings, bucket: Bucket, race: str) -> Settings:
+    """The settings of this machine with the rules of a race, for what is done before its laps.
+
+    Raises:
+        SettingsError: There is no such race, or its rules do not fit this version.
+    """
+    return settings_of_rules(settings, read_rules(bucket, race))
+
+
+def check_queue(settings: Settings, bucket: Bucket, race: str) -> None:
+    """Refuse what would fail for every run of the queue, before any of them.
+
+    Raises:
+        SettingsError: There is no such race, its track is not installed, or another process drives
+            its queue.
+    """
+    check_track(race_conditions(settings, bucket, race))
+    runner = runner_of(bucket, race)
+    if runner.session:
+        raise SettingsError(
+            f"The queue of race {race} is being driven by {runner.owner}.",
+            remedy=f"Watch it with `dr-race show {race}`, or stop it there with `dr-race stop "
+            f"{race}`.",
+        )
+
+
+def run_queue(
+    settings: Settings,
+    bucket: Bucket,
+    race: str,
+    *,
+    video: bool | None = None,
+    limit: int = 0,
+    on_progress: Say = lambda text: None,
+) -> RaceReport:
+    """Drive everything that waits in the queue, and what is submitted meanwhile.
+
+    What was killed while it ran is driven again. A run that fails is noted, and the next one
+    follows; `restart` lets it be driven again.
+
+    Args:
+        settings: Of this machine; the rules of the race replace what concerns the laps.
+        bucket: Where the race is.
+        race: Its id.
+        video: Whether to film each run; None films them if the encoder is installed.
+        limit: Stop after so many runs; 0 for all.
+        on_progress: Shows a short sentence on each step.
+
+    Raises:
+        SettingsError: There is no such race, its track is not installed, or another process drives
+            its queue.
+        NotAvailable: A video is wanted, but the encoder is not installed.
+        StorageError: The bucket does not answer; what was driven is kept.
+        OwnershipLost: Another process has taken over the queue.
+        Stopped: SIGTERM came.
+    """
+    check_queue(settings, bucket, race)
+    missing = _no_video(video)
+    films = video is not False and not missing
+    if missing:
+        on_progress(missing)
+    stopped = until_sigterm(
+        "The queue of the race was stopped; what was driven is kept.",
+        f"Drive the rest with `dr-race run {race}`.",
+    )
+    driven = 0
+    with stopped, held(bucket, race) as lease:
+        while not limit or driven < limit:
+            stored = read_race(bucket, race)
+            runs = queue_of(stored, Runner(lease.session))
+            if not runs:
+                break
+            if stored.rules.in_pairs and stored.rules.pairing == "bracket" and stored.draw is None:
+                lease.check()
+                put(bucket, race_keys.draw(race), BracketDraw(counted(stored)))
+                on_progress(f"The bracket of {len(counted(stored))} submissions is drawn.")
+                continue
+            _drive(settings, bucket, lease, stored, runs[0], films, missing, on_progress)
+            driven += 1
+    return show_race(bucket, race)
+
+
+def _no_video(video: bool | None) -> str:
+    """Why there is no video although one is wanted; empty if there is one, or none is wanted.
+
+    Raises:
+        NotAvailable: The caller insists on it.
+    """
+    if video is False:
+        return ""
+    from drcli.video.encode import require_encoder
+
+    try:
+        require_encoder()
+    except NotAvailable as error:
+        if video:
+            raise
+        return f"There are no videos of this race. {error} {error.remedy}"
+    return ""
+
+
+def _drive(
+    settings: Settings,
+    bucket: Bucket,
+    lease: QueueLease,
+    stored: StoredRace,
+    run: tuple[str, ...],
+    films: bool,
+    note: str,
+    on_progress: Say,
+) -> None:
+    """Drive one submission or pair, and write what it came to."""
+    race, name = stored.race, "_".join(sorted(run))
+    who = " against ".join(
+        f"{stored.submissions[each].racer} ({submission_id(each)})" for each in run
+    )
+    lease.check()
+    begun = RaceResult("running", lease.session, stored.restarts(*run), time.time())
+    key = race_keys.result(race, name)
+    put(bucket, key, begun)
+    on_progress(f"Driving {who} ...")
+    try:
+        result = _evaluated(settings, bucket, stored, run, films, begun)
+        if note:
+            result = replace(result, notes=[*result.notes, note])
+    except (StorageError, OwnershipLost, Stopped):
+        raise
+    except DrError as error:
+        result = replace(
+            begun, state="failed", message=str(error), remedy=error.remedy, ended_at=time.time()
+        )
+    lease.check()
+    gone = [each for each in run if not bucket.exists(race_keys.submission(race, each))]
+    if gone:
+        left = [info.key for each in gone for info in bucket.list(race_keys.models(race, each))]
+        bucket.delete([key, *left, *(car.video for car in result.cars if car.video)])
+        on_progress(f"{who}: withdrawn meanwhile.")
+        return
+    put(bucket, key, result)
+    on_progress(f"{who}: {_outcome(result)}")
+
+
+def _evaluated(
+    settings: Settings,
+    bucket: Bucket,
+    stored: StoredRace,
+    run: tuple[str, ...],
+    films: bool,
+    begun: RaceResult,
+) -> RaceResult:
+    """Evaluate one run as `dr-evaluate` does."""
+    conditions = settings_of_rules(settings, stored.rules)
+    own = settings_of_run(conditions, stored, run)
+    plan = prepare_evaluation(own, seed=stored.rules.seed)
+    report = run_evaluation(plan)
+    reports = [report, *([report.opponent] if report.opponent is not None else [])]
+    notes = list(report.notes)
+    videos = ["" for _ in reports]
+    if films:
+        for number, name in enumerate(video_names("_".join(sorted(run)))):
+            key = race_keys.video(stored.race, name)
+            videos[number], more = film_car(plan, bucket, reports[number], key)
+            notes += [note for note in more if note not in notes]
+    cars = [
+        DrivenCar(
+            submission=name,
+            laps=[
+                DrivenLap(
+                    trial.lap_s,
+                    trial.progress,
+                    trial.status,
+                    trial.off_track,
+                    trial.crashes,
+                    trial.resets,
+                )
+                for trial in each.trials
+            ],
+            simtrace=each.simtrace,
+            metrics=each.metrics,
+            video=video,
+        )
+        for name, each, video in zip(run, reports, videos, strict=True)
+    ]
+    return replace(begun, state="done", cars=cars, notes=notes, ended_at=time.time())
+
+
+def _outcome(result: RaceResult) -> str:
+    if result.state == "failed":
+        return f"failed. {result.message}"
+    texts = []
+    for car in result.cars:
+        times = [lap.lap_s for lap in car.laps if lap.status == "Lap complete"]
+        best = f", best {min(times):.3f} s" if times else ""
+        texts.append(f"{len(times)} of {len(car.laps)} laps{best}")
+    return "; ".join(texts) + "."

@@ -1,0 +1,219 @@
+"""What commands, the console and exports show of a race: frozen records, made of what is stored."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from drcli.exchange.race_rules import RaceRules
+
+RaceState = Literal["scheduled", "open", "closed", "finished"]
+"""Not open yet; takes submissions; takes no more; takes no more and everything was driven."""
+
+SubmissionState = Literal["queued", "running", "done", "failed", "over the limit"]
+
+
+@dataclass(frozen=True)
+class LeaderboardRow:
+    """A submission on the leaderboard. Times are simulated seconds, penalties included.
+
+    Attributes:
+        rank: From 1; None if it is not qualified.
+        racer: Who submitted it.
+        model: Prefix of the model.
+        checkpoint: Name of the checkpoint.
+        submission: Id of the submission.
+        score_s: The time that decides; None if it is not qualified, and in a race in pairs.
+        gap_s: Behind the first; None without a time.
+        best_lap_s: Fastest complete lap; None without one.
+        best_average_s: Best average of consecutive complete laps; None without so many.
+        total_s: All laps together; None if one was not completed.
+        complete_laps: Laps completed.
+        laps: Laps driven.
+        off_track: How often the car left the track.
+        crashes: How often it crashed.
+        resets: How often it was put back on the track.
+        video: Key of the video in the bucket; empty without one.
+        points: Of its pairs; None in other races.
+        wins: Pairs won.
+        draws: Pairs that nobody won.
+        losses: Pairs lost.
+        round: Last round of a bracket that it has reached; None elsewhere.
+    """
+
+    rank: int | None
+    racer: str
+    model: str
+    checkpoint: str
+    submission: str
+    score_s: float | None = None
+    gap_s: float | None = None
+    best_lap_s: float | None = None
+    best_average_s: float | None = None
+    total_s: float | None = None
+    complete_laps: int = 0
+    laps: int = 0
+    off_track: int = 0
+    crashes: int = 0
+    resets: int = 0
+    video: str = ""
+    points: float | None = None
+    wins: int = 0
+    draws: int = 0
+    losses: int = 0
+    round: int | None = None
+
+
+@dataclass(frozen=True)
+class SubmissionEntry:
+    """A submission, whatever became of it.
+
+    Attributes:
+        submission: Its id.
+        racer: Who submitted it.
+        model: Prefix of the model.
+        checkpoint: Name of the checkpoint.
+        submitted_at: When it came, ISO 8601.
+        state: queued, running, done, failed, or over the limit of submissions that count.
+        place: In the queue, from 1; None if it does not wait there.
+        message: Why it failed.
+        remedy: What to do about that.
+        notes: What is worth knowing about its laps.
+        lap_s: Times of its laps, simulated seconds.
+        lap_status: How each lap ended.
+        simtrace: Key of its trace in the bucket.
+        metrics: Key of its metrics in the bucket.
+        video: Key of its video in the bucket; empty without one.
+    """
+
+    submission: str
+    racer: str
+    model: str
+    checkpoint: str
+    submitted_at: str
+    state: SubmissionState
+    place: int | None = None
+    message: str = ""
+    remedy: str = ""
+    notes: list[str] = field(default_factory=list)
+    lap_s: list[float] = field(default_factory=list)
+    lap_status: list[str] = field(default_factory=list)
+    simtrace: str = ""
+    metrics: str = ""
+    video: str = ""
+
+
+@dataclass(frozen=True)
+class PairEntry:
+    """A pair of a race in pairs.
+
+    Attributes:
+        round: Counted from 1.
+        first: Id of the submission that starts on the one side; empty if it is not known yet.
+        second: Id of the other one; empty if it is not known yet, or the first goes on alone.
+        first_racer: Who submitted the first.
+        second_racer: Who submitted the second.
+        state: waiting for earlier pairs, queued, running, done, failed, or alone: goes on without
+            racing.
+        winner: Id of the winner; empty if nobody has won.
+        first_laps: Laps that the first completed.
+        second_laps: Laps that the second completed.
+        first_s: Time of these laps of the first, simulated seconds; None without any.
+        second_s: The same of the second.
+        message: Why it failed.
+        remedy: What to do about that.
+        videos: Keys of its videos, one from each car.
+    """
+
+    round: int
+    first: str
+    second: str
+    first_racer: str
+    second_racer: str
+    state: Literal["waiting", "queued", "running", "done", "failed", "alone"]
+    winner: str = ""
+    first_laps: int = 0
+    second_laps: int = 0
+    first_s: float | None = None
+    second_s: float | None = None
+    message: str = ""
+    remedy: str = ""
+    videos: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class RaceReport:
+    """A race: rules, leaderboard, and what is still to be driven.
+
+    Attributes:
+        bucket: Where it is.
+        race: Its id.
+        state: scheduled, open, closed, or finished: closed, and everything was driven.
+        rules: Of the race.
+        leaderboard: The best submission of each racer, the best first.
+        queue: Ids of what is to be driven, in order: of submissions, or of both in a pair with a
+            plus sign between them.
+        running: What is driven now, in the same words; empty if nothing is.
+        runner: The process that drives the queue now; empty if none does.
+        submissions: All of them, in the order in which they came.
+        pairs: Of a race in pairs, round by round.
+        winner: Racer on the first place of a finished race; None before.
+        damaged: Sentences about objects in the bucket that cannot be read.
+    """
+
+    bucket: str
+    race: str
+    state: RaceState
+    rules: RaceRules
+    leaderboard: list[LeaderboardRow]
+    queue: list[str]
+    running: str
+    runner: str
+    submissions: list[SubmissionEntry]
+    pairs: list[PairEntry]
+    winner: str | None
+    damaged: list[str]
+
+
+@dataclass(frozen=True)
+class RaceEntry:
+    """A race in the list.
+
+    Attributes:
+        race: Its id.
+        name: What it is called.
+        state: scheduled, open, closed or finished.
+        world: The track.
+        race_type: As DR_RACE_TYPE.
+        submissions: How many there are.
+        queued: How many runs are still to be driven.
+        leader: Racer on the first place; None if there is none.
+        leader_s: The time that put the leader there; None without one.
+        runner: The process that drives its queue now; empty if none does.
+        created_at: When it was made, ISO 8601.
+    """
+
+    race: str
+    name: str
+    state: RaceState
+    world: str
+    race_type: str
+    submissions: int
+    queued: int
+    leader: str | None
+    leader_s: float | None
+    runner: str
+    created_at: str
+
+
+@dataclass(frozen=True)
+class RaceList:
+    """The races of a bucket.
+
+    Attributes:
+        bucket: Its name.
+        races: The newest first.
+        damaged: Sentences about races that cannot be read.
+    """
+
+    bucket: str
+    races: list[RaceEntry]
+    damaged: list[str] = field(default_factory=list)

@@ -1,0 +1,95 @@
+"""The runs of a race: which submissions count, and what became of each. Pure functions."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from drcli.exchange.race_submission import DrivenCar, RaceResult
+from drcli.races.lap_ranking import LapFigures, same_racer
+from drcli.races.race_report import LeaderboardRow, SubmissionState
+from drcli.races.stored_race import StoredRace, submission_id
+
+
+@dataclass(frozen=True)
+class Runner:
+    """Who drives the queue now.
+
+    Attributes:
+        session: Of that run; empty if nobody does.
+        owner: The process, for people.
+    """
+
+    session: str = ""
+    owner: str = ""
+
+
+NOBODY = Runner()
+
+
+def moment(at: float) -> str:
+    """A time as commands print it."""
+    return datetime.fromtimestamp(at, UTC).isoformat(timespec="seconds")
+
+
+def counted(stored: StoredRace) -> list[str]:
+    """The submissions that count, in the order of the queue.
+
+    If a racer has more than the rules allow, as when two were sent at the same time, the first
+    ones count.
+    """
+    limit = stored.rules.max_submissions
+    given: dict[str, int] = {}
+    found = []
+    for name, submission in sorted(stored.submissions.items()):
+        racer = same_racer(submission.racer)
+        given[racer] = given.get(racer, 0) + 1
+        if not limit or given[racer] <= limit:
+            found.append(name)
+    return sorted(found, key=lambda name: (stored.place(name), name))
+
+
+def run_state(result: RaceResult | None, runner: Runner) -> SubmissionState:
+    """What became of a run, from its result."""
+    if result is None:
+        return "queued"
+    if result.state == "running":
+        return "running" if runner.session and result.session == runner.session else "queued"
+    return "done" if result.state == "done" else "failed"
+
+
+def ids_of(run: tuple[str, ...]) -> str:
+    """What people call a run: ids with a plus sign between them."""
+    return "+".join(map(submission_id, run))
+
+
+def cars_of(stored: StoredRace) -> dict[str, list[DrivenCar]]:
+    """The cars of every submission that counts, in all its results that count."""
+    found: dict[str, list[DrivenCar]] = {name: [] for name in counted(stored)}
+    for name in sorted(stored.results):
+        names = name.split("_")
+        result = stored.result(*names)
+        if result is None or result.state != "done" or not all(each in found for each in names):
+            continue
+        for car in result.cars:
+            if car.submission in names:
+                found[car.submission].append(car)
+    return found
+
+
+def row_of(stored: StoredRace, name: str, rank: int | None, figures: LapFigures) -> LeaderboardRow:
+    """A row of the leaderboard, without what depends on the kind of race."""
+    submission = stored.submissions[name]
+    return LeaderboardRow(
+        rank=rank,
+        racer=submission.racer,
+        model=submission.model,
+        checkpoint=submission.checkpoint,
+        submission=submission_id(name),
+        best_lap_s=figures.best_lap_s,
+        best_average_s=figures.best_average_s,
+        total_s=figures.total_s,
+        complete_laps=figures.complete,
+        laps=figures.driven,
+        off_track=figures.off_track,
+        crashes=figures.crashes,
+        resets=figures.resets,
+    )

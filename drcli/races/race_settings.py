@@ -1,0 +1,133 @@
+"""The settings with which a race is driven: those of its rules, whatever the racer's say."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+from drcli.base.problems import BadValue, Place, ProblemsError
+from drcli.config.checkpoint_words import parse_checkpoint
+from drcli.config.setting_problems import setting_problem
+from drcli.config.settings import Settings, catalogue
+from drcli.config.track_names import track_problem
+from drcli.exchange.race_rules import RaceRules
+from drcli.races.stored_race import StoredRace
+from drcli.store import keys, race_keys
+
+_ALWAYS = (
+    "DR_SIM_",
+    "DR_CAR_STEERING_",
+    "DR_CAR_MAX_SPEED",
+    "DR_CAR_BATTERY",
+    "DR_ENABLE_DOMAIN_RANDOMIZATION",
+    "DR_RANDOMIZE_TEXTURES",
+    "DR_EVAL_MAX_RESETS",
+    "DR_EVAL_MAX_LAP_SECONDS",
+    "DR_EVAL_START_",
+    "DR_EVAL_RESET_BEHIND_DIST",
+)
+"""Settings, by the beginning of their names, that change how laps are driven."""
+
+_OBJECTS = {"OBJECT_AVOIDANCE": ("DR_OA_",), "HEAD_TO_BOT": ("DR_H2B_",)}
+
+
+def frozen_settings(settings: Settings, race_type: str) -> dict[str, str]:
+    """What the settings say about how laps are driven, as texts; the rules keep them.
+
+    Later changes in run.env, and the run.env of other machines, then no longer matter.
+    """
+    names = (*_ALWAYS, *_OBJECTS.get(race_type, ()))
+    return {
+        name: setting.text(getattr(settings, setting.field))
+        for name, setting in catalogue().items()
+        if name.startswith(names) and not (race_type == "HEAD_TO_MODEL" and "_START_" in name)
+    }
+
+
+def shown_settings(rules: RaceRules) -> dict[str, str]:
+    """Those that differ from the shipped ones."""
+    known = catalogue()
+    return {
+        name: text
+        for name, text in sorted(rules.settings.items())
+        if name not in known or text != known[name].default_text
+    }
+
+
+def settings_of_rules(settings: Settings, rules: RaceRules) -> Settings:
+    """The settings of this machine with those of a race.
+
+    Raises:
+        ProblemsError: The rules have a setting that this version does not know, or a value that it
+            does not allow.
+    """
+    changes: dict[str, Any] = {
+        "world_name": rules.world,
+        "race_type": rules.race_type,
+        "eval_reverse_direction": rules.reverse,
+        "eval_number_of_trials": rules.max_laps,
+        "eval_is_continuous": True,
+        "eval_off_track_penalty": rules.off_track_penalty_s,
+        "eval_collision_penalty": rules.collision_penalty_s,
+        "eval_average_laps": rules.average_laps,
+        "eval_debug_reward": False,
+        "eval_start_offset": catalogue()["DR_EVAL_START_OFFSET"].default,
+    }
+    place, sources, problems = Place("race"), dict(settings.sources), []
+    for name, text in rules.settings.items():
+        try:
+            setting = catalogue()[name]
+            changes[setting.field] = setting.read(text)
+        except (KeyError, BadValue) as error:
+            unknown = isinstance(error, KeyError)
+            what = f"{name}={text} {'is unknown in this version' if unknown else error}."
+            problems.append(setting_problem(name, place, what, "Update drcli on this machine."))
+        sources[name] = place
+    if problems:
+        raise ProblemsError(problems)
+    sources["DR_WORLD_NAME"] = place
+    return settings.replaced(**changes, sources=sources)
+
+
+def check_track(settings: Settings) -> None:
+    """Refuse a track that is not installed, and objects that have no room on it.
+
+    Raises:
+        ProblemsError: It is not, or they have not.
+    """
+    problem = track_problem(settings.race)
+    if problem is not None:  # also one that could be fetched: a race needs it now
+        raise ProblemsError([replace(problem, severity="error")])
+    if settings.race_type in _OBJECTS:
+        from drcli.workers.build_race import load_race, load_world
+
+        load_race(settings.race, load_world(settings.race))
+
+
+def settings_of_run(settings: Settings, stored: StoredRace, run: Iterable[str]) -> Settings:
+    """The settings of one evaluation: of a submission, or of a pair.
+
+    Args:
+        settings: Those of the race, from `settings_of_rules`.
+        stored: The race.
+        run: Names of one submission or two.
+    """
+    changes: dict[str, Any] = {"eval_save_mp4": False}
+    for name, prefixes in zip(run, (_OWN, _OPPONENT), strict=False):
+        submission = stored.submissions[name]
+        model = race_keys.model(stored.race, name, submission.model)
+        number = str(parse_checkpoint(submission.checkpoint))
+        values = (model, keys.metrics_prefix(model), number, submission.racer)
+        changes |= dict(zip(prefixes, values, strict=True))
+    if "eval_opp_s3_model_prefix" in changes:
+        changes["eval_opp_model_prefix"] = changes["eval_opp_s3_model_prefix"]
+    return settings.replaced(**changes)
+
+
+_OWN = ("model_prefix", "metrics_prefix", "eval_checkpoint", "racer_name")
+_OPPONENT = (
+    "eval_opp_s3_model_prefix",
+    "eval_opp_s3_metrics_prefix",
+    "eval_opp_checkpoint",
+    "eval_opp_racer_name",
+)
+"""Fields for model, metrics, checkpoint and racer of both cars."""

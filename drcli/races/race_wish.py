@@ -1,0 +1,194 @@
+"""The race that somebody wants to make, and the rules that it comes to after they were checked."""
+
+import secrets
+from dataclasses import dataclass
+
+from drcli.base.errors import SettingsError
+from drcli.base.problems import one_of, shown
+from drcli.config.settings import Settings
+from drcli.exchange.race_rules import Pairing, RaceKind, RaceRules, Ranking
+from drcli.modelfiles.model_metadata import LIDARS
+from drcli.races.race_runs import moment
+from drcli.races.race_settings import frozen_settings, settings_of_rules
+
+LONGEST_NAME = 64
+"""Characters of the name of a race or a racer."""
+
+MOST_LAPS = 100
+
+MOST_PENALTY_S = 600.0
+
+SENSORS = ("FRONT_FACING_CAMERA", "STEREO_CAMERAS", *LIDARS)
+"""What a race may restrict models to."""
+
+
+@dataclass(frozen=True)
+class RaceWish:
+    """A race that somebody wants to make. None takes the value of the settings, or a usual one.
+
+    Attributes:
+        name: What it is called.
+        world: The track; None for DR_WORLD_NAME.
+        reverse: Whether it is driven in the opposite direction.
+        race_type: None for TIME_TRIAL.
+        ranking: What decides.
+        max_laps: Laps of each submission.
+        min_laps: Complete laps that are needed to be ranked.
+        average_laps: Number of consecutive laps of the best average.
+        off_track_penalty_s: None for DR_EVAL_OFF_TRACK_PENALTY.
+        collision_penalty_s: None for DR_EVAL_COLLISION_PENALTY.
+        max_submissions: Of one racer; 0 for any number; None for 1 in pairs, else any number.
+        opens_at: Unix seconds; None for at once.
+        closes_at: Unix seconds; None for never.
+        seed: None draws one.
+        pairing: Of HEAD_TO_MODEL.
+        sensors: The only ones that are allowed; empty for any.
+        settings: DR_ names and texts that replace those of the settings, such as the number of
+            obstacles.
+    """
+
+    name: str
+    world: str | None = None
+    reverse: bool = False
+    race_type: RaceKind | None = None
+    ranking: Ranking = "best-lap"
+    max_laps: int = 3
+    min_laps: int | None = None
+    average_laps: int | None = None
+    off_track_penalty_s: float | None = None
+    collision_penalty_s: float | None = None
+    max_submissions: int | None = None
+    opens_at: float | None = None
+    closes_at: float | None = None
+    seed: int | None = None
+    pairing: Pairing = "round-robin"
+    sensors: tuple[str, ...] = ()
+    settings: tuple[tuple[str, str], ...] = ()
+
+
+def rules_of(settings: Settings, wish: RaceWish, now_s: float) -> RaceRules:
+    """The rules that a wish comes to, after they were checked.
+
+    Raises:
+        SettingsError: One of them is wrong.
+    """
+    name = checked_name(wish.name, "the race")
+    race_type = wish.race_type or "TIME_TRIAL"
+    _check_number("--laps", wish.max_laps, 1, MOST_LAPS)
+    average = usual_average(wish.max_laps) if wish.average_laps is None else wish.average_laps
+    _check_number("--average-laps", average, 1, wish.max_laps)
+    usual = least_laps(wish.ranking, wish.max_laps, average)
+    least = usual if wish.min_laps is None else wish.min_laps
+    _check_number("--min-laps", least, 1, wish.max_laps)
+    if wish.ranking == "best-average" and least < average:
+        raise SettingsError(
+            f"--min-laps {least} is less than the {average} laps in a row that best-average needs.",
+            remedy="Leave --min-laps out, or lower --average-laps.",
+        )
+    if wish.ranking == "total-time" and least != wish.max_laps:
+        raise SettingsError(
+            f"--min-laps {least} does not fit total-time, which needs all {wish.max_laps} laps.",
+            remedy="Leave --min-laps out.",
+        )
+    penalties = {
+        "--off-track-penalty": (wish.off_track_penalty_s, settings.eval_off_track_penalty),
+        "--collision-penalty": (wish.collision_penalty_s, settings.eval_collision_penalty),
+    }
+    seconds = [own if given is None else given for given, own in penalties.values()]
+    for option, value in zip(penalties, seconds, strict=True):
+        _check_number(option, value, 0, MOST_PENALTY_S)
+    most = wish.max_submissions
+    if most is None:
+        most = int(race_type == "HEAD_TO_MODEL")
+    _check_number("--max-submissions", most, 0, 1000)
+    if wish.closes_at is not None and wish.closes_at <= (wish.opens_at or now_s):
+        raise SettingsError(
+            f"The race would close at {moment(wish.closes_at)}, before it opens.",
+            remedy="Choose a later time with --closes.",
+        )
+    for sensor in wish.sensors:
+        if sensor not in SENSORS:
+            raise SettingsError(
+                f"--sensor {shown(sensor)} is not a sensor.", remedy=one_of(SENSORS, sensor)
+            )
+    seed = secrets.randbelow(2**31) if wish.seed is None else wish.seed
+    _check_number("--seed", seed, 0, 2**32 - 1)
+    rules = RaceRules(
+        name=name,
+        created_at=now_s,
+        world=wish.world or settings.world_name,
+        reverse=wish.reverse,
+        race_type=race_type,
+        ranking=wish.ranking,
+        max_laps=wish.max_laps,
+        min_laps=least,
+        average_laps=average,
+        off_track_penalty_s=seconds[0],
+        collision_penalty_s=seconds[1],
+        max_submissions=most,
+        opens_at=wish.opens_at,
+        closes_at=wish.closes_at,
+        seed=seed,
+        pairing=wish.pairing,
+        sensors=list(wish.sensors),
+        settings={**frozen_settings(settings, race_type), **dict(wish.settings)},
+    )
+    settings_of_rules(settings, rules)  # refuses a wrong value before anything is written
+    return rules
+
+
+def object_settings(race_type: RaceKind, obstacles: int | None, bots: int | None) -> dict[str, str]:
+    """What the numbers of objects mean as settings.
+
+    Raises:
+        SettingsError: The race has no such objects.
+    """
+    found = {}
+    if obstacles is not None:
+        if race_type != "OBJECT_AVOIDANCE":
+            raise SettingsError(
+                "--obstacles needs --type OBJECT_AVOIDANCE.", remedy="Leave --obstacles out."
+            )
+        # Fixed positions would outdo the number.
+        found = {"DR_OA_NUMBER_OF_OBSTACLES": str(obstacles), "DR_OA_OBJECT_POSITIONS": ""}
+    if bots is not None:
+        if race_type != "HEAD_TO_BOT":
+            raise SettingsError("--bots needs --type HEAD_TO_BOT.", remedy="Leave --bots out.")
+        found["DR_H2B_NUMBER_OF_BOT_CARS"] = str(bots)
+    return found
+
+
+def usual_average(max_laps: int) -> int:
+    """Laps of the best average if nobody says how many."""
+    return min(3, max_laps)
+
+
+def least_laps(ranking: Ranking, max_laps: int, average_laps: int) -> int:
+    """Complete laps that are needed if nobody says how many."""
+    return {"best-lap": 1, "best-average": average_laps, "total-time": max_laps}[ranking]
+
+
+def checked_name(name: str, whose: str) -> str:
+    """A name with single spaces, of a race or a racer.
+
+    Raises:
+        SettingsError: It is empty, too long, or has characters that cannot be shown.
+    """
+    words = " ".join(name.split())
+    if not words or len(words) > LONGEST_NAME or not words.isprintable():
+        what = "is empty" if not words else "is too long"
+        if words and not words.isprintable():
+            what = "has characters that cannot be shown"
+        raise SettingsError(
+            f"The name of {whose}, {shown(name)!r}, {what}.",
+            remedy=f"Write 1 to {LONGEST_NAME} letters, digits and other printable characters.",
+        )
+    return words
+
+
+def _check_number(option: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise SettingsError(
+            f"{option} {value:g} is not from {low:g} to {high:g}.",
+            remedy=f"Write a number from {low:g} to {high:g}.",
+        )

@@ -1,0 +1,112 @@
+"""How pages, tables and the command line write about a race."""
+
+from drcli.exchange.race_rules import RaceRules
+from drcli.races.race_report import LeaderboardRow, PairEntry, RaceReport
+from drcli.races.race_settings import shown_settings
+
+NONE = "\N{EN DASH}"
+"""Stands for a time that there is not."""
+
+_KINDS = {
+    "TIME_TRIAL": "time trial",
+    "OBJECT_AVOIDANCE": "object avoidance",
+    "HEAD_TO_BOT": "head to bot",
+    "HEAD_TO_MODEL": "head to head",
+}
+
+
+def lap_time(seconds: float | None) -> str:
+    """A time as the consoles write it: 0:13.600."""
+    if seconds is None:
+        return NONE
+    thousandths = round(seconds * 1000)
+    minutes, rest = divmod(thousandths, 60_000)
+    return f"{minutes}:{rest // 1000:02d}.{rest % 1000:03d}"
+
+
+def gap(row: LeaderboardRow) -> str:
+    """How far behind the first; empty for the first."""
+    if row.gap_s is None:
+        return NONE
+    return "" if row.rank == 1 else f"+{row.gap_s:.3f} s"
+
+
+def kind(rules: RaceRules) -> str:
+    """The kind of race in words."""
+    return _KINDS[rules.race_type]
+
+
+def decides(rules: RaceRules) -> str:
+    """What decides, as a sentence."""
+    if rules.in_pairs:
+        if rules.pairing == "bracket":
+            return "Bracket: the winner of each pair goes on."
+        return "Round robin: 1 point for each pair won, half a point for both if nobody wins."
+    laps = f"{rules.max_laps} lap{'s' * (rules.max_laps != 1)}"
+    if rules.ranking == "best-lap":
+        least = f"; {rules.min_laps} must be complete" if rules.min_laps > 1 else ""
+        return f"Best of {laps}{least}."
+    if rules.ranking == "total-time":
+        return f"Total time of {laps}, all complete."
+    return f"Best average of {rules.average_laps} consecutive complete laps, of {laps}."
+
+
+def penalties(rules: RaceRules) -> str:
+    """What violations cost, as a sentence."""
+    return (
+        f"Off track: {rules.off_track_penalty_s:g} s. Collision: {rules.collision_penalty_s:g} s. "
+        "Times contain both."
+    )
+
+
+def conditions(rules: RaceRules) -> str:
+    """The settings of the laps that differ from the shipped ones; empty if none does."""
+    return ", ".join(f"{name}={text}" for name, text in shown_settings(rules).items())
+
+
+def place(report: RaceReport) -> str:
+    """Track, direction and kind of a race."""
+    way = ", opposite direction" if report.rules.reverse else ""
+    return f"{report.rules.world}{way}, {kind(report.rules)}"
+
+
+def standing(report: RaceReport) -> str:
+    """Where the race stands, as a sentence."""
+    left = len(report.queue)
+    runs = f"{left} run{'s' * (left != 1)} {'wait' if left != 1 else 'waits'}"
+    if report.winner is not None:
+        return f"Winner: {report.winner}."
+    texts = {
+        "scheduled": "Not open yet.",
+        "open": "Open for submissions.",
+        "closed": "Closed for submissions.",
+        "finished": "Finished; nobody is ranked.",
+    }
+    words = texts[report.state]
+    if report.running:
+        words += f" Driving {report.running} now."
+    if left:
+        words += f" {runs} in the queue" + ("." if report.runner else ", and nobody drives it.")
+    return words
+
+
+def pair_result(pair: PairEntry) -> str:
+    """What became of a pair, as a sentence."""
+    if pair.state == "failed":
+        return f"failed: {pair.message}"
+    if pair.state != "done":
+        states = {"waiting": "waits for earlier pairs", "alone": "goes on without racing"}
+        return states.get(pair.state, pair.state)
+    first = _driven(pair.first_laps, pair.first_s)
+    second = _driven(pair.second_laps, pair.second_s)
+    if not pair.winner:
+        return f"nobody wins: {first}, {second}"
+    if pair.winner == pair.first:
+        return f"{pair.first_racer} wins: {first} against {second}"
+    return f"{pair.second_racer} wins: {second} against {first}"
+
+
+def _driven(laps: int, seconds: float | None) -> str:
+    if not laps:
+        return "no complete lap"
+    return f"{laps} lap{'s' * (laps != 1)} in {lap_time(seconds)}"

@@ -1,0 +1,146 @@
+"""What a stored race comes to: leaderboard, queue, state of each submission. Pure functions."""
+
+from dataclasses import replace
+
+from drcli.exchange.race_rules import RaceRules
+from drcli.races.lap_ranking import RankingRule, best_of_each, figures_of
+from drcli.races.pair_standings import (
+    is_undecided,
+    meetings_of,
+    pair_entries,
+    pair_rows,
+    pair_state,
+)
+from drcli.races.race_report import LeaderboardRow, RaceReport, RaceState, SubmissionEntry
+from drcli.races.race_runs import (
+    NOBODY,
+    Runner,
+    cars_of,
+    counted,
+    ids_of,
+    moment,
+    row_of,
+    run_state,
+)
+from drcli.races.stored_race import StoredRace, submission_id
+
+
+def queue_of(stored: StoredRace, runner: Runner = NOBODY) -> list[tuple[str, ...]]:
+    """What is still to be driven, in order: a submission, or the two of a pair.
+
+    What another process began and did not end, because it was killed, is driven again.
+    """
+    if not stored.rules.in_pairs:
+        runs: list[tuple[str, ...]] = [(name,) for name in counted(stored)]
+    else:
+        found = (meeting.pair for meeting in meetings_of(stored))
+        runs = [pair for pair in found if pair is not None]
+    return [run for run in runs if run_state(stored.result(*run), runner) == "queued"]
+
+
+def report_of(stored: StoredRace, bucket: str, now_s: float, runner: Runner = NOBODY) -> RaceReport:
+    """Everything that is shown of a race.
+
+    Args:
+        stored: The race.
+        bucket: Its name.
+        now_s: Unix seconds.
+        runner: Who drives its queue.
+    """
+    queue = queue_of(stored, runner)
+    rows = pair_rows(stored) if stored.rules.in_pairs else _lap_rows(stored)
+    running = [
+        name
+        for name, result in stored.results.items()
+        if run_state(result, runner) == "running" and stored.result(*name.split("_")) is not None
+    ]
+    state = state_of(stored.rules, now_s)
+    first = rows[0] if rows and rows[0].rank == 1 else None
+    unfinished = queue or running or is_undecided(stored)
+    if state == "closed" and not unfinished:
+        state = "finished"
+    return RaceReport(
+        bucket=bucket,
+        race=stored.race,
+        state=state,
+        rules=stored.rules,
+        leaderboard=rows,
+        queue=[ids_of(run) for run in queue],
+        running=ids_of(tuple(running[0].split("_"))) if running else "",
+        runner=runner.owner,
+        submissions=_entries(stored, queue, runner),
+        pairs=pair_entries(stored, runner) if stored.rules.in_pairs else [],
+        winner=first.racer if state == "finished" and first is not None else None,
+        damaged=list(stored.damaged),
+    )
+
+
+def state_of(rules: RaceRules, now_s: float) -> RaceState:
+    """Whether a race takes submissions now."""
+    if rules.closes_at is not None and now_s >= rules.closes_at:
+        return "closed"
+    if rules.opens_at is not None and now_s < rules.opens_at:
+        return "scheduled"
+    return "open"
+
+
+def rule_of(rules: RaceRules) -> RankingRule:
+    """What decides in a race."""
+    return RankingRule(rules.ranking, rules.min_laps, rules.max_laps)
+
+
+def _lap_rows(stored: StoredRace) -> list[LeaderboardRow]:
+    cars = {name: driven[0] for name, driven in cars_of(stored).items() if driven}
+    length = stored.rules.average_laps
+    figures = {name: figures_of(car.laps, length) for name, car in cars.items()}
+    racers = {name: stored.submissions[name].racer for name in figures}
+    return [
+        replace(
+            row_of(stored, place.name, place.rank, figures[place.name]),
+            score_s=place.score_s,
+            gap_s=place.gap_s,
+            video=cars[place.name].video,
+        )
+        for place in best_of_each(figures, racers, rule_of(stored.rules))
+    ]
+
+
+def _entries(
+    stored: StoredRace, queue: list[tuple[str, ...]], runner: Runner
+) -> list[SubmissionEntry]:
+    there = set(counted(stored))
+    waiting = {run[0]: number for number, run in enumerate(queue, start=1) if len(run) == 1}
+    found = []
+    for name, submission in sorted(stored.submissions.items()):
+        entry = SubmissionEntry(
+            submission=submission_id(name),
+            racer=submission.racer,
+            model=submission.model,
+            checkpoint=submission.checkpoint,
+            submitted_at=moment(submission.submitted_at),
+            state="over the limit",
+        )
+        if name not in there:
+            found.append(entry)
+            continue
+        if stored.rules.in_pairs:
+            found.append(replace(entry, state=pair_state(stored, name, runner)))
+            continue
+        result = stored.result(name)
+        entry = replace(entry, state=run_state(result, runner), place=waiting.get(name))
+        if result is not None and entry.state in ("done", "failed"):
+            entry = replace(
+                entry, message=result.message, remedy=result.remedy, notes=list(result.notes)
+            )
+        if result is not None and entry.state == "done":
+            car = result.cars[0]
+            entry = replace(
+                entry,
+                lap_s=[lap.lap_s for lap in car.laps],
+                lap_status=[lap.status for lap in car.laps],
+                simtrace=car.simtrace,
+                metrics=car.metrics,
+                video=car.video,
+            )
+        found.append(entry)
+    return found

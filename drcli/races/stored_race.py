@@ -1,0 +1,217 @@
+"""A race as it is in the bucket: its rules, submissions, results; read as one, written one by one.
+
+Each object has one writer, so that people and the queue can work at the same time: racers write
+submissions, whoever organises the race writes rules and order, and the queue writes results.
+"""
+
+import re
+import secrets
+import time
+import unicodedata
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from drcli.base.errors import SettingsError, StorageError
+from drcli.base.json_record import JsonRecord
+from drcli.base.problems import closest, shown
+from drcli.exchange.race_rules import RaceRules
+from drcli.exchange.race_submission import BracketDraw, QueueOrder, RaceResult, RaceSubmission
+from drcli.store import race_keys
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer, read_record
+
+_NAME = re.compile(r"(\d{18})-([0-9a-f]{8})")
+"""Of a submission: microseconds at which it came, and its id."""
+
+_REMEDY = "Remove that object, or delete the race with `dr-race delete`."
+
+_Record = TypeVar("_Record", bound=JsonRecord)
+
+
+@dataclass(frozen=True)
+class StoredRace:
+    """Everything that is stored about a race.
+
+    Attributes:
+        race: Its id.
+        rules: Of the race.
+        submissions: By name, in the order in which they came.
+        orders: What the organiser has said about some of them.
+        results: By the name of a submission or pair.
+        draw: Of a bracket; None before its first pair.
+        damaged: Sentences about objects that cannot be read.
+    """
+
+    race: str
+    rules: RaceRules
+    submissions: Mapping[str, RaceSubmission]
+    orders: Mapping[str, QueueOrder] = field(default_factory=dict)
+    results: Mapping[str, RaceResult] = field(default_factory=dict)
+    draw: BracketDraw | None = None
+    damaged: list[str] = field(default_factory=list)
+
+    def place(self, name: str) -> int:
+        """Where a submission is in the queue."""
+        order = self.orders.get(name)
+        return stamp_of(name) if order is None else order.place
+
+    def restarts(self, *names: str) -> int:
+        """How often these submissions were restarted, together."""
+        return sum(self.orders[name].restarts for name in names if name in self.orders)
+
+    def result(self, *names: str) -> RaceResult | None:
+        """The result of a submission or of a pair, unless it was restarted since."""
+        found = self.results.get("_".join(sorted(names)))
+        if found is None or found.restarts != self.restarts(*names):
+            return None
+        drove = {car.submission for car in found.cars}
+        return found if found.state != "done" or drove == set(names) else None
+
+    def find(self, text: str) -> str:
+        """The name of the submission that an id, or the beginning of one, names.
+
+        Raises:
+            SettingsError: It names none, or several.
+        """
+        wanted = text.strip().lower()
+        fitting = [
+            name
+            for name in self.submissions
+            if wanted and (name == wanted or submission_id(name).startswith(wanted))
+        ]
+        if len(fitting) == 1:
+            return fitting[0]
+        known = ", ".join(map(submission_id, self.submissions)) or "none yet"
+        what = "several submissions" if fitting else "no submission"
+        raise SettingsError(
+            f"Race {self.race} has {what} called {shown(text)}; there are: {known}.",
+            remedy=f"List them with `dr-race show {self.race}`.",
+        )
+
+
+def submission_id(name: str) -> str:
+    """What people call a submission: the end of its name."""
+    return name.rpartition("-")[2]
+
+
+def stamp_of(name: str) -> int:
+    """Microseconds at which a submission came."""
+    found = _NAME.fullmatch(name)
+    return int(found[1]) if found is not None else 0
+
+
+def new_name(bucket: Bucket, race: str) -> str:
+    """A name for a new submission; it comes after all that there are, whatever the clocks say."""
+    folder = race_keys.submission(race, "")[: -len(".json")]
+    stamps = [stamp_of(_last(info.key)) for info in bucket.list(folder)]
+    stamp = max([int(time.time() * 1e6), *(each + 1 for each in stamps)])
+    return f"{stamp:018d}-{secrets.token_hex(4)}"
+
+
+def is_race_id(text: str) -> bool:
+    """Whether a race could be called so; nothing else becomes part of a key."""
+    return re.fullmatch(r"[a-z0-9-]{1,80}", text) is not None
+
+
+def race_id(name: str) -> str:
+    """What a race of this name is called in the bucket; empty if nothing of it can be kept."""
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
+    return re.sub(r"[^a-z0-9]+", "-", plain).strip("-")
+
+
+def find_race(bucket: Bucket, text: str) -> str:
+    """The id of the race that an id or a name means.
+
+    Raises:
+        SettingsError: There is no such race.
+    """
+    known = race_ids(bucket)
+    words = " ".join(text.split())
+    if words in known:
+        return words
+    for each in known:
+        with suppress(StorageError):  # of another race
+            if read_rules(bucket, each).name.casefold() == words.casefold():
+                return each
+    raise no_race(text, known, bucket.name)
+
+
+def read_rules(bucket: Bucket, race: str) -> RaceRules:
+    """The rules of a race.
+
+    Raises:
+        SettingsError: There is no such race.
+        ObjectDamaged: They cannot be read.
+    """
+    if not is_race_id(race):
+        raise no_race(race, race_ids(bucket), bucket.name)
+    try:
+        return read_record(bucket, race_keys.rules(race), RaceRules.decode, _REMEDY)
+    except ObjectMissing:
+        raise no_race(race, race_ids(bucket), bucket.name) from None
+
+
+def read_race(bucket: Bucket, race: str) -> StoredRace:
+    """All that is stored about a race.
+
+    Raises:
+        SettingsError: There is no such race.
+        StorageError: The bucket cannot be read.
+    """
+    rules = read_rules(bucket, race)
+    damaged: list[str] = []
+
+    def read(key: str, decode: Callable[[bytes], _Record]) -> _Record | None:
+        try:
+            return read_record(bucket, key, decode, _REMEDY)
+        except ObjectMissing:
+            return None  # somebody has withdrawn it since
+        except (ObjectDamaged, ObjectNewer) as error:
+            damaged.append(str(error))
+            return None
+
+    def all_in(folder: str, decode: Callable[[bytes], _Record]) -> dict[str, _Record]:
+        found = {}
+        for info in bucket.list(race_keys.folder(race) + folder):
+            name = _last(info.key)
+            record = read(info.key, decode) if info.key.endswith(".json") else None
+            if record is not None and all(map(_NAME.fullmatch, name.split("_"))):
+                found[name] = record
+        return found
+
+    return StoredRace(
+        race,
+        rules,
+        submissions=all_in("submissions/", RaceSubmission.decode),
+        orders=all_in("order/", QueueOrder.decode),
+        results=all_in("results/", RaceResult.decode),
+        draw=read(race_keys.draw(race), BracketDraw.decode) if rules.in_pairs else None,
+        damaged=damaged,
+    )
+
+
+def race_ids(bucket: Bucket) -> list[str]:
+    """Ids of all races in a bucket, sorted."""
+    found = (race_keys.race_of(info.key) for info in bucket.list(race_keys.folder()))
+    return sorted(race for race in found if race is not None)
+
+
+def no_race(race: str, known: list[str], bucket: str) -> SettingsError:
+    """The error for a race that does not exist."""
+    likely = closest(race, known)
+    hint = f"Did you mean {likely}? " if likely is not None else ""
+    some = f"It has {', '.join(known[:8])}." if known else "It has no races."
+    return SettingsError(
+        f"There is no race {shown(race)} in s3://{bucket}. {some}",
+        remedy=f"{hint}List races with `dr-race list`, or make one with `dr-race create NAME`.",
+    )
+
+
+def put(bucket: Bucket, key: str, record: JsonRecord) -> None:
+    """Write one record."""
+    bucket.put(key, record.encode())
+
+
+def _last(key: str) -> str:
+    return key.rpartition("/")[2].removesuffix(".json")

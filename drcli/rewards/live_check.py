@@ -1,0 +1,256 @@
+"""Checks a reward function that is being written, with the numbers of its picture.
+
+The same calls as those of `check`; the drives are kept, because only the function changes.
+"""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Event
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drcli.base.problems import Problem
+from drcli.checks.reward_rules import read_source, review_source
+from drcli.config.run_config import RaceConfig
+from drcli.config.settings import Settings
+from drcli.modelfiles.custom_files import InputFile
+from drcli.rewards.check import RewardReport, report, with_others
+from drcli.rewards.course import Course, TriedReward, as_array, try_texts
+from drcli.rewards.pictures import cell_edges
+from drcli.rewards.scripted_drive import drive, each_race
+from drcli.rewards.source import display_name
+from drcli.rewards.track_grid import SPEED_MPS
+
+MOST_COURSES = 6
+"""Races whose drives are kept; each takes some megabytes."""
+
+CURVE_POINTS = 150
+"""Points of a driver's curve along the lap."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CoursePicture:
+    """What the picture of a reward function shows besides the rewards; metres.
+
+    Attributes:
+        key: Changes when the track or the race changes.
+        world: The track.
+        race_type: The race.
+        rows: Rows of places, from the right of the driving direction to its left.
+        columns: Places of a row.
+        closed: Whether the last place of a row is next to the first.
+        edges: Corners of the places, row by row. Shape ((rows + 1) * columns, 2).
+        inner: One border of the road. Shape (n, 2).
+        outer: The other one. Shape (n, 2).
+        objects: Corners of what stands on the road. Shape (objects, 4, 2).
+        start: x, y and direction in radians at the start.
+        speed_mps: Requested speed of the car at each place.
+    """
+
+    key: str
+    world: str
+    race_type: str
+    rows: int
+    columns: int
+    closed: bool
+    edges: list[list[float]]
+    inner: list[list[float]]
+    outer: list[list[float]]
+    objects: list[list[list[float]]]
+    start: list[float]
+    speed_mps: float
+
+
+@dataclass(frozen=True)
+class DriverCurve:
+    """The rewards of one driver along the lap.
+
+    Attributes:
+        name: The driver.
+        total: Sum of its rewards; None if a call failed.
+        seconds: Simulated time.
+        rewards: Mean reward per step in equal parts of the lap; None where it did not drive.
+    """
+
+    name: str
+    total: float | None
+    seconds: float
+    rewards: list[float | None]
+
+
+@dataclass(frozen=True)
+class RewardPicture:
+    """The rewards of a function as numbers to draw.
+
+    Attributes:
+        course: Key of the `CoursePicture`.
+        rewards: One for each place, row by row; None where the call failed.
+        low: Reward that gets the first colour; a few may be lower.
+        high: Reward that gets the last colour; a few may be higher.
+        progress: Percent of the lap in the middle of each part.
+        curves: The drivers.
+    """
+
+    course: str
+    rewards: list[float | None]
+    low: float
+    high: float
+    progress: list[float]
+    curves: list[DriverCurve]
+
+
+@dataclass(frozen=True)
+class LiveReport:
+    """A check of a function that is being written.
+
+    Attributes:
+        problems: Everything that is wrong or odd, errors first.
+        report: As of `dr-reward check`; None if the file is not valid Python.
+        picture: None without values.
+        course: None if the reader knows it.
+    """
+
+    problems: list[Problem]
+    report: RewardReport | None = None
+    picture: RewardPicture | None = None
+    course: CoursePicture | None = None
+
+
+class LiveCheck:
+    """Checks one version of a reward function after the other."""
+
+    def __init__(self) -> None:
+        self._courses: dict[str, Course] = {}
+
+    def check(
+        self, settings: Settings, text: bytes, directory: Path, known: str, given_up: Event
+    ) -> LiveReport | None:
+        """Check a function as `drcli.rewards.check.check` does.
+
+        Args:
+            settings: The tracks, the races and the directions.
+            text: Content of the file, which need not be saved.
+            directory: The racer's working folder.
+            known: Key of the `CoursePicture` that the reader has.
+            given_up: Ends the check when it is set.
+
+        Returns:
+            None if it was given up.
+
+        Raises:
+            SettingsError: The track does not exist, or the race does not fit on it.
+        """
+        path = settings.custom_files_dir / "reward_function.py"
+        source, wrong = read_source(InputFile(path.name, text, display_name(path, directory)))
+        if source is None:
+            return LiveReport(wrong)
+        tried: list[TriedReward] = []
+        keys = []
+        for own in each_race(settings.races):
+            keys.append(_key(own))
+            if given_up.is_set():
+                return None
+            tried += try_texts([(path, text)], self._course(own), directory, given_up)
+            if given_up.is_set():
+                return None
+        first, *others = map(report, tried)
+        whole = with_others(first, others)
+        found = _once([*review_source(source), *whole.errors, *whole.warnings])
+        course = None if known == keys[0] else _course_picture(keys[0], tried[0].course)
+        return LiveReport(found, whole, _picture(keys[0], tried[0]), course)
+
+    def _course(self, own: RaceConfig) -> Course:
+        key = _key(own)
+        course = self._courses.pop(key, None) or Course.of(drive(own))
+        self._courses[key] = course
+        while len(self._courses) > MOST_COURSES:
+            del self._courses[next(iter(self._courses))]
+        return course
+
+
+def _once(problems: list[Problem]) -> list[Problem]:
+    """Errors first; an undefined name is found by reading and by trying."""
+    kept: dict[tuple[object, ...], Problem] = {}
+    for problem in problems:
+        place = (problem.line, problem.severity) if problem.line is not None else (problem.message,)
+        kept.setdefault(place, problem)
+    return sorted(kept.values(), key=lambda problem: problem.severity != "error")
+
+
+def _key(own: RaceConfig) -> str:
+    """A short text that changes with the race and with the file of an own track."""
+    values = {name: value for name, value in own.to_json().items() if name != "sources"}
+    files = []
+    for path in sorted(own.tracks_folder.glob(f"{own.world_name}.*")):
+        status = path.stat()
+        files.append((path.name, status.st_size, status.st_mtime_ns))
+    text = json.dumps([values, files], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _course_picture(key: str, course: Course) -> CoursePicture:
+    drive_, grid = course.drive, course.grid
+    track = drive_.track
+    begin = np.array([drive_.start_fraction * track.length_m])
+    edges = cell_edges(grid.xy)
+    return CoursePicture(
+        key=key,
+        world=drive_.world,
+        race_type=drive_.race_type,
+        rows=grid.xy.shape[0],
+        columns=grid.xy.shape[1],
+        closed=track.closed,
+        edges=np.round(edges.reshape(-1, 2), 3).tolist(),
+        inner=np.round(track.inner, 3).tolist(),
+        outer=np.round(track.outer, 3).tolist(),
+        objects=np.round(grid.objects, 3).tolist(),
+        start=np.round(track.pose_at(begin)[0], 3).tolist(),
+        speed_mps=SPEED_MPS,
+    )
+
+
+def _picture(key: str, tried: TriedReward) -> RewardPicture | None:
+    values = tried.grid_values.reshape(-1)
+    known = values[~np.isnan(values)]
+    if not len(known):
+        return None
+    # As in `pictures`: a few extremes have the same colour as the values next to them.
+    low, high = np.percentile(known, [0.5, 99.5]).tolist()
+    parts = np.linspace(0.0, 100.0, CURVE_POINTS + 1)
+    return RewardPicture(
+        course=key,
+        rewards=[None if np.isnan(value) else float(f"{value:.5g}") for value in values],
+        low=low,
+        high=high,
+        progress=np.round((parts[:-1] + parts[1:]) / 2, 2).tolist(),
+        curves=[
+            DriverCurve(
+                trip.driver.name,
+                tried.total(trip.driver),
+                round(trip.seconds, 2),
+                _means(
+                    np.array([call["progress"] for call in trip.calls]),
+                    as_array(tried.values(trip.driver)),
+                    parts,
+                ),
+            )
+            for trip in tried.course.drive.trips
+        ],
+    )
+
+
+def _means(progress: Floats, values: Floats, parts: Floats) -> list[float | None]:
+    """The mean of the values in each part of the lap."""
+    part = np.clip(np.digitize(progress, parts) - 1, 0, len(parts) - 2)
+    good = ~np.isnan(values)
+    sums = np.bincount(part[good], values[good], len(parts) - 1)
+    counts = np.bincount(part[good], minlength=len(parts) - 1)
+    return [
+        float(f"{total / count:.5g}") if count else None
+        for total, count in zip(sums, counts, strict=True)
+    ]

@@ -1,0 +1,156 @@
+"""Lists the stored stand-alone evaluations of a model, with their trials."""
+
+import re
+from dataclasses import dataclass, field
+
+from drcli.base.json_record import RecordError, parse_json
+from drcli.config.bucket_config import ModelConfig
+from drcli.exchange.episode_metrics import TrialMetrics
+from drcli.exchange.race_recording import RaceRecording
+from drcli.runs.evaluation_report import COMPLETE, TrialReport, trial_reports
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer, read_record
+from drcli.store.repair import Model
+from drcli.store.training_records import at_once
+
+MOST_EVALUATIONS = 200
+"""The newest so many are read."""
+
+_METRICS = re.compile(r"(?:EvaluationMetrics-|evaluation/(?:evaluation-)?)(\d{14})[^/]*\.json")
+
+
+@dataclass(frozen=True)
+class ListedEvaluation:
+    """A stored evaluation; what nobody recorded is None or empty.
+
+    Attributes:
+        stamp: Its name, fourteen digits of its local time.
+        world: The track.
+        race_type: As DR_RACE_TYPE.
+        reverse: Whether it was driven in the opposite direction.
+        checkpoint: Name of the checkpoint or file that drove.
+        trials: In order.
+        complete_laps: How many of them completed the lap.
+        best_lap_s: Fastest of these, simulated seconds.
+        mean_lap_s: Mean of these.
+        off_track_penalty_s: What leaving the track adds to the time of a lap.
+        collision_penalty_s: What a crash adds to it.
+        video: Whether there is a video of it.
+        trace: Whether its steps are stored, so that it can be filmed.
+        problem: Why its trials cannot be read; empty if they can.
+    """
+
+    stamp: str
+    world: str
+    race_type: str
+    reverse: bool | None
+    checkpoint: str
+    trials: list[TrialReport]
+    complete_laps: int
+    best_lap_s: float | None
+    mean_lap_s: float | None
+    off_track_penalty_s: float | None
+    collision_penalty_s: float | None
+    video: bool
+    trace: bool
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class EvaluationList:
+    """The evaluations of a model.
+
+    Attributes:
+        model: As s3://bucket/prefix.
+        evaluations: The newest first.
+        total: How many there are.
+        videos: Names of all videos below the model, such as `mp4/camera-pip/0-video.mp4`.
+    """
+
+    model: str
+    evaluations: list[ListedEvaluation]
+    total: int
+    videos: list[str] = field(default_factory=list)
+
+
+_VIDEO = re.compile(
+    r"mp4/camera-(?:pip|45degree|topview)/\d{1,6}-video\.mp4|evaluation-\d{14}/video\.mp4"
+)
+
+
+def is_video(name: str) -> bool:
+    """Whether an object below a model is a video, by its name without the model's prefix."""
+    return _VIDEO.fullmatch(name) is not None
+
+
+def list_evaluations(config: ModelConfig, bucket: Bucket, prefix: str) -> EvaluationList:
+    """List the evaluations of a model.
+
+    Raises:
+        StorageError: The bucket does not answer.
+    """
+    folder = keys.folder(prefix)
+    present = {info.key.removeprefix(folder) for info in bucket.list(folder)}
+    metrics_prefix = Model.of(config, bucket, prefix).metrics_prefix
+    metrics_folder = keys.folder(metrics_prefix)
+    metrics = {}
+    for info in bucket.list(metrics_folder):
+        found = _METRICS.fullmatch(info.key.removeprefix(metrics_folder))
+        if found is not None:
+            metrics[found[1]] = info.key
+    stamps = sorted(metrics, reverse=True)
+
+    def read(stamp: str) -> ListedEvaluation:
+        recording = None
+        if f"evaluation-{stamp}/recording.json" in present:
+            recording = _recording(bucket, keys.evaluation_trace(prefix, stamp))
+        return _listed(bucket, stamp, metrics[stamp], recording, present)
+
+    videos = sorted(name for name in present if is_video(name))
+    found_evaluations = at_once(read, stamps[:MOST_EVALUATIONS])
+    return EvaluationList(f"s3://{bucket.name}/{prefix}", found_evaluations, len(stamps), videos)
+
+
+def _listed(
+    bucket: Bucket, stamp: str, key: str, recording: RaceRecording | None, present: set[str]
+) -> ListedEvaluation:
+    trials: list[TrialReport] = []
+    problem = ""
+    try:
+        remedy = "Evaluate the model again."
+        trials = trial_reports(read_record(bucket, key, _decode, remedy))
+    except (ObjectMissing, ObjectDamaged, ObjectNewer) as error:
+        problem = str(error)
+    laps = [trial.lap_s for trial in trials if trial.status == COMPLETE]
+    return ListedEvaluation(
+        stamp=stamp,
+        world=recording.world if recording is not None else "",
+        race_type=recording.race_type if recording is not None else "",
+        reverse=recording.reverse if recording is not None else None,
+        checkpoint=recording.checkpoint if recording is not None else "",
+        trials=trials,
+        complete_laps=len(laps),
+        best_lap_s=min(laps, default=None),
+        mean_lap_s=sum(laps) / len(laps) if laps else None,
+        off_track_penalty_s=recording.off_track_penalty_s if recording is not None else None,
+        collision_penalty_s=recording.collision_penalty_s if recording is not None else None,
+        video=f"evaluation-{stamp}/video.mp4" in present,
+        trace=f"evaluation-{stamp}/evaluation-simtrace/0-iteration.csv" in present,
+        problem=problem,
+    )
+
+
+def _recording(bucket: Bucket, trace: str) -> RaceRecording | None:
+    """The race of a trace; None if nothing readable tells it."""
+    try:
+        key, remedy = keys.recording_of(trace), "Evaluate the model again."
+        return read_record(bucket, key, RaceRecording.decode, remedy)
+    except (ObjectMissing, ObjectDamaged, ObjectNewer):
+        return None
+
+
+def _decode(data: bytes) -> list[TrialMetrics]:
+    file = parse_json(data)
+    if not isinstance(file, dict) or not isinstance(file.get("metrics"), list):
+        raise RecordError("it has no list of 'metrics'")
+    return [TrialMetrics.from_json(record) for record in file["metrics"]]

@@ -1,0 +1,239 @@
+"""Sends logs to Amazon CloudWatch, beside the files and the bucket.
+
+A thread reads what processes have added to their log files. Nothing waits for it. Group and names
+are those of DeepRacer-for-Cloud.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from drcli.base import log_files
+from drcli.base.errors import DrError
+from drcli.config.run_config import LogConfig
+from drcli.exchange.job import Job
+from drcli.exchange.log_places import json_log, log_file
+from drcli.runs.log_events import LogClock, LogEvent
+from drcli.runs.periodic import Periodic, within
+from drcli.runs.unread_log import UnreadLog
+from drcli.spot.aws_account import Account
+from drcli.store.s3_errors import error_code
+
+SEND_S = 10.0
+"""How often new lines are sent."""
+
+PIECE_BYTES = 4 << 20
+"""How much of a log is read at once."""
+
+MOST_PIECES = 4
+"""Pieces of each log that are sent at a time: then it is the turn of the next log."""
+
+MOST_EVENTS, MOST_BYTES, EVENT_OVERHEAD_BYTES = 10_000, 1_000_000, 26
+MOST_EVENT_BYTES = 250_000
+MOST_SPAN_MS = 23 * 3_600_000
+"""Limits of one request, a little below those of PutLogEvents: 1,048,576 bytes with 26 for each
+event, 256 KB an event, 24 hours from the first event to the last."""
+
+
+class LogService(Protocol):
+    """The requests to CloudWatch; the client of boto3 has them."""
+
+    def put_log_events(self, **request: Any) -> Any:
+        """Add events to a stream."""
+
+    def create_log_group(self, **request: Any) -> Any:
+        """Make a group of streams."""
+
+    def create_log_stream(self, **request: Any) -> Any:
+        """Make a stream."""
+
+
+class LogSender:
+    """Sends the logs of some processes of a run, one stream each.
+
+    Args:
+        job: The training or the evaluation.
+        names: Of the logs, such as "supervisor" and "sim-0".
+        connect: Makes the client, instead of one for Amazon.
+        clock: Unix seconds.
+        on_failure: Called with a failure and its remedy, once until the next success.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        names: Sequence[str],
+        *,
+        connect: Callable[[], LogService] | None = None,
+        clock: Callable[[], float] = time.time,
+        on_failure: Callable[[DrError], None] = lambda error: None,
+    ) -> None:
+        storage, settings = job.config.storage, job.config.logs
+        self._account = Account(storage.region, settings.cloud_watch_profile or storage.aws_profile)
+        self._connect = connect or (lambda: self._account.client("logs"))
+        self._on_failure = on_failure
+        self._client: LogService | None = None
+        self._streams = [
+            _Stream(path, stream, settings, clock) for stream, path in _logs(job, names)
+        ]
+        self._thread = Periodic("CloudWatch", self.send, SEND_S)
+        self.failure = ""
+        """Why CloudWatch does not take the logs; empty if it does."""
+
+    @property
+    def first_stream(self) -> str:
+        """Name of the first stream."""
+        return self._streams[0].name
+
+    @property
+    def left_bytes(self) -> int:
+        """Size of what was not sent yet."""
+        return sum(stream.left_bytes for stream in self._streams)
+
+    def start(self) -> None:
+        """Send new lines from now on."""
+        self._thread.start()
+
+    def finish(self, patience_s: float, give_up: Callable[[], bool] = lambda: False) -> None:
+        """Send the last lines, until `patience_s` is over or `give_up()`, and end the thread."""
+        within(patience_s, lambda: self._thread.ask(self.send_all).wait(patience_s), give_up)
+        self._thread.stop()
+
+    def send(self) -> None:
+        """Send what is new; a failure is reported once, and what was not sent is tried again."""
+        self._send(unfinished=False)
+
+    def send_all(self) -> None:
+        """The same with a last line that has no end."""
+        self._send(unfinished=True)
+
+    def _send(self, *, unfinished: bool) -> None:
+        try:
+            with self._account.trying("send the logs to CloudWatch (DR_CLOUD_WATCH_ENABLE)"):
+                if self._client is None:
+                    self._client = self._connect()
+                for stream in self._streams:
+                    stream.send(self._client, unfinished=unfinished)
+            self.failure = ""
+        except DrError as error:
+            if str(error) != self.failure:
+                self.failure = str(error)
+                self._on_failure(error)
+
+
+class _Stream:
+    """One log and its stream."""
+
+    def __init__(
+        self, path: Path, name: str, settings: LogConfig, clock: Callable[[], float]
+    ) -> None:
+        self.name = name
+        self._group = settings.cloud_watch_log_group
+        self._with_traces = settings.cloud_watch_sim_trace
+        self._now = clock
+        position = path.with_name(f"{path.name}{log_files.SENT}")
+        self._unread = UnreadLog(path, position, PIECE_BYTES)
+        self._clock = LogClock(int(clock() * 1000))
+        self._exists = False
+
+    @property
+    def left_bytes(self) -> int:
+        """Size of what was not sent yet."""
+        return self._unread.left_bytes()
+
+    def send(self, client: LogService, *, unfinished: bool) -> None:
+        """Send the new lines, at most some pieces; with `unfinished`, a last line without end."""
+        for _ in range(MOST_PIECES):
+            looked_ms = int(self._now() * 1000)
+            if not self._unread.log.exists():
+                return
+            try:
+                path, data = self._unread.next_piece()
+            except OSError:  # rotated or deleted just now
+                return
+            if path is None:
+                continue
+            complete = path != self._unread.log
+            if not data:
+                if not complete:
+                    self._clock.pass_time(looked_ms)
+                    return
+                self._unread.next_file()
+                continue
+            end = data.rfind(b"\n") + 1
+            if end == 0 and not (complete or unfinished) and len(data) < PIECE_BYTES:
+                return
+            if end == 0 or ((complete or unfinished) and len(data) < PIECE_BYTES):
+                end = len(data)
+            for batch in batches(self._clock.events(data[:end], with_traces=self._with_traces)):
+                self._put(client, batch)
+            self._unread.advance(end)
+            self._unread.save()
+
+    def _put(self, client: LogService, batch: list[LogEvent]) -> None:
+        entries = [{"timestamp": event.at_ms, "message": event.text} for event in batch]
+        request = {"logGroupName": self._group, "logStreamName": self.name, "logEvents": entries}
+        if not self._exists:
+            self._create(client)
+        try:
+            client.put_log_events(**request)
+        except Exception as error:
+            if error_code(error) != "ResourceNotFoundException":
+                raise
+            self._create(client)  # somebody has deleted it meanwhile
+            client.put_log_events(**request)
+
+    def _create(self, client: LogService) -> None:
+        """Make the stream, and its group if that does not exist."""
+        try:
+            self._create_stream(client)
+        except Exception as error:
+            if error_code(error) != "ResourceNotFoundException":
+                raise
+            _unless_it_exists(lambda: client.create_log_group(logGroupName=self._group))
+            self._create_stream(client)
+        self._exists = True
+
+    def _create_stream(self, client: LogService) -> None:
+        names = {"logGroupName": self._group, "logStreamName": self.name}
+        _unless_it_exists(lambda: client.create_log_stream(**names))
+
+
+def batches(events: Iterable[LogEvent]) -> Iterator[list[LogEvent]]:
+    """Events as requests that CloudWatch accepts; what is too long for one is cut off."""
+    batch: list[LogEvent] = []
+    size = 0
+    for event in events:
+        data = event.text.encode()
+        if len(data) > MOST_EVENT_BYTES:
+            text = data[:MOST_EVENT_BYTES].decode("utf-8", "ignore")
+            event = LogEvent(event.at_ms, f"{text} ... ({len(data) - MOST_EVENT_BYTES:,} more)")
+            data = event.text.encode()
+        needed = len(data) + EVENT_OVERHEAD_BYTES
+        full = len(batch) >= MOST_EVENTS or size + needed > MOST_BYTES
+        if batch and (full or event.at_ms - batch[0].at_ms > MOST_SPAN_MS):
+            yield batch
+            batch, size = [], 0
+        batch.append(event)
+        size += needed
+    if batch:
+        yield batch
+
+
+def _unless_it_exists(create: Callable[[], object]) -> None:
+    try:
+        create()
+    except Exception as error:
+        if error_code(error) != "ResourceAlreadyExistsException":
+            raise
+
+
+def _logs(job: Job, names: Iterable[str]) -> Iterator[tuple[str, Path]]:
+    """Name and file of each stream: JSON lines if there are any, unless they lack something."""
+    settings, prefix = job.config.logs, job.config.model.prefix
+    for name in names:
+        path = log_file(job.directory, prefix, name)
+        stream = f"{settings.cloud_watch_log_stream_prefix}{prefix}/{name}"
+        as_json = settings.log_json and not settings.cloud_watch_sim_trace
+        yield stream, json_log(path) if as_json else path

@@ -1,0 +1,171 @@
+"""What the bucket alone tells about a run: for pages of machines on which it does not run."""
+
+import csv
+import math
+from dataclasses import dataclass, field
+
+from drcli.base.json_record import RecordError
+from drcli.config.settings import Settings
+from drcli.exchange.run_record import RunRecord, run_folder
+from drcli.exchange.run_state import ActivityRecord
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.connect import open_running_bucket
+from drcli.store.lease import live_holder
+from drcli.store.repair import Model
+
+MOST_LINES = 24
+"""Episodes of an iteration whose line is read."""
+
+MOST_POINTS = 160
+"""Points of a line; of more, some are left out evenly."""
+
+
+@dataclass(frozen=True)
+class SeenRun:
+    """A run and its bucket.
+
+    Attributes:
+        model: Its model; None if the bucket's server does not run.
+        prefix: Of its model.
+        world: DR_WORLD_NAME at its start.
+        alive: Whether it runs on this machine.
+    """
+
+    model: Model | None
+    prefix: str
+    world: str
+    alive: bool
+
+
+def seen_run(settings: Settings, run_id: int) -> SeenRun:
+    """The run of a DR_RUN_ID that was started here; otherwise the model of the settings.
+
+    Raises:
+        StorageError: The bucket cannot be opened.
+    """
+    record = RunRecord.read(run_folder(settings.directory, run_id))
+    storage = settings.storage
+    if record is not None:
+        storage = record.storage_at_start(storage, settings.directory)
+    prefix = settings.model_prefix if record is None else record.prefix
+    bucket = open_running_bucket(storage)
+    model = None if bucket is None else Model.of(settings.model, bucket, prefix)
+    world = settings.world_name if record is None else record.world
+    return SeenRun(model, prefix, world, record is not None and record.alive)
+
+
+@dataclass(frozen=True)
+class DistantWorker:
+    """A worker on another machine, by what it writes to the bucket.
+
+    Attributes:
+        name: "trainer", "sim-0", ...
+        activity: What it does or waits for.
+        since: Unix seconds, by the clock of its machine.
+        host: Name of its machine.
+    """
+
+    name: str
+    activity: str
+    since: float
+    host: str
+
+
+@dataclass(frozen=True)
+class DistantRun:
+    """A training of a model on another machine.
+
+    Attributes:
+        prefix: Its model.
+        world: DR_WORLD_NAME of the settings here.
+        host: Its machine; null if no other machine trains the model.
+        heard_s: How long ago that was last heard from, seconds.
+        workers: The trainer first.
+    """
+
+    prefix: str
+    world: str
+    host: str | None = None
+    heard_s: float | None = None
+    workers: list[DistantWorker] = field(default_factory=list)
+
+
+def distant_run(run: SeenRun) -> DistantRun:
+    """Look in the bucket who trains the model of a run, if this machine does not.
+
+    Raises:
+        StorageError: The bucket does not answer.
+    """
+    nobody = DistantRun(run.prefix, run.world)
+    if run.alive or run.model is None:
+        return nobody
+    bucket = run.model.bucket
+    held = live_holder(bucket, run.prefix)
+    if held is None:
+        return nobody
+    workers = []
+    folder = keys.status_folder(run.prefix)
+    for info in bucket.list(folder):
+        name = info.key.removeprefix(folder).removesuffix(".json")
+        try:
+            does = ActivityRecord.decode(bucket.get(info.key))
+        except (ObjectMissing, RecordError):
+            continue  # just replaced, or damaged: the next look finds it
+        workers.append(DistantWorker(name, does.activity, does.since, does.host))
+    workers.sort(key=lambda worker: (worker.name != "trainer", len(worker.name), worker.name))
+    return DistantRun(run.prefix, run.world, held.host, max(0.0, held.age_s), workers)
+
+
+@dataclass(frozen=True)
+class LapLine:
+    """Where a car drove in an episode: places in metres, rounded to centimetres."""
+
+    x: list[float]
+    y: list[float]
+    progress: float
+    status: str
+
+
+def read_lap_lines(bucket: Bucket, prefix: str, iteration: int, worker: int) -> list[LapLine]:
+    """Lines of the newest episodes of a worker in an iteration; empty if there is no trace.
+
+    Raises:
+        StorageError: The bucket does not answer.
+    """
+    for workers in (2, 1):  # with several workers, each has a folder
+        if workers == 1 and worker:
+            break
+        key = keys.training_trace(prefix, iteration, worker=worker, workers=workers)
+        try:
+            return lap_lines(bucket.get(key))
+        except ObjectMissing:
+            continue
+    return []
+
+
+def lap_lines(data: bytes) -> list[LapLine]:
+    """Lines of the newest episodes of a simtrace; damaged rows are left out."""
+    episodes: dict[str, list[tuple[float, float, float, str]]] = {}
+    lines = data.decode("utf-8", "replace").replace("\0", "").splitlines()
+    for row in csv.DictReader(lines):
+        try:
+            x, y, progress = float(row["X"]), float(row["Y"]), float(row["progress"])
+            known = episodes.setdefault(row["episode"], [])
+            status = row["episode_status"] or ""
+        except (KeyError, TypeError, ValueError):
+            continue
+        if math.isfinite(x + y + progress):
+            known.append((x, y, progress, status))
+    return [_line(rows) for rows in list(episodes.values())[-MOST_LINES:] if len(rows) > 1]
+
+
+def _line(rows: list[tuple[float, float, float, str]]) -> LapLine:
+    every = max(1, math.ceil(len(rows) / MOST_POINTS))
+    kept = rows[::every] + ([rows[-1]] if (len(rows) - 1) % every else [])
+    return LapLine(
+        [round(row[0], 2) for row in kept],
+        [round(row[1], 2) for row in kept],
+        rows[-1][2],
+        rows[-1][3],
+    )

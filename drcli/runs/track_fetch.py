@@ -1,0 +1,48 @@
+"""Community tracks that a start needs and that are not installed."""
+
+from typing import TYPE_CHECKING
+
+from drcli.config.run_config import RaceConfig
+from drcli.config.settings import Settings
+
+if TYPE_CHECKING:
+    from drcli.tracks.track_facts import TrackFacts
+
+
+def missing_tracks(settings: Settings) -> list[str]:
+    """Their names, unless DR_TRACKS_FETCH is never."""
+    from drcli.config.track_names import to_fetch
+
+    return [] if settings.tracks_fetch == "never" else to_fetch(_races(settings))
+
+
+def fetch_allowed(settings: Settings) -> "list[TrackFacts]":
+    """Download missing tracks without a question if DR_TRACKS_FETCH is always.
+
+    Tracks that stay missing are reported later, with all other problems.
+
+    Raises:
+        SettingsError: DR_TRACKS_URL is not an address, or the file there is not a track.
+        StorageError: The server has no such file or cannot be reached.
+    """
+    if settings.tracks_fetch != "always":
+        return []
+    return [fetch(settings, name) for name in missing_tracks(settings)]
+
+
+def fetch(settings: Settings, name: str) -> "TrackFacts":
+    """Download one track; errors as for `fetch_allowed`."""
+    from drcli.tracks.community import fetch_track
+
+    return fetch_track(name, settings.tracks_url, settings.tracks_folder)
+
+
+def _races(settings: Settings) -> list[RaceConfig]:
+    """Every race of a training: of its stages, and on its second track."""
+    from drcli.checks.stage_rules import review_stages
+
+    staged = review_stages(settings, {})
+    run = settings.run
+    races = [race for stage in staged.stages for race in stage.settings.races]
+    second = run.second_race(run.race())
+    return [*(races or settings.races), *([second] if second is not None else ())]

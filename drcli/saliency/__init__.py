@@ -1,0 +1,1 @@
+"""Shows which pixels move a policy's action, how sure it is, and what its critic expects."""

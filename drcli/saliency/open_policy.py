@@ -1,0 +1,67 @@
+"""Opens the policy of a checkpoint, or of a file, for its explanation."""
+
+from pathlib import Path
+
+from drcli.base.errors import SettingsError
+from drcli.formats.build_network import build_policy, load_arrays, load_weights
+from drcli.formats.policy_file import PolicyFile, read_policy_file
+from drcli.formats.read_graph import read_graph
+from drcli.formats.runtimes import policy_of_file
+from drcli.learn.actor_critic import ActorCritic
+from drcli.modelfiles.network_shape import Design
+from drcli.saliency.policy_outputs import ExplainedPolicy
+from drcli.store.bucket import Bucket
+from drcli.store.checkpoints import CheckpointStore
+
+
+def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy:
+    """The policy of a checkpoint in the bucket.
+
+    Args:
+        bucket: With the model.
+        prefix: Of the model.
+        checkpoint: Name of the checkpoint, such as `5_Step-500`.
+
+    Raises:
+        ObjectMissing: A file of the model does not exist.
+        ObjectDamaged: The checkpoint is damaged.
+        ProblemsError: A parameter file is wrong.
+        SettingsError: The weights do not fit the parameter files.
+    """
+    design = Design.of_model(bucket, prefix)
+    model = build_policy(design.metadata, design.parameters)
+    found = CheckpointStore(bucket, prefix).load(checkpoint)
+    load_weights(model, found.tensors, found.record.name)
+    return ExplainedPolicy(model, design.metadata)
+
+
+def open_policy_file(path: Path, metadata: Path | None = None) -> ExplainedPolicy:
+    """The policy in a file: a frozen graph, ONNX, OpenVINO, TensorFlow Lite or a car's archive.
+
+    The weights of a frozen graph of the reference or of ours go into a network with gradients, but
+    without a critic. Every other file runs in its engine.
+
+    Raises:
+        SettingsError: The file or its metadata is missing, damaged, or does not fit.
+        NotAvailable: The engine is not installed.
+    """
+    file = read_policy_file(path, metadata)
+    policy = _network(file) or policy_of_file(file)
+    return ExplainedPolicy(policy, file.metadata, is_complete=False)
+
+
+def _network(file: PolicyFile) -> ActorCritic | None:
+    """The network in a frozen graph; None where it is not one of ours or the reference's."""
+    if file.form != "pb":
+        return None
+    try:
+        found = read_graph(file.data, file.origin)
+    except SettingsError:
+        return None  # an engine may run it; if not, it says what is wrong with the file
+    metadata, space = file.metadata, file.metadata.action_space
+    theirs = found.num_actions, found.continuous, found.eyes, found.scan_dims
+    if theirs != (space.num_actions, space.continuous, metadata.eyes, metadata.scan_dims):
+        return None
+    model = ActorCritic(found.spec)
+    load_arrays(model, found.weights)
+    return model.eval()

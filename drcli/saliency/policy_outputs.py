@@ -1,0 +1,231 @@
+"""What a policy makes of observations: probabilities or ranges of actions, and a value."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from statistics import NormalDist
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.policy import Observation, Policy
+from drcli.learn.sac_networks import SACAgent
+from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.workers.build_race import actions_of, sensors_of_model
+from drsim.car.actions import Actions, DiscreteActions
+from drsim.sensing.sensors import Sensors
+
+Float32s = NDArray[np.float32]
+Float64s = NDArray[np.float64]
+
+_DRAWS = tuple(NormalDist().inv_cdf((draw + 0.5) / 15) for draw in range(15))
+"""Quantiles of the standard normal distribution, which stand for draws of continuous actions. An
+action beyond its range is cut off there, so their mean is not the action at the mean."""
+
+
+@runtime_checkable
+class GraphPolicy(Protocol):
+    """A policy in an engine, without gradients: probabilities, or continuous actions."""
+
+    def outputs(self, frames: NDArray[np.uint8], scans: Float32s) -> Float32s:
+        """As `EnginePolicy.outputs`. Shape (n, num_actions)."""
+
+
+class NotExplainable(ValueError):
+    """The policy does not have what was asked for; the text is a sentence that says so."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExplainedPolicy:
+    """A policy, with the meaning of its actions and of its inputs.
+
+    Attributes:
+        policy: A network of `drcli.learn`, or the graph of an engine.
+        metadata: The model_metadata.json that it was trained with.
+        is_complete: Whether the network has what only a training needs: its critic, and the spread
+            of continuous actions.
+    """
+
+    policy: Policy
+    metadata: ModelMetadata
+    is_complete: bool = True
+
+    @cached_property
+    def actions(self) -> Actions:
+        """The meaning of the policy's actions."""
+        return actions_of(self.metadata)
+
+    @cached_property
+    def sensors(self) -> Sensors:
+        """What the policy's inputs come from."""
+        return sensors_of_model(self.metadata)
+
+    @property
+    def network(self) -> ActorCritic | SACAgent | None:
+        """The network if it is one that gradients go through; None for the graph of an engine."""
+        return self.policy if isinstance(self.policy, ActorCritic | SACAgent) else None
+
+    @property
+    def sees_value(self) -> bool:
+        """Whether there is a critic that judges the picture."""
+        has_critic = self.network is not None and self.is_complete
+        return has_critic and not self.policy.spec.state_dims
+
+
+@dataclass(frozen=True, eq=False)
+class Heads:
+    """What the heads of a policy give, as tensors that keep their gradients.
+
+    Attributes:
+        logits: Of discrete actions, None for continuous ones. Shape (n, num_actions).
+        mean: Of continuous actions on the scale on which the range of each is from -1 to 1, None
+            for discrete ones. A PPO policy's may be outside of it. Shape (n, 2).
+        std: Standard deviation of `raw_mean`; None if unknown. Shape (n, 2).
+        raw_mean: Mean of the Gaussian, before the tanh of SAC. Shape (n, 2).
+        value: The critic's estimate in reward; None without a critic. Shape (n,).
+    """
+
+    logits: Tensor | None
+    mean: Tensor | None
+    std: Tensor | None
+    raw_mean: Tensor | None
+    value: Tensor | None
+
+
+@dataclass(frozen=True, eq=False)
+class PolicyOutputs:
+    """What a policy makes of n observations.
+
+    Attributes:
+        probabilities: Of discrete actions, None for continuous ones. Shape (n, num_actions).
+        chosen: Index of the most likely action, None for continuous ones. Shape (n,).
+        steering_deg: What an evaluation asks the car for: the most likely action's or the mean's.
+            Left positive. Shape (n,).
+        speed_mps: The same of the speed. Shape (n,).
+        expected: Steering and speed averaged over what a training would draw. Shape (n, 2).
+        low: Steering and speed that 16 % of the draws of a training are below, for continuous
+            actions of a known spread, else None. Shape (n, 2).
+        high: The same that 84 % are below. Shape (n, 2).
+        entropy: Of discrete actions, nats; None for continuous ones. Shape (n,).
+        value: Discounted reward that the critic expects; None without a critic. Shape (n,).
+    """
+
+    probabilities: Float64s | None
+    chosen: NDArray[np.int64] | None
+    steering_deg: Float64s
+    speed_mps: Float64s
+    expected: Float64s
+    low: Float64s | None
+    high: Float64s | None
+    entropy: Float64s | None
+    value: Float64s | None
+
+    @staticmethod
+    def joined(parts: "Sequence[PolicyOutputs]") -> "PolicyOutputs":
+        """The outputs of one policy for several parts of its observations, at least one."""
+        columns: dict[str, Any] = {
+            name: None if first is None else np.concatenate([vars(part)[name] for part in parts])
+            for name, first in vars(parts[0]).items()
+        }
+        return PolicyOutputs(**columns)
+
+
+def heads_of(subject: ExplainedPolicy, seen: Observation) -> Heads:
+    """Evaluate a policy; gradients are kept where it has any and torch is set to keep them.
+
+    The critic's value is None where its state is not part of `seen`.
+    """
+    policy = subject.policy
+    continuous = policy.spec.continuous
+    judges = subject.is_complete and (not policy.spec.state_dims or seen.state.shape[1] > 0)
+    if isinstance(policy, ActorCritic):
+        return _of_ppo(policy, seen, judges=judges, spreads=subject.is_complete)
+    if isinstance(policy, SACAgent):
+        features = policy.features(seen)
+        raw, log_std = policy(features)
+        value = None
+        if judges:
+            judged = policy.critics(policy.critic_input(features, seen), torch.tanh(raw)).amin(0)
+            value = policy.returns(judged)
+        return Heads(None, torch.tanh(raw), log_std.exp(), raw, value)
+    if isinstance(policy, GraphPolicy):
+        values = torch.from_numpy(policy.outputs(seen.frames.numpy(), seen.scan.numpy()))
+        if continuous:
+            return Heads(None, values, None, values, None)
+        return Heads(values.clamp(min=1e-30).log(), None, None, None, None)
+    raise NotExplainable(f"A policy of the class {type(policy).__name__} cannot be explained.")
+
+
+def _of_ppo(policy: ActorCritic, seen: Observation, *, judges: bool, spreads: bool) -> Heads:
+    """`judges` says whether to ask the critic, `spreads` whether the deviation is known."""
+    features = policy.body(seen).to(policy.policy_head.weight.dtype)
+    value = None
+    if judges:
+        judged = policy.value_head(seen.state if policy.spec.state_dims else features)
+        value = policy.returns(judged.squeeze(-1))
+    output = policy.policy_head(features)
+    if not policy.spec.continuous:
+        return Heads(output, None, None, None, value)
+    std = policy.log_std_bounded().exp().expand_as(output) if spreads else None
+    return Heads(None, output, std, output, value)
+
+
+def outputs_of(subject: ExplainedPolicy, seen: Observation) -> PolicyOutputs:
+    """What a policy makes of n observations, as numbers of people."""
+    with torch.no_grad():
+        heads = heads_of(subject, seen)
+    value = None if heads.value is None else _array(heads.value)
+    if heads.logits is not None:
+        logits = heads.logits.double()
+        probabilities = _array(logits.softmax(-1))
+        chosen = logits.argmax(-1).numpy()
+        entropy = -(logits.softmax(-1) * logits.log_softmax(-1)).sum(-1)
+        steering_deg, speed_mps = subject.actions.requests(chosen)
+        return PolicyOutputs(
+            probabilities,
+            chosen,
+            steering_deg,
+            speed_mps,
+            probabilities @ action_table(subject.actions),
+            None,
+            None,
+            _array(entropy),
+            value,
+        )
+    assert heads.mean is not None
+    assert heads.raw_mean is not None
+    steering_deg, speed_mps = subject.actions.requests(heads.mean.numpy())
+    expected, low, high = _requests(subject, heads.mean), None, None
+    if heads.std is not None:
+        squash = torch.tanh if isinstance(subject.policy, SACAgent) else torch.Tensor.clone
+        low = _requests(subject, squash(heads.raw_mean - heads.std))
+        high = _requests(subject, squash(heads.raw_mean + heads.std))
+        draws = [_requests(subject, squash(heads.raw_mean + heads.std * share)) for share in _DRAWS]
+        expected = np.mean(draws, axis=0)
+    return PolicyOutputs(None, None, steering_deg, speed_mps, expected, low, high, None, value)
+
+
+def action_table(actions: Actions) -> Float64s:
+    """Steering in degrees and speed in m/s of discrete actions. Shape (num_actions, 2)."""
+    assert isinstance(actions, DiscreteActions)
+    return np.asarray(actions.choices, np.float64)
+
+
+def range_widths(actions: Actions) -> Float64s:
+    """Degrees and m/s of one unit of continuous actions, whose range is from -1 to 1."""
+    assert not isinstance(actions, DiscreteActions)
+    ranges: Any = (actions.steering_deg, actions.speed_mps)
+    return np.array([(high - low) / 2.0 for low, high in ranges])
+
+
+def _requests(subject: ExplainedPolicy, actions: Tensor) -> Float64s:
+    return np.stack(subject.actions.requests(actions.numpy()), axis=1)
+
+
+def _array(values: Tensor) -> Float64s:
+    array: Float64s = values.detach().double().numpy()
+    return array

@@ -1,0 +1,187 @@
+"""A run at an MLflow server, through its REST interface: no library is needed for it.
+
+Source of the addresses and fields: MLflow's REST API, version 2.0.
+"""
+
+import time
+import uuid
+from base64 import b64encode
+from collections.abc import Mapping
+from typing import Any
+from urllib.parse import urlsplit, urlunsplit
+
+from drcli.tracking.figure_events import Ended, Event, Point, TrainingFacts
+from drcli.tracking.server_requests import ServerError, ServerRequests, variable
+
+_MOST_KEPT = 20_000
+"""Numbers that are kept while the server is away: about a thousand iterations."""
+
+_AT_A_TIME = 900
+"""Numbers in a request; the server takes at most a thousand."""
+
+_LONGEST_PARAMETER = 500
+"""Letters of a parameter that every version of the server takes."""
+
+_MODEL, _START = "drcli.model", "drcli.start"
+"""Tags of a run: its model, and the start of a training that made it."""
+
+
+class MlflowRun:
+    """The run of a training. A training that is continued continues its run.
+
+    Args:
+        url: Address of the server.
+        experiment: Name of the experiment, which is made if it does not exist.
+        facts: Of the training.
+        parameters: Hyperparameters and the like, by name.
+    """
+
+    takes = (Point, Ended)
+
+    def __init__(
+        self, url: str, experiment: str, facts: TrainingFacts, parameters: Mapping[str, str]
+    ) -> None:
+        self.name = f"DR_MLFLOW_URL={urlunsplit(urlsplit(url)._replace(query='', fragment=''))}"
+        base = url.rstrip("/") + "/api/2.0/mlflow/"
+        self._server = ServerRequests(base, "MLflow", {"Authorization": _authorization()})
+        self._experiment = experiment
+        self._facts = facts
+        self._parameters = dict(parameters)
+        self._run = ""
+        self._start, self._may_exist = uuid.uuid4().hex, False
+        self._waiting: list[dict[str, Any]] = []
+        self._ended: Ended | None = None
+        self._newest: Event | None = None
+
+    def send(self, event: Event) -> None:
+        """Send the numbers of a point, and those that could not be sent before.
+
+        Raises:
+            ServerError: The server refuses, or cannot be reached.
+        """
+        self._keep(event)
+        self._flush()
+
+    def miss(self, event: Event) -> bool:
+        """Keep it for the next time; what `send` could not send is kept already."""
+        if event is not self._newest:
+            self._keep(event)
+        return True
+
+    def close(self) -> None:
+        """Send what was kept, and close the connection."""
+        try:
+            if self._waiting or self._ended is not None:
+                self._flush()
+        finally:
+            self._server.close()
+
+    def _keep(self, event: Event) -> None:
+        self._newest = event
+        if isinstance(event, Ended):
+            self._ended = event
+        elif isinstance(event, Point):
+            self._waiting += [
+                {
+                    "key": name,
+                    "value": value,
+                    "timestamp": round(event.time_s * 1000),
+                    "step": event.step,
+                }
+                for name, value in event.values.items()
+            ]
+            del self._waiting[:-_MOST_KEPT]
+
+    def _flush(self) -> None:
+        if not self._run:
+            self._open()
+        while self._waiting:
+            some = self._waiting[:_AT_A_TIME]
+            self._post("runs/log-batch", {"run_id": self._run, "metrics": some})
+            del self._waiting[: len(some)]
+        if self._ended is not None:
+            status = "FINISHED" if self._ended.finished else "KILLED"
+            end_ms = round(self._ended.time_s * 1000)
+            self._post("runs/update", {"run_id": self._run, "status": status, "end_time": end_ms})
+            self._ended = None
+
+    def _open(self) -> None:
+        """Find the run of a training that continues, or make one."""
+        experiment = self._experiment_id()
+        # A run whose making was not answered in time may have been made all the same.
+        run = self._newest_run(experiment, _START, self._start) if self._may_exist else ""
+        if not run and self._facts.first_step:
+            run = self._newest_run(experiment, _MODEL, self._facts.model)
+            if run:
+                self._post("runs/update", {"run_id": run, "status": "RUNNING"})
+                self._run = run
+                return
+        run = run or self._made(experiment)
+        params = [
+            {"key": key, "value": value[:_LONGEST_PARAMETER]}
+            for key, value in self._parameters.items()
+        ]
+        for begin in range(0, len(params), 100):
+            self._post("runs/log-batch", {"run_id": run, "params": params[begin : begin + 100]})
+        self._run = run
+
+    def _made(self, experiment: str) -> str:
+        """A new run."""
+        tags = {
+            "mlflow.runName": self._facts.model,
+            _MODEL: self._facts.model,
+            _START: self._start,
+            "mlflow.source.name": "drcli",
+            "drcli.run_id": str(self._facts.run_id),
+        }
+        self._may_exist = True
+        answer = self._post(
+            "runs/create",
+            {
+                "experiment_id": experiment,
+                "run_name": self._facts.model,
+                "start_time": round(time.time() * 1000),
+                "tags": [{"key": key, "value": value} for key, value in tags.items()],
+            },
+        )
+        return str(answer["run"]["info"]["run_id"])
+
+    def _experiment_id(self) -> str:
+        name = {"experiment_name": self._experiment}
+        try:
+            answer = self._server.ask("GET", "experiments/get-by-name", params=name)
+            return str(answer["experiment"]["experiment_id"])
+        except ServerError as error:
+            if error.code != "RESOURCE_DOES_NOT_EXIST":
+                raise
+            answer = self._post("experiments/create", {"name": self._experiment})
+            return str(answer["experiment_id"])
+
+    def _newest_run(self, experiment: str, tag: str, value: str) -> str:
+        """The newest run with this tag; empty if there is none."""
+        quoted = value.replace("'", "")
+        answer = self._post(
+            "runs/search",
+            {
+                "experiment_ids": [experiment],
+                "filter": f"tags.`{tag}` = '{quoted}'",
+                "max_results": 1,
+                "order_by": ["attributes.start_time DESC"],
+            },
+        )
+        runs = answer.get("runs") or []
+        return str(runs[0]["info"]["run_id"]) if runs else ""
+
+    def _post(self, what: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+        return self._server.ask("POST", what, json=fields)
+
+
+def _authorization() -> str:
+    """What MLflow's own variables say."""
+    token = variable("MLFLOW_TRACKING_TOKEN")
+    if token:
+        return f"Bearer {token}"
+    user, password = variable("MLFLOW_TRACKING_USERNAME"), variable("MLFLOW_TRACKING_PASSWORD")
+    if user and password:
+        return "Basic " + b64encode(f"{user}:{password}".encode()).decode()
+    return ""

@@ -1,0 +1,119 @@
+"""Opens what the settings ask for: the sinks of a trainer, of a simulation, of an evaluation."""
+
+import importlib.util
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+from drcli.base.errors import NotAvailable
+from drcli.config.run_config import FigureConfig
+from drcli.tracking.figure_events import Point, Sink, TrainingFacts
+from drcli.tracking.figure_sender import FigureSender
+
+
+def check_figures(config: FigureConfig) -> None:
+    """Check before a start that the library is there which the settings need.
+
+    Raises:
+        NotAvailable: It is not.
+    """
+    if config.tensorboard and importlib.util.find_spec("tensorboard") is None:
+        raise NotAvailable(
+            "DR_TENSORBOARD=True needs the package tensorboard, which is not installed.",
+            remedy='Install it with `pip install "drcli[tensorboard]"`, or set '
+            "DR_TENSORBOARD=False.",
+        )
+
+
+def sender_of_trainer(
+    config: FigureConfig,
+    directory: Path,
+    facts: TrainingFacts,
+    *,
+    earlier: Sequence[Point] = (),
+    parameters: Mapping[str, str] | None = None,
+) -> FigureSender:
+    """What the trainer gives its figures to.
+
+    Args:
+        config: Says where they go.
+        directory: The racer's working folder.
+        facts: Of the training.
+        earlier: Points of the iterations before this start, for a sink that has none of them.
+        parameters: Hyperparameters and the like, by name.
+    """
+    openers: list[Callable[[], Sink]] = []
+    if config.tensorboard:
+        folder = tensorboard_folder(directory, facts.model)
+        openers.append(partial(_event_file, folder, facts, earlier))
+    if config.prometheus_folder:
+        openers.append(partial(_figure_file, directory / config.prometheus_folder, facts))
+    if config.prometheus_port:
+        openers.append(
+            partial(_figure_server, config.prometheus_host, config.prometheus_port, facts)
+        )
+    if config.mlflow_url:
+        openers.append(partial(_mlflow_run, config, facts, parameters or {}))
+    if config.trackio_url:
+        openers.append(partial(_trackio_run, config, facts, parameters or {}))
+    return FigureSender([*openers, *_telegraf(config, facts.model)])
+
+
+def sender_of_episodes(config: FigureConfig, model: str) -> FigureSender:
+    """What a simulation worker or an evaluation gives its episodes to."""
+    return FigureSender(_telegraf(config, model))
+
+
+def event_folder(directory: Path) -> Path:
+    """Folder of all event files."""
+    return directory / "data" / "tensorboard"
+
+
+def tensorboard_folder(directory: Path, model: str) -> Path:
+    """Folder of the event files of a model."""
+    return event_folder(directory) / model
+
+
+def _telegraf(config: FigureConfig, model: str) -> list[Callable[[], Sink]]:
+    if not config.telegraf_host:
+        return []
+    return [partial(_influx_lines, config.telegraf_host, config.telegraf_port, model)]
+
+
+# Each loads its libraries when it is needed, and in the thread that sends.
+
+
+def _event_file(folder: Path, facts: TrainingFacts, earlier: Sequence[Point]) -> Sink:
+    from drcli.tracking.event_file import EventFile
+
+    return EventFile(folder, facts, earlier)
+
+
+def _figure_file(folder: Path, facts: TrainingFacts) -> Sink:
+    from drcli.tracking.prometheus_text import FigureFile
+
+    return FigureFile(folder, facts)
+
+
+def _figure_server(host: str, port: int, facts: TrainingFacts) -> Sink:
+    from drcli.tracking.prometheus_text import FigureServer
+
+    return FigureServer(host, port, facts)
+
+
+def _mlflow_run(config: FigureConfig, facts: TrainingFacts, parameters: Mapping[str, str]) -> Sink:
+    from drcli.tracking.mlflow_run import MlflowRun
+
+    return MlflowRun(config.mlflow_url, config.mlflow_experiment, facts, parameters)
+
+
+def _trackio_run(config: FigureConfig, facts: TrainingFacts, parameters: Mapping[str, str]) -> Sink:
+    from drcli.tracking.trackio_run import TrackioRun
+
+    return TrackioRun(config.trackio_url, config.trackio_project, facts, parameters)
+
+
+def _influx_lines(host: str, port: int, model: str) -> Sink:
+    from drcli.tracking.influx_lines import InfluxLines
+
+    return InfluxLines(host, port, model)

@@ -1,0 +1,94 @@
+"""A run at a trackio server, through its HTTP interface: no library is needed for it.
+
+Source of the addresses and fields: the client of trackio 0.43.
+"""
+
+import uuid
+from collections.abc import Mapping
+from typing import Any
+
+from drcli.tracking.figure_events import Event, Point, TrainingFacts
+from drcli.tracking.server_requests import ServerError, ServerRequests, variable
+
+_MOST_KEPT = 5_000
+"""Points that are kept while the server is away."""
+
+_AT_A_TIME = 200
+"""Points in a request."""
+
+
+class TrackioRun:
+    """The run of a training. A training that is continued continues its run.
+
+    Args:
+        url: Address of the server; the variable TRACKIO_WRITE_TOKEN lets us write there.
+        project: Name of the project.
+        facts: Of the training; its model names the run.
+        parameters: Hyperparameters and the like, by name.
+    """
+
+    takes = (Point,)
+
+    def __init__(
+        self, url: str, project: str, facts: TrainingFacts, parameters: Mapping[str, str]
+    ) -> None:
+        self.name = f"DR_TRACKIO_URL={url.partition('?')[0]}"
+        token = {"X-Trackio-Write-Token": variable("TRACKIO_WRITE_TOKEN")}
+        self._server = ServerRequests(url.rstrip("/") + "/api/", "trackio", token)
+        self._project, self._facts = project, facts
+        self._parameters = dict(parameters)
+        self._run = "" if facts.first_step else uuid.uuid4().hex
+        self._waiting: list[dict[str, Any]] = []
+        self._newest: Event | None = None
+
+    def send(self, event: Event) -> None:
+        """Send the numbers of a point, and those that could not be sent before.
+
+        Raises:
+            ServerError: The server refuses, or cannot be reached.
+        """
+        self._keep(event)
+        self._flush()
+
+    def miss(self, event: Event) -> bool:
+        """Keep it for the next time; what `send` could not send is kept already."""
+        if event is not self._newest:
+            self._keep(event)
+        return True
+
+    def close(self) -> None:
+        """Send what was kept, and close the connection."""
+        try:
+            self._flush()
+        finally:
+            self._server.close()
+
+    def _keep(self, event: Event) -> None:
+        assert isinstance(event, Point)
+        self._newest = event
+        # The server takes a point with the same log_id once: one may arrive without an answer.
+        entry = {"metrics": dict(event.values), "step": event.step, "log_id": uuid.uuid4().hex}
+        self._waiting.append(entry)
+        del self._waiting[:-_MOST_KEPT]
+
+    def _flush(self) -> None:
+        while self._waiting:
+            self._run = self._run or self._known_run()
+            own = {"project": self._project, "run": self._facts.model, "run_id": self._run}
+            logs = [own | entry for entry in self._waiting[:_AT_A_TIME]]
+            logs[0]["config"] = self._parameters
+            self._ask("bulk_log", {"logs": logs, "hf_token": None})
+            del self._waiting[: len(logs)]
+
+    def _known_run(self) -> str:
+        """The newest run of the model, or a new one."""
+        found = self._ask("get_runs_for_project", {"project": self._project})
+        runs = [run for run in found or [] if run.get("name") == self._facts.model]
+        newest: dict[str, Any] = max(runs, key=lambda run: str(run.get("created_at")), default={})
+        return str(newest.get("id") or uuid.uuid4().hex)
+
+    def _ask(self, what: str, fields: Mapping[str, Any]) -> Any:
+        answer = self._server.ask("POST", what, json={"args": [], "kwargs": fields})
+        if answer.get("error") is not None:
+            raise ServerError(f"{what} was refused: {str(answer['error']).rstrip('.')}.")
+        return answer.get("data")

@@ -1,0 +1,267 @@
+"""Makes the frames of a film: the view behind the car, with everything over it."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drcli.exchange.trace import STATUS_LABELS
+from drcli.video.filmed_motion import CarMotion, motion_of
+from drcli.video.overlay import RGB, Overlay, Readings, Titles
+from drcli.video.recorded_lap import JUMP_M, RecordedLap
+from drcli.video.track_inset import TrackInset
+from drsim.race.solids import SHAPES, Shape
+from drsim.track.track import Track
+from drsim.viewing.camera_paths import FollowingCamera, lens_above
+from drsim.viewing.placed_things import OPPONENT_COLOR, Thing
+from drsim.viewing.world_view import Lens
+
+Frame = NDArray[np.uint8]
+Floats = NDArray[np.float64]
+View = Literal["film", "chase", "top"]
+
+SIZES: dict[str, tuple[int, int]] = {"640x480": (480, 640), "1280x720": (720, 1280)}
+"""Rows and columns by name."""
+
+GHOST_COLORS: tuple[RGB, ...] = ((70, 205, 255), (190, 120, 255), (120, 235, 120), (255, 210, 90))
+
+_WIDE_FIELD_OF_VIEW_RAD, _FIELD_OF_VIEW_RAD = 1.32, 1.13
+
+_STATUS_S = 1.4
+"""How long a film shows what happened to the car."""
+
+_QUIET = ("", "in_progress", "prepare", "pause", "manual_pause", "park")
+
+
+class Renderer(Protocol):
+    """Makes frames of a track and what stands on it."""
+
+    size: tuple[int, int]
+
+    def frame(self, lens: Lens, things: Sequence[Thing]) -> Frame:
+        """What a lens sees. Shape (rows, columns, 3)."""
+
+    def close(self) -> None:
+        """Free what it holds."""
+
+
+@dataclass(frozen=True, eq=False)
+class Insight:
+    """What a policy made of each row of an episode. Arrays of t rows.
+
+    Attributes:
+        probabilities: Of discrete actions; None for continuous ones. Shape (t, n).
+        asked: Steering in degrees and speed in m/s. Shape (t, 2).
+        low: What 16 % of a training's draws are below; None if unknown. Shape (t, 2).
+        high: What 84 % are below.
+        value: What the critic expects; None without one. Shape (t,).
+    """
+
+    probabilities: Floats | None
+    asked: Floats
+    low: Floats | None
+    high: Floats | None
+    value: Floats | None
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """An episode to film.
+
+    Attributes:
+        lap: The episode.
+        titles: What is written over it.
+        color: Of the car, 0 to 255.
+        other_color: Of the other car in a race of two models.
+        shapes: What the objects of the lap are.
+        camera: What the car saw in each row: grey or RGB. Shape (t, 120, 160) or (t, 120, 160, 3).
+        insight: What a policy made of it.
+        ghosts: Other laps, and the colour of each.
+    """
+
+    lap: RecordedLap
+    titles: Titles
+    color: tuple[float, float, float]
+    shapes: tuple[Shape, ...] = ()
+    camera: Frame | None = None
+    insight: Insight | None = None
+    ghosts: tuple[tuple[RecordedLap, RGB], ...] = ()
+    other_color: tuple[float, float, float] = OPPONENT_COLOR
+
+
+class Film:
+    """The frames of some episodes on one track, one after the other."""
+
+    def __init__(self, track: Track, renderer: Renderer, fps: int = 15) -> None:
+        self._track = track
+        self._renderer = renderer
+        self._fps = fps
+        rows, columns = renderer.size
+        wide = columns * 3 > rows * 4
+        self._camera = FollowingCamera(
+            field_of_view_rad=_WIDE_FIELD_OF_VIEW_RAD if wide else _FIELD_OF_VIEW_RAD
+        )
+        self._above = lens_above(track, renderer.size)
+
+    def frames(self, scene: Scene, views: Sequence[View] = ("film",)) -> Iterator[list[Frame]]:
+        """All frames of an episode, one for each view: `film` has everything over `chase`."""
+        lap = scene.lap
+        at_s = np.minimum(np.arange(frame_count(lap, self._fps)) / self._fps, lap.duration_s)
+        motion = motion_of(lap, at_s)
+        ghosts = [(motion_of(other, at_s), other, color) for other, color in scene.ghosts]
+        overlay = Overlay(self._renderer.size, scene.titles)
+        inset = TrackInset(self._track, (overlay.px(150), overlay.px(112)))
+        speeds, resets, rewards = lap.driven_mps, lap.resets, np.cumsum(lap.reward)
+        fastest = max(float(np.quantile(speeds, 0.99)), float(lap.speed_mps.max()), 0.1)
+        events = _events(lap)
+        self._camera.cut()
+        for number, now_s in enumerate(at_s.tolist()):
+            row = int(motion.row[number])
+            pose = _pose(motion.poses[number])
+            things = self._things(scene, motion, ghosts, number, now_s)
+            made: dict[View, Frame] = {}
+            if "top" in views:
+                made["top"] = self._renderer.frame(self._above, things)
+            if "top" not in views or len(views) > 1:
+                lens = self._camera.lens(pose, step_s=1.0 / self._fps)
+                made["chase"] = self._renderer.frame(lens, things)
+            if "film" not in views:
+                yield [made[view] for view in views]
+                continue
+            frame = made["chase"].copy() if "chase" in views else made["chase"]
+            inset.trail((pose[0], pose[1]), float(speeds[row]) / fastest)
+            marks = [
+                ((float(x), float(y)), (235, 235, 235), overlay.px(2))
+                for x, y, _ in lap.objects[row].tolist()
+            ]
+            marks += [
+                ((_pose(other.poses[number])[:2]), color, overlay.px(3))
+                for other, _, color in ghosts
+            ]
+            red, green, blue = (round(c) for c in scene.color)
+            marks.append(((pose[0], pose[1]), (red, green, blue), overlay.px(4)))
+            status, good = _status(lap, events, row, now_s)
+            choice = _choice(scene, row)
+            readings = Readings(
+                time_s=now_s,
+                speed_mps=float(speeds[row]),
+                steering_deg=float(lap.steering_deg[row]),
+                progress=float(lap.progress[row]),
+                reward=float(rewards[row]),
+                step_reward=float(lap.reward[row]),
+                resets=int(resets[row]),
+                status=status,
+                good=good,
+                camera=None if scene.camera is None else scene.camera[row],
+                fastest_mps=fastest,
+                probabilities=choice.probabilities,
+                asked=choice.asked,
+                spread=choice.spread,
+                value=choice.value,
+            )
+            made["film"] = overlay.draw(frame, readings, inset.picture(marks))
+            yield [made[view] for view in views]
+
+    def _things(
+        self,
+        scene: Scene,
+        motion: CarMotion,
+        ghosts: Sequence[tuple[CarMotion, RecordedLap, RGB]],
+        number: int,
+        now_s: float,
+    ) -> list[Thing]:
+        """Everything that stands on the track at a frame."""
+        car = SHAPES["race_car"]
+        things = [
+            Thing(
+                car,
+                _pose(motion.poses[number]),
+                scene.color,
+                math.radians(float(motion.wheels_deg[number])),
+                float(motion.rolled_m[number]),
+                float(motion.roll_rad[number]),
+            )
+        ]
+        row = int(motion.row[number])
+        later = min(row + 1, len(scene.lap.time_s) - 1)
+        here, there = scene.lap.objects[row], scene.lap.objects[later]
+        for shape, pose, following in zip(scene.shapes, here, there, strict=False):
+            if np.hypot(*(following - pose)[:2]) < JUMP_M:
+                turn = (following[2] - pose[2] + math.pi) % (2.0 * math.pi) - math.pi
+                pose = pose + motion.share[number] * np.array([*(following - pose)[:2], turn])
+            paint = scene.other_color if shape.name == "race_car" else None
+            things.append(Thing(shape, _pose(pose), paint))
+        for other, lap, color in ghosts:
+            if now_s <= lap.duration_s + 1e-6:
+                shade = (float(color[0]), float(color[1]), float(color[2]))
+                wheels = math.radians(float(other.wheels_deg[number]))
+                rolled = float(other.rolled_m[number])
+                things.append(
+                    Thing(car, _pose(other.poses[number]), shade, wheels, rolled, ghost=True)
+                )
+        return things
+
+
+def frame_count(lap: RecordedLap, fps: int) -> int:
+    """How many frames an episode has: from its beginning to its last row, both included."""
+    return 1 + math.ceil(lap.duration_s * fps - 1e-6)
+
+
+def _pose(values: Floats) -> tuple[float, float, float]:
+    x, y, yaw = values.tolist()
+    return x, y, yaw
+
+
+def _events(lap: RecordedLap) -> list[tuple[float, str]]:
+    """When something happened to the car, and what."""
+    events = []
+    for row, status in enumerate(lap.status):
+        fresh = row == 0 or lap.status[row - 1] != status
+        if fresh and status not in _QUIET:
+            events.append((float(lap.time_s[row]), status))
+    return events
+
+
+def _status(
+    lap: RecordedLap, events: Sequence[tuple[float, str]], row: int, now_s: float
+) -> tuple[str, bool]:
+    """What a film shows as the status at a moment, and whether that is good news."""
+    if lap.status[row] == "pause":
+        return "Penalty", False
+    ahead_s = 1.0 if events and events[-1][0] >= lap.duration_s - 1e-6 else 0.0
+    for since_s, status in reversed(events):
+        # What ends an episode is shown a little before, or nobody could read it.
+        early = ahead_s if since_s >= lap.duration_s - 1e-6 else 0.0
+        if since_s - 0.25 * early <= now_s <= since_s + _STATUS_S:
+            return STATUS_LABELS.get(status, status.replace("_", " ").capitalize()), (
+                status == "lap_complete"
+            )
+    return "", False
+
+
+class _Choice(NamedTuple):
+    """What a policy made of a row, as in `Readings`."""
+
+    probabilities: Floats | None
+    asked: tuple[float, float]
+    spread: tuple[tuple[float, float], tuple[float, float]] | None
+    value: float | None
+
+
+def _choice(scene: Scene, row: int) -> _Choice:
+    """What a policy made of a row; without one, what the trace says that it asked for."""
+    insight, lap = scene.insight, scene.lap
+    if insight is None:
+        asked = (float(lap.steering_deg[row]), float(lap.speed_mps[row]))
+        return _Choice(None, asked, None, None)
+    spread = None
+    if insight.low is not None and insight.high is not None:
+        low, high = insight.low[row].tolist(), insight.high[row].tolist()
+        spread = ((low[0], low[1]), (high[0], high[1]))
+    steering, speed = insight.asked[row].tolist()
+    probabilities = None if insight.probabilities is None else insight.probabilities[row]
+    value = None if insight.value is None else float(insight.value[row])
+    return _Choice(probabilities, (steering, speed), spread, value)

@@ -1,0 +1,286 @@
+"""A driven episode as a film needs it: poses over time, read from a simtrace of ours or others."""
+
+import contextlib
+import csv
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drcli.base.errors import SettingsError
+from drcli.exchange.race_recording import RaceRecording
+from drcli.exchange.trace import VIOLATIONS
+from drsim.car.car import REFERENCE_POINT_AHEAD_M
+
+Floats = NDArray[np.float64]
+
+JUMP_M = 0.6
+"""A car that is further away in the next row was put there; it drives 0.27 m at most."""
+
+LONGEST_STEP_S = 0.5
+"""A longer row is a break: the simulator stood still, or rows are missing."""
+
+LONGEST_S = 1800.0
+"""Of one episode. A longer one is a damaged clock, or nothing that anyone would look at."""
+
+
+_TRUTH = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedLap:
+    """An episode of a trace. Arrays have a value for each of its t rows.
+
+    Attributes:
+        number: Of the episode in the trace.
+        time_s: Seconds since the episode began, a step before its first row; rising.
+        poses: x and y of the car's origin in metres, yaw in radians without jumps. Shape (t, 3).
+        steering_deg: Requested steering, left positive.
+        speed_mps: Requested speed.
+        reward: Of each step.
+        progress: Percent of the lap.
+        status: As in the trace.
+        action: As in the trace: an index, or "[steering speed]".
+        track_length_m: NaN if the trace does not have it.
+        objects: Poses of what stood and drove around it. Shape (t, k, 3).
+        steps: As the trace counts them.
+        clock_s: As in the trace: seconds of a clock whose beginning is unknown.
+        on_track: Whether all wheels were on the road; None where the trace does not say it.
+        pause_s: Rest of a penalty.
+    """
+
+    number: int
+    time_s: Floats
+    poses: Floats
+    steering_deg: Floats
+    speed_mps: Floats
+    reward: Floats
+    progress: Floats
+    status: tuple[str, ...]
+    action: tuple[str, ...]
+    track_length_m: float
+    objects: Floats
+    steps: Floats
+    clock_s: Floats
+    on_track: tuple[bool | None, ...]
+    pause_s: Floats
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the beginning of the episode to its last row, as in metrics."""
+        return float(self.time_s[-1])
+
+    @property
+    def completed(self) -> bool:
+        """Whether the lap was completed."""
+        return self.status[-1] == "lap_complete"
+
+    @property
+    def resets(self) -> NDArray[np.int64]:
+        """How often the car had left the track or crashed before each row, the last one aside."""
+        fresh = np.zeros(len(self.status), np.int64)
+        for k in range(1, len(self.status)):
+            before = self.status[k - 1]
+            fresh[k] = before in VIOLATIONS and self.status[k] != before
+        return np.cumsum(fresh)
+
+    @property
+    def driven_mps(self) -> Floats:
+        """Speed over ground, measured from the poses over about a fifth of a second."""
+        steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
+        seconds = np.diff(self.time_s)
+        put_back = np.diff(self.resets) > 0
+        fine = (steps < JUMP_M) & (seconds > 1e-6) & ~put_back
+        speeds = np.where(fine, steps / np.maximum(seconds, 1e-6), 0.0)
+        padded = np.concatenate([speeds[:1], speeds, speeds[-1:]])
+        return (padded[:-1] + padded[1:]) / 2.0 if len(speeds) else np.zeros(1)
+
+    def with_objects(self, recording: RaceRecording) -> "RecordedLap":
+        """The same with the objects of this episode; without any if they do not fit it."""
+        rows, count = len(self.time_s), len(recording.shapes)
+        for episode in recording.episodes:
+            if episode.episode != self.number:
+                continue
+            try:
+                poses = np.array(episode.poses, np.float64)
+            except ValueError:
+                return self
+            if poses.shape[1:] != (count, 3) or len(poses) < 1 or not np.isfinite(poses).all():
+                return self
+            at = np.minimum(np.arange(rows), len(poses) - 1)
+            return replace(self, objects=poses[at])
+        return self
+
+
+def read_laps(data: bytes, origin: str) -> tuple[list[RecordedLap], list[str]]:
+    """The episodes of a simtrace, and sentences about what could not be read.
+
+    Args:
+        data: A simtrace CSV file of any version of the reference simulator, or of ours.
+        origin: What messages call it.
+
+    Raises:
+        SettingsError: It is no simtrace, or holds no episode of at least two rows.
+    """
+    text = data.decode("utf-8-sig", "replace").replace("\0", "")
+    lines = text.splitlines()
+    names = next(csv.reader(lines[:1]), [])
+    missing = [name for name in ("X", "Y", "yaw", "tstamp") if name not in names]
+    if missing:
+        raise SettingsError(
+            f"{origin} is not a simtrace: its first line names no column {', '.join(missing)}.",
+            remedy="Choose a file such as evaluation-simtrace/0-iteration.csv.",
+        )
+    # A number that was cut off still looks like one, so an unfinished line is not trusted.
+    unfinished = len(lines) > 1 and not text.endswith("\n")
+    rows = list(_rows(lines[:-1] if unfinished else lines))
+    readable = [row for row in rows if row is not None]
+    lost = len(rows) - len(readable) + unfinished
+    laps = []
+    begin = short = cut = 0
+    for end in range(1, len(readable) + 1):
+        if end == len(readable) or readable[end].begins_after(readable[end - 1]):
+            part = _in_order(readable[begin:end])
+            if len(part) > 1:
+                laps.append(_lap(part, readable[begin - 1].time_s if begin else -math.inf))
+                cut += end - begin - len(part)
+            else:
+                short += 1
+            begin = end
+    if not laps:
+        raise SettingsError(
+            f"{origin} holds no episode that can be shown: {len(readable)} rows can be read.",
+            remedy="Choose another trace; each episode needs at least two rows.",
+        )
+    left_out = (
+        "1 line cannot be read and is" if lost == 1 else f"{lost} lines cannot be read and are"
+    )
+    notes = [f"{origin}: {left_out} left out."] if lost else []
+    if short:
+        are = "1 episode has" if short == 1 else f"{short} episodes have"
+        notes.append(f"{origin}: {are} fewer than two rows and cannot be shown.")
+    if cut:
+        are = (
+            "1 row has a wrong clock and is"
+            if cut == 1
+            else f"{cut} rows have a wrong clock and are"
+        )
+        notes.append(f"{origin}: {are} left out.")
+    return laps, notes
+
+
+@dataclass(frozen=True)
+class _Row:
+    episode: int
+    step: float
+    pose: tuple[float, float, float]
+    time_s: float
+    steering_deg: float
+    speed_mps: float
+    reward: float
+    progress: float
+    status: str
+    action: str
+    track_length_m: float
+    on_track: bool | None
+    pause_s: float
+
+    def begins_after(self, before: "_Row") -> bool:
+        return self.episode != before.episode or self.step < before.step
+
+
+def _rows(lines: list[str]) -> Iterator[_Row | None]:
+    try:
+        for fields in csv.DictReader(lines):
+            yield _row(fields)
+    except csv.Error:
+        yield None
+
+
+def _row(fields: dict[str, str]) -> _Row | None:
+    """One line as numbers; None if one of those that place the car is missing."""
+
+    def number(name: str, otherwise: float = math.nan) -> float:
+        try:
+            value = float(fields.get(name) or "nan")
+        except ValueError:
+            return otherwise
+        return value if math.isfinite(value) else otherwise
+
+    x, y, yaw_deg, time_s = (number(name) for name in ("X", "Y", "yaw", "tstamp"))
+    if not math.isfinite(x + y + yaw_deg + time_s) or max(abs(x), abs(y)) > 1e5:
+        return None
+    action = (fields.get("action") or "").strip()
+    steering_deg, speed_mps = number("steer"), number("throttle")
+    pair = action.strip("[]").replace(",", " ").split()
+    if math.isnan(steering_deg + speed_mps) and action.startswith("[") and len(pair) == 2:
+        with contextlib.suppress(ValueError):
+            steering_deg, speed_mps = float(pair[0]), float(pair[1])
+    yaw = math.radians(yaw_deg)
+    origin = (
+        x - REFERENCE_POINT_AHEAD_M * math.cos(yaw),
+        y - REFERENCE_POINT_AHEAD_M * math.sin(yaw),
+        yaw,
+    )
+    episode, step = number("episode", 0.0), number("steps", 0.0)
+    return _Row(
+        int(min(max(episode, -1e9), 1e9)),
+        step,
+        origin,
+        time_s,
+        0.0 if math.isnan(steering_deg) else steering_deg,
+        0.0 if math.isnan(speed_mps) else speed_mps,
+        number("reward", 0.0),
+        number("progress", 0.0),
+        fields.get("episode_status") or "",
+        action,
+        number("track_len"),
+        _TRUTH.get((fields.get("all_wheels_on_track") or "").strip().lower()),
+        number("pause_duration", 0.0),
+    )
+
+
+def _in_order(rows: list[_Row]) -> list[_Row]:
+    """Rows whose time rises, up to the longest film."""
+    kept = rows[:1]
+    for row in rows[1:]:
+        if row.time_s > kept[-1].time_s and row.time_s - rows[0].time_s <= LONGEST_S:
+            kept.append(row)
+    return kept
+
+
+def _lap(rows: list[_Row], before_s: float) -> RecordedLap:
+    """An episode; `before_s` is the time of the row before it."""
+    status = [row.status for row in rows]
+    if rows[-1].progress >= 100.0 and status[-1] in ("", "in_progress"):
+        status[-1] = "lap_complete"  # simulators of 2022 leave it in_progress
+    poses = np.array([row.pose for row in rows])
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    time_s = np.array([row.time_s for row in rows])
+    # Where the simulator stood still, the film does not.
+    pauses = np.diff(time_s)
+    steps = np.minimum(pauses, LONGEST_STEP_S)
+    # A row is the end of its step. An episode in a race without a stop begins where the one
+    # before it ended.
+    usual_s = float(np.median(steps))
+    gap_s = rows[0].time_s - before_s
+    first_s = gap_s if 0.0 < gap_s <= 2.0 * usual_s else usual_s
+    return RecordedLap(
+        number=rows[0].episode,
+        time_s=first_s + np.concatenate([[0.0], np.cumsum(steps)]),
+        poses=poses,
+        steering_deg=np.array([row.steering_deg for row in rows]),
+        speed_mps=np.array([row.speed_mps for row in rows]),
+        reward=np.array([row.reward for row in rows]),
+        progress=np.array([row.progress for row in rows]),
+        status=tuple(status),
+        action=tuple(row.action for row in rows),
+        track_length_m=rows[-1].track_length_m,
+        objects=np.empty((len(rows), 0, 3)),
+        steps=np.array([row.step for row in rows]),
+        clock_s=time_s,
+        on_track=tuple(row.on_track for row in rows),
+        pause_s=np.array([row.pause_s for row in rows]),
+    )

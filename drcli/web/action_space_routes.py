@@ -1,0 +1,140 @@
+"""Sensors, algorithm, network and actions on the page: model_metadata.json."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, get_args
+
+from starlette.requests import Request
+from starlette.routing import BaseRoute, Route
+
+from drcli.base.problems import Problem
+from drcli.checks.parameter_rules import review_parameters
+from drcli.config.settings import Settings
+from drcli.modelfiles.action_choice import grid
+from drcli.modelfiles.action_space import MANY_ACTIONS, USUAL
+from drcli.modelfiles.model_metadata import (
+    CAMERAS,
+    LIDARS,
+    RULES,
+    Algorithm,
+    ModelMetadata,
+    Network,
+)
+from drcli.models.action_space_change import metadata_text, with_metadata
+from drcli.store.keys import HYPERPARAMETERS_FILE, MODEL_METADATA_FILE
+from drcli.web.answers import BadRequest, accepts, answers, placed, text_of
+from drcli.web.own_files import OwnFile, base_of, own_file, save_own_file, values_of
+from drcli.web.served_folder import ServedFolder
+
+MOST_ANGLES = 100
+"""Angles, and speeds, of a generated list, as in `dr-action-space generate`."""
+
+WIDEST_DEG, LEAST_DEG = 30.0, 0.5
+
+
+def _content(file: OwnFile) -> dict[str, Any]:
+    values = values_of(file, "V-03")
+    return {"values": values or {}, "broken": values is None}
+
+
+def _problems(settings: Settings, file: OwnFile) -> list[dict[str, Any]]:
+    """Problems of the file, and how it fits the hyperparameters."""
+    parameters = own_file(settings, HYPERPARAMETERS_FILE).input
+    review = review_parameters(parameters, file.input, None)
+    ours = (each for each in review.problems if each.file != parameters.origin)
+    return [placed(each) for each in (*ours, *_conflicts(review.problems, parameters.origin))]
+
+
+def _conflicts(problems: Sequence[Problem], origin: str) -> list[Problem]:
+    """Hyperparameters that do not fit the algorithm."""
+    return [each for each in problems if each.file == origin and each.rule == "V-34"]
+
+
+def _changes(body: dict[str, Any]) -> dict[str, Any]:
+    """New values by key.
+
+    Raises:
+        BadRequest: A key is not one of the file.
+    """
+    changes = body.get("values")
+    if not isinstance(changes, dict) or not set(changes) <= set(RULES):
+        raise BadRequest("The request needs values: keys of model_metadata.json.")
+    if "action_space" in changes:
+        kind = "continuous" if isinstance(changes["action_space"], dict) else "discrete"
+        changes = {**changes, "action_space_type": kind}
+    return changes
+
+
+def _whole(body: dict[str, Any], key: str) -> int:
+    value = _number(body, key, 1, MOST_ANGLES)
+    if value != int(value):
+        raise BadRequest(f"{key} is a whole number.", 422)
+    return int(value)
+
+
+def _number(body: dict[str, Any], key: str, low: float, high: float) -> float:
+    value = body.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise BadRequest(f"{key} is a number from {low:g} to {high:g}.", 422)
+    return float(value)
+
+
+def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    """`GET` and `PUT /api/metadata`, its check, and `POST /api/metadata/generate`."""
+
+    def show(_: Request) -> Any:
+        settings = folder.settings()
+        file = own_file(settings, MODEL_METADATA_FILE)
+        return {
+            **file.facts(),
+            **_content(file),
+            "problems": _problems(settings, file),
+            "cameras": CAMERAS,
+            "lidars": LIDARS,
+            "algorithms": get_args(Algorithm),
+            "networks": get_args(Network),
+            "limits": USUAL,
+            "many_actions": MANY_ACTIONS,
+        }
+
+    def check(_: Request, body: dict[str, Any]) -> Any:
+        settings = folder.settings()
+        file = own_file(settings, MODEL_METADATA_FILE)
+        written = values_of(file, "V-03")
+        if written is None:
+            return {"problems": _problems(settings, file)}
+        values = {**written, **_changes(body)}
+        kept = {key: value for key, value in values.items() if value is not None}
+        new = replace(file, data=metadata_text(kept).encode())
+        return {"problems": _problems(settings, new)}
+
+    def save(_: Request, body: dict[str, Any]) -> Any:
+        settings = folder.settings()
+        file = own_file(settings, MODEL_METADATA_FILE)
+        data = with_metadata(base_of(file, body).data, file.shown, _changes(body))
+        saved = save_own_file(settings, MODEL_METADATA_FILE, data, text_of(body, "version"))
+        new = own_file(settings, MODEL_METADATA_FILE)
+        warnings = [placed(each) for each in ModelMetadata.from_bytes(data, file.shown).problems]
+        return {**saved, **_content(new), "problems": warnings}
+
+    def generate(_: Request, body: dict[str, Any]) -> Any:
+        angles = _whole(body, "angles")
+        speeds = _whole(body, "speeds")
+        widest = _number(body, "max_angle", LEAST_DEG, WIDEST_DEG)
+        fastest = _number(body, "max_speed", *USUAL["speed"])
+        made = grid(angles, speeds, max_angle=widest, max_speed=fastest)
+        if len({(each.steering_angle, each.speed) for each in made}) < len(made):
+            raise BadRequest("Some of these actions are equal: choose fewer angles or speeds.", 422)
+        return {
+            "actions": [
+                {"steering_angle": each.steering_angle, "speed": each.speed} for each in made
+            ],
+            "note": "" if angles % 2 else f"With {angles} angles no action drives straight ahead.",
+        }
+
+    return [
+        Route("/api/metadata", answers(show), methods=["GET"]),
+        Route("/api/metadata", accepts(save), methods=["PUT"]),
+        Route("/api/metadata/check", accepts(check), methods=["POST"]),
+        Route("/api/metadata/generate", accepts(generate), methods=["POST"]),
+    ]

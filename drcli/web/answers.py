@@ -1,0 +1,181 @@
+"""Answers of the console: reports as JSON, and errors as one sentence with a remedy."""
+
+import dataclasses
+import functools
+import json
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import anyio
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+
+from drcli.base.errors import (
+    BudgetUsedUp,
+    DrError,
+    NotAvailable,
+    OwnershipLost,
+    SettingsError,
+    StorageError,
+    TrainedElsewhere,
+)
+from drcli.base.log import get_logger
+from drcli.base.plain_json import keys_of, plain
+from drcli.base.problems import Problem, ProblemsError
+from drcli.config.editing import FilesChanged
+
+MOST_BYTES = 1 << 20
+"""Of a JSON request: a reward function has at most 140,000 characters."""
+
+MOST_DEPTH = 20
+"""Of nested lists and objects in a request."""
+
+_STATUS: dict[type[DrError], int] = {
+    FilesChanged: 409,
+    SettingsError: 422,
+    StorageError: 503,
+    NotAvailable: 501,
+    OwnershipLost: 409,
+    TrainedElsewhere: 409,
+    BudgetUsedUp: 409,
+}
+
+_logger = get_logger(__name__)
+
+
+class BadRequest(Exception):
+    """A request that the page would not send.
+
+    Args:
+        message: One sentence.
+        status: HTTP status.
+    """
+
+    def __init__(self, message: str, status: int = 400) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+def report(value: Any, status: int = 200) -> Response:
+    """A dataclass as the same JSON that its command prints with --json, or plain data."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return JSONResponse(keys_of(value), status)
+    return JSONResponse(plain(value), status)
+
+
+def error_of(error: Exception) -> dict[str, Any]:
+    """What the page shows about an error; an unexpected one goes to the log."""
+    if isinstance(error, DrError):
+        found: dict[str, Any] = {
+            "message": str(error),
+            "remedy": error.remedy,
+            "code": error.code,
+        }
+        if isinstance(error, ProblemsError):
+            found["problems"] = [placed(problem) for problem in error.problems]
+        return {"error": found}
+    if isinstance(error, BadRequest):
+        return {"error": {"message": str(error), "remedy": "", "code": 2}}
+    _logger.error("Unexpected error", exc_info=error)
+    return {
+        "error": {
+            "message": f"This did not work because of a fault in the program ({error!r}).",
+            "remedy": "Try again. The details are in data/logs/viewer.log.",
+            "code": 1,
+        },
+    }
+
+
+def placed(problem: Problem) -> dict[str, Any]:
+    """A problem with its place in parts, so that the page can lead there."""
+    return problem.as_json() | {"file": problem.file, "line": problem.line, "key": problem.key}
+
+
+def status_of(error: Exception) -> int:
+    """The HTTP status of an error."""
+    if isinstance(error, BadRequest):
+        return error.status
+    found = (status for kind, status in _STATUS.items() if isinstance(error, kind))
+    return next(found, 500)
+
+
+Handler = Callable[[Request], Awaitable[Response]]
+
+
+def answers(function: Callable[[Request], Any]) -> Handler:
+    """A route that reads: runs a blocking function in a thread and answers with its report.
+
+    Args:
+        function: Takes the request; only what needs no waiting may be read of it. Returns a
+            dataclass, plain data, or a `Response`.
+    """
+
+    @functools.wraps(function)
+    async def handle(request: Request) -> Response:
+        try:
+            value = await anyio.to_thread.run_sync(function, request)
+        except Exception as error:
+            return JSONResponse(error_of(error), status_of(error))
+        return value if isinstance(value, Response) else report(value)
+
+    return handle
+
+
+def accepts(function: Callable[[Request, dict[str, Any]], Any]) -> Handler:
+    """A route that gets a JSON object, and answers as `answers` does."""
+
+    @functools.wraps(function)
+    async def handle(request: Request) -> Response:
+        try:
+            body = await json_object(request)
+            value = await anyio.to_thread.run_sync(function, request, body)
+        except Exception as error:
+            return JSONResponse(error_of(error), status_of(error))
+        return value if isinstance(value, Response) else report(value)
+
+    return handle
+
+
+async def json_object(request: Request) -> dict[str, Any]:
+    """The JSON object of a request.
+
+    Raises:
+        BadRequest: It is too large, too deep, or no object.
+    """
+    data = b""
+    async for chunk in request.stream():
+        data += chunk
+        if len(data) > MOST_BYTES:
+            raise BadRequest(f"The request is larger than {MOST_BYTES >> 20} MB.", 413)
+    try:
+        value = json.loads(data or b"{}")
+    except (ValueError, RecursionError):
+        raise BadRequest("The request is not JSON.") from None
+    if not isinstance(value, dict) or _is_deeper(value, MOST_DEPTH):
+        raise BadRequest("The request is not a JSON object, or it is nested too deeply.")
+    if b"\\ud" in data.lower():
+        try:
+            json.dumps(value, ensure_ascii=False).encode()
+        except UnicodeEncodeError:
+            raise BadRequest("The request has half characters, which no file can have.") from None
+    return value
+
+
+def _is_deeper(value: Any, most: int) -> bool:
+    if isinstance(value, dict):
+        value = list(value.values())
+    if not isinstance(value, list):
+        return False
+    return most == 0 or any(_is_deeper(item, most - 1) for item in value)
+
+
+def text_of(body: dict[str, Any], key: str, default: str | None = None) -> str:
+    """A text of a request.
+
+    Raises:
+        BadRequest: It is missing, and there is no default; or it is not a text.
+    """
+    value = body.get(key, default)
+    if not isinstance(value, str) or "\0" in value:
+        raise BadRequest(f"The request needs a text {key}.")
+    return value

@@ -1,0 +1,122 @@
+"""Runs heavy work of a task in a process of its own, so that the console stays quick and small.
+
+Libraries for learning, films and tables take seconds to load and hundreds of megabytes; the process
+ends with the work and gives them back. It has a low priority, because a training may be running.
+"""
+
+import multiprocessing
+import threading
+from collections.abc import Callable
+from contextlib import nullcontext
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from typing import Any
+
+from drcli.base.errors import DrError, WorkerDied
+from drcli.base.plain_json import plain
+from drcli.config import secret_environment
+from drcli.web.tasks import Progress
+
+MOST_HEAVY = 2
+"""Processes of low priority that work at the same time; others wait."""
+
+_heavy = threading.Semaphore(MOST_HEAVY)
+
+_running: set[SpawnProcess] = set()
+
+Work = Callable[..., Any]
+"""A function of a module, whose first argument is a `Progress`; all others can be pickled."""
+
+
+class WorkFailed(DrError):
+    """An error of the other process, with its words."""
+
+    def __init__(self, message: str, *, remedy: str, code: int) -> None:
+        super().__init__(message, remedy=remedy)
+        self.code = code  # type: ignore[misc]  # that of the first error
+
+
+def run_apart(progress: Progress, work: Work, *arguments: Any, heavy: bool = True) -> Any:
+    """Run a function in another process, and return its result as plain data.
+
+    Args:
+        progress: Takes the sentences of the function.
+        work: The function.
+        arguments: Its arguments after the first.
+        heavy: Whether it computes, so that it gets a low priority; a training that it starts would
+            inherit that.
+
+    Raises:
+        DrError: Its error.
+    """
+    with _heavy if heavy else nullcontext():
+        return _run(progress, work, arguments, heavy=heavy)
+
+
+def end_all() -> None:
+    """End all of these processes, because the console ends; their tasks fail."""
+    for process in list(_running):
+        process.terminate()
+
+
+def _run(progress: Progress, work: Work, arguments: tuple[Any, ...], *, heavy: bool) -> Any:
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe(duplex=False)
+    # Arguments travel through a pipe, so secrets are neither in the environment nor in `ps`.
+    secrets = secret_environment.all_secrets()
+    process = context.Process(
+        target=_work, args=(there, secrets, work, arguments, heavy), daemon=True
+    )
+    process.start()
+    _running.add(process)
+    there.close()
+    try:
+        while True:
+            kind, value = here.recv()
+            if kind == "text":
+                progress(value)
+            elif kind == "done":
+                return value
+            else:
+                raise WorkFailed(value["message"], remedy=value["remedy"], code=value["code"])
+    except EOFError:
+        process.join(5.0)
+        raise WorkerDied(
+            f"The process of this task ended early (exit code {process.exitcode}).",
+            remedy="Look for free memory with `free -h`, then try again.",
+        ) from None
+    finally:
+        here.close()
+        _running.discard(process)
+        if process.is_alive():
+            process.join(2.0)
+        if process.is_alive():
+            process.terminate()
+        process.join()
+
+
+def _work(
+    there: Connection,
+    secrets: dict[str, str],
+    work: Work,
+    arguments: tuple[Any, ...],
+    heavy: bool,
+) -> None:
+    from drcli.base import notices
+    from drcli.base.low_priority import lower_priority
+    from drcli.web.answers import error_of
+
+    secret_environment.keep(secrets)
+    if secrets:
+        secret_environment.hide_process()
+    if heavy:
+        lower_priority()
+
+    def progress(text: str) -> None:
+        there.send(("text", text))
+
+    notices.show = notices.warn = progress
+    try:
+        there.send(("done", plain(work(progress, *arguments))))
+    except Exception as error:
+        there.send(("failed", error_of(error)["error"]))

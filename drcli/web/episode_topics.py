@@ -1,0 +1,141 @@
+"""Topics of what was driven, from the bucket: `episodes`, `laps`, `elsewhere`.
+
+`episodes:RUN` has a row for each episode of a training, `laps:RUN:WORKER` the lines that the cars
+of a simulation worker drove in the last iteration, `elsewhere:RUN` who trains the model on another
+machine. RUN is DR_RUN_ID, WORKER a number.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+
+from starlette.routing import BaseRoute
+
+from drcli.base.errors import StorageError
+from drcli.runs.seen_in_bucket import SeenRun, distant_run, read_lap_lines, seen_run
+from drcli.store.history import HistoryReader
+from drcli.store.metrics_reader import MetricsReader
+from drcli.store.repair import readable_history
+from drcli.web.hub import Polled, Publish
+from drcli.web.served_folder import ServedFolder
+from drcli.web.topics import Rows, Snapshot, Value
+
+EPISODES_S = 2.0
+"""Time between two looks at the episodes; only objects that have changed are read."""
+
+LAPS_S = 2.0
+
+ELSEWHERE_S = 4.0
+
+_RUN = re.compile(r"(?:episodes|elsewhere):(\d{1,2})")
+
+_LAPS = re.compile(r"laps:(\d{1,2}):(\d{1,3})")
+
+
+def _numbers(pattern: re.Pattern[str], topic: str) -> list[int]:
+    """The numbers in a topic.
+
+    Raises:
+        ValueError: There is no such topic.
+    """
+    found = pattern.fullmatch(topic)
+    if found is None:
+        raise ValueError(topic)
+    return [int(text) for text in found.groups()]
+
+
+def _away(run: SeenRun) -> StorageError:
+    return StorageError(
+        f"The bucket of {run.prefix} is away: its server does not run.",
+        remedy="It starts with the next training or `dr-list-models`; this page goes on by itself.",
+    )
+
+
+class EpisodeRows:
+    """Reads the episodes of a run.
+
+    Args:
+        topic: Of its rows.
+        look: Finds the run.
+    """
+
+    def __init__(self, topic: str, look: Callable[[], SeenRun]) -> None:
+        self._look = look
+        self._reader = MetricsReader()
+        self._rows = Rows(topic)
+
+    def read(self) -> Value:
+        """The rows: iteration, 1 for an evaluation, reward, progress.
+
+        Raises:
+            StorageError: The bucket does not answer.
+        """
+        run = self._look()
+        if run.model is None:
+            raise _away(run)
+        self._rows.update(self._reader.read(run.model.bucket, run.model.metrics_prefix))
+        return self._rows
+
+
+class LapReader:
+    """Reads the lines of a worker when an iteration has been finished.
+
+    Args:
+        topic: Of its values.
+        look: Finds the run.
+        worker: Number of the worker.
+    """
+
+    def __init__(self, topic: str, look: Callable[[], SeenRun], worker: int) -> None:
+        self._topic, self._look, self._worker = topic, look, worker
+        self._history = HistoryReader()
+        self._read: tuple[str, int] | None = None
+
+    def read(self) -> Value | None:
+        """The newest lines; None if they were read before.
+
+        Raises:
+            StorageError: The bucket does not answer.
+        """
+        run = self._look()
+        if run.model is None:
+            self._read = None
+            raise _away(run)
+        history, _ = readable_history(run.model, self._history)
+        newest = history[-1].iteration if history else -1
+        if self._read == (run.prefix, newest):
+            return None
+        lines = []
+        if newest >= 0:
+            lines = read_lap_lines(run.model.bucket, run.prefix, newest, self._worker)
+        self._read = run.prefix, newest
+        iteration = newest if newest >= 0 else None
+        return Snapshot.of(self._topic, {"iteration": iteration, "lines": lines})
+
+
+def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    """Declare the topics; there is no route."""
+
+    def look_at(run_id: int) -> Callable[[], SeenRun]:
+        return lambda: seen_run(folder.settings(), run_id)
+
+    def open_episodes(topic: str, publish: Publish) -> Polled:
+        (run_id,) = _numbers(_RUN, topic)
+        return Polled(topic, publish, EpisodeRows(topic, look_at(run_id)).read, EPISODES_S)
+
+    def open_laps(topic: str, publish: Publish) -> Polled:
+        run_id, worker = _numbers(_LAPS, topic)
+        return Polled(topic, publish, LapReader(topic, look_at(run_id), worker).read, LAPS_S)
+
+    def open_elsewhere(topic: str, publish: Publish) -> Polled:
+        (run_id,) = _numbers(_RUN, topic)
+        look = look_at(run_id)
+
+        def read() -> Value:
+            return Snapshot.of(topic, distant_run(look()))
+
+        return Polled(topic, publish, read, ELSEWHERE_S)
+
+    folder.hub.add_kind("episodes", open_episodes)
+    folder.hub.add_kind("laps", open_laps)
+    folder.hub.add_kind("elsewhere", open_elsewhere)
+    return []

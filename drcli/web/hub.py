@@ -1,0 +1,247 @@
+"""Distributes the values of topics to the clients of the WebSocket.
+
+A topic has a source while somebody watches it, and costs nothing otherwise. A client keeps a set of
+topics with news, not a queue: a slow reader misses values in between and never delays others.
+"""
+
+import asyncio
+from collections.abc import Callable, Set
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from drcli.web.topics import Marker, Message, Snapshot, Value, text_message
+
+MOST_TOPICS = 64
+"""Topics that one client may watch."""
+
+_UNKNOWN = {
+    "message": "There is no such topic, or this page watches too many.",
+    "remedy": "Load the page again.",
+    "code": 2,
+}
+
+
+class Source(Protocol):
+    """Produces the values of a topic while somebody watches it."""
+
+    def start(self) -> None:
+        """Begin; called in the event loop."""
+
+    def stop(self) -> None:
+        """End; called in the event loop. No value is published after it."""
+
+
+Publish = Callable[[Value], None]
+"""Publishes a value; any thread may call it."""
+
+OpenSource = Callable[[str, Publish], Source]
+"""Makes the source of a topic.
+
+Raises:
+    ValueError: There is no such topic.
+"""
+
+
+@dataclass(eq=False)
+class Client:
+    """One connection.
+
+    Attributes:
+        topics: What it watches.
+        news: Topics with a value that it may not have, the longest waiting first: a topic that
+            changes all the time must not keep others from being sent.
+        markers: What it has got of each topic.
+        replies: Messages for it alone.
+    """
+
+    topics: set[str] = field(default_factory=set)
+    news: dict[str, None] = field(default_factory=dict)
+    markers: dict[str, Marker] = field(default_factory=dict)
+    replies: list[str] = field(default_factory=list)
+    wake: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def tell(self, topic: str) -> None:
+        """Note that there is news of a topic."""
+        self.news.setdefault(topic)
+        self.wake.set()
+
+
+class Hub:
+    """All topics and clients. Its methods run in the event loop, except `publish`."""
+
+    def __init__(self) -> None:
+        self._kinds: dict[str, OpenSource] = {}
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._sources: dict[str, Source] = {}
+        self._values: dict[str, Value] = {}
+        self._clients: set[Client] = set()
+
+    def add_kind(self, kind: str, open_source: OpenSource) -> None:
+        """Declare topics: those that are `kind`, or begin with it and a colon."""
+        self._kinds[kind] = open_source
+
+    def run_in(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Use the event loop of the server."""
+        self._loop = loop
+
+    @property
+    def watched(self) -> Set[str]:
+        """Topics that somebody watches."""
+        return self._sources.keys()
+
+    def publish(self, topic: str, value: Value) -> None:
+        """Give the newest value of a topic to its clients; any thread may call it."""
+        loop = self._loop
+        if loop is not None and not loop.is_closed():
+            loop.call_soon_threadsafe(self._accept, topic, value)
+
+    def connect(self) -> Client:
+        """A new client, which watches nothing yet."""
+        client = Client()
+        self._clients.add(client)
+        return client
+
+    def disconnect(self, client: Client) -> None:
+        """Forget a client."""
+        self.watch(client, set())
+        self._clients.discard(client)
+
+    def watch(self, client: Client, topics: set[str]) -> None:
+        """Let a client watch these topics instead of those that it watched.
+
+        It is told which of them do not exist, or are too many.
+        """
+        refused = []
+        wanted = sorted(topics)
+        for topic in client.topics - set(wanted[:MOST_TOPICS]):
+            client.topics.discard(topic)
+            client.news.pop(topic, None)
+            client.markers.pop(topic, None)
+            self._close_unwatched(topic)
+        for topic in wanted[:MOST_TOPICS]:
+            if topic in client.topics:
+                continue
+            if not self._open(topic):
+                refused.append(topic)
+                continue
+            client.topics.add(topic)
+            if topic in self._values:
+                client.tell(topic)
+        refused += wanted[MOST_TOPICS:][:MOST_TOPICS]
+        client.replies = [text_message(topic, {"error": _UNKNOWN}) for topic in refused]
+        if refused:
+            client.wake.set()
+
+    async def next_message(self, client: Client) -> Message:
+        """Wait for something new for a client."""
+        while True:
+            if client.replies:
+                return client.replies.pop()
+            while client.news:
+                topic = next(iter(client.news))
+                del client.news[topic]
+                value = self._values.get(topic)
+                if value is None:
+                    continue
+                message, marker = value.message(client.markers.get(topic))
+                client.markers[topic] = marker
+                if message is not None:
+                    return message
+            client.wake.clear()
+            await client.wake.wait()
+
+    def close(self) -> None:
+        """Stop all sources."""
+        for source in self._sources.values():
+            source.stop()
+        self._sources.clear()
+
+    def _open(self, topic: str) -> bool:
+        """Start the source of a topic if it has none; whether there is such a topic."""
+        if topic in self._sources:
+            return True
+        open_source = self._kinds.get(topic.partition(":")[0])
+        if open_source is None:
+            return False
+        try:
+            source = open_source(topic, lambda value: self.publish(topic, value))
+        except ValueError:
+            return False
+        self._sources[topic] = source
+        source.start()
+        return True
+
+    def _close_unwatched(self, topic: str) -> None:
+        if any(topic in client.topics for client in self._clients):
+            return
+        source = self._sources.pop(topic, None)
+        if source is not None:
+            source.stop()
+        self._values.pop(topic, None)
+
+    def _accept(self, topic: str, value: Value) -> None:
+        if topic not in self._sources:
+            return  # nobody watches any more
+        self._values[topic] = value
+        for client in self._clients:
+            if topic in client.topics:
+                client.tell(topic)
+
+
+class Stored:
+    """A source of values that something else publishes, such as the list of tasks.
+
+    Args:
+        publish: Publishes a value.
+        newest: The value for a new topic.
+    """
+
+    def __init__(self, publish: Publish, newest: Callable[[], Value]) -> None:
+        self._publish, self._newest = publish, newest
+
+    def start(self) -> None:
+        """Publish what is known."""
+        self._publish(self._newest())
+
+    def stop(self) -> None:
+        """Nothing to stop."""
+
+
+class Polled:
+    """A source that reads in a thread, again and again, and publishes what it finds.
+
+    Args:
+        topic: For the log.
+        publish: Publishes a value.
+        read: Reads; may wait for a disk or a bucket. Its errors are published as `{"error": …}`.
+        period_s: Time between the end of a reading and the next one.
+    """
+
+    def __init__(
+        self, topic: str, publish: Publish, read: Callable[[], Value | None], period_s: float
+    ) -> None:
+        self._topic, self._publish, self._read = topic, publish, read
+        self._period_s = period_s
+        self._task: asyncio.Task[None] | None = None
+
+    def start(self) -> None:
+        """Begin to read."""
+        self._task = asyncio.get_running_loop().create_task(self._poll())
+
+    def stop(self) -> None:
+        """Read no more; a reading under way ends by itself, and its value is dropped."""
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+
+    async def _poll(self) -> None:
+        from drcli.web.answers import error_of
+
+        while True:
+            try:
+                value = await asyncio.to_thread(self._read)
+            except Exception as error:
+                value = Snapshot.of(self._topic, error_of(error))
+            if value is not None:
+                self._publish(value)
+            await asyncio.sleep(self._period_s)

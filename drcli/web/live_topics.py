@@ -1,0 +1,192 @@
+"""Topics of what workers show: `workers`, and `live:RUN:WORKER:VIEW` for each view of each worker.
+
+RUN is DR_RUN_ID, WORKER the name of a worker as in the topic `workers`, VIEW one of `camera`,
+`chase` (pictures), `scene` and `state` (JSON). A topic may be watched before its worker runs. One
+car of a worker is looked at, the same for all pages: `POST /api/live/car` with `run_id`, `worker`
+and `car` (null for the one that has come furthest) chooses it, and the last choice counts.
+"""
+
+import json
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from starlette.requests import Request
+from starlette.routing import BaseRoute, Route
+
+from drcli.exchange.live_record import LIVE_VIEWS, MOST_CAR, LiveMessage, LiveView
+from drcli.exchange.run_record import RunRecord
+from drcli.runs.live_feed import WorkerKey
+from drcli.web.answers import BadRequest, accepts
+from drcli.web.hub import Polled, Publish
+from drcli.web.served_folder import ServedFolder
+from drcli.web.shared_feed import SharedFeed
+from drcli.web.topics import Marker, Message, Picture, Snapshot, Value
+
+WORKERS_S = 1.0
+"""Time between two looks for workers."""
+
+WORKER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+
+_TOPIC = re.compile(rf"live:(\d{{1,2}}):({WORKER_NAME.pattern}):({'|'.join(LIVE_VIEWS)})")
+
+
+@dataclass(frozen=True, eq=False)
+class LiveText:
+    """A scene or a state, sent as a whole, as the worker wrote it."""
+
+    text: str
+
+    @staticmethod
+    def of(topic: str, message: LiveMessage) -> "LiveText":
+        """The value of a message.
+
+        Raises:
+            ValueError: It is not JSON.
+        """
+        data = {
+            "step_s": message.step_s,
+            "car": message.car,
+            message.view: json.loads(message.data),
+        }
+        text = json.dumps({"topic": topic, "data": data}, allow_nan=False, separators=(",", ":"))
+        return LiveText(text)
+
+    def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
+        """The text, unless the client has it."""
+        return (None if since is self else self.text), self
+
+
+class LiveViews:
+    """The topics `live:…` of all workers.
+
+    Args:
+        shared: The feed of the console.
+    """
+
+    def __init__(self, shared: SharedFeed) -> None:
+        self._shared = shared
+        self._part = shared.part(self._take, self._gone)
+        self._open: dict[tuple[int, str, LiveView], tuple[str, Publish]] = {}
+
+    def open(self, topic: str, publish: Publish) -> "_LiveSource":
+        """The source of a topic.
+
+        Raises:
+            ValueError: There is no such topic.
+        """
+        found = _TOPIC.fullmatch(topic)
+        if found is None:
+            raise ValueError(topic)
+        view: Any = found[3]
+        return _LiveSource(self, (int(found[1]), found[2], view), topic, publish)
+
+    def begin(self, key: tuple[int, str, LiveView], topic: str, publish: Publish) -> None:
+        """Watch a view."""
+        self._open[key] = topic, publish
+        self._ask(key[:2])
+
+    def end(self, key: tuple[int, str, LiveView]) -> None:
+        """Watch a view no more."""
+        if self._open.pop(key, None) is not None:
+            self._ask(key[:2])
+
+    def _ask(self, worker: WorkerKey) -> None:
+        self._part.watch(*worker, [view for run, name, view in self._open if (run, name) == worker])
+
+    def _take(self, run_id: int, worker: str, message: LiveMessage) -> None:
+        """Publish a message; called in a thread of the feed."""
+        opened = self._open.get((run_id, worker, message.view))
+        if opened is None:
+            return
+        topic, publish = opened
+        if message.view in ("camera", "chase"):
+            facts = {"step_s": message.step_s, "car": message.car}
+            size = {"width": message.width, "height": message.height}
+            publish(Picture(topic, message.data, facts | size))
+            return
+        with suppress(ValueError):  # damaged; the next one comes soon
+            publish(LiveText.of(topic, message))
+
+    def _gone(self, run_id: int, worker: str) -> None:
+        opened = self._open.get((run_id, worker, "state"))
+        if opened is not None:
+            topic, publish = opened
+            publish(Snapshot.of(topic, {"gone": True}))
+
+
+class _LiveSource:
+    """Watches a view of a worker while somebody watches its topic."""
+
+    def __init__(
+        self, views: LiveViews, key: tuple[int, str, LiveView], topic: str, publish: Publish
+    ) -> None:
+        self._views, self._key, self._topic, self._publish = views, key, topic, publish
+
+    def start(self) -> None:
+        """Watch it."""
+        self._views.begin(self._key, self._topic, self._publish)
+
+    def stop(self) -> None:
+        """Watch it no more."""
+        self._views.end(self._key)
+
+
+def present(folder: ServedFolder) -> dict[str, Any]:
+    """Runs that were started in the folder, and the workers that can be watched now."""
+    runs = []
+    for path in sorted((folder.directory / "data" / "runs").glob("*/run.json")):
+        record = RunRecord.read(path.parent)
+        if record is not None:
+            state = record.state if record.alive or record.ended_at is not None else "lost"
+            facts = {"prefix": record.prefix, "world": record.world, "state": state}
+            runs.append({"run_id": record.run_id, **facts, "alive": record.alive})
+    return {
+        "runs": sorted(runs, key=lambda run: run["run_id"]),
+        "workers": [
+            {
+                "run_id": worker.run_id,
+                "worker": worker.worker,
+                "car": folder.live.car(worker.run_id, worker.worker),
+            }
+            for worker in folder.live.workers()
+        ],
+    }
+
+
+def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    """The topics, and `POST /api/live/car`."""
+    views = LiveViews(folder.live)
+
+    def open_workers(topic: str, publish: Publish) -> Polled:
+        if topic != "workers":
+            raise ValueError(topic)
+
+        def read() -> Value:
+            return Snapshot.of(topic, present(folder))
+
+        return Polled(topic, publish, read, WORKERS_S)
+
+    folder.hub.add_kind("workers", open_workers)
+    folder.hub.add_kind("live", views.open)
+
+    def choose(_: Request, body: dict[str, Any]) -> Any:
+        run_id, worker, car = body.get("run_id"), body.get("worker"), body.get("car")
+        if not _is_whole(run_id, 99) or not isinstance(worker, str):
+            raise BadRequest("The request needs a run_id from 0 to 99 and the name of a worker.")
+        if WORKER_NAME.fullmatch(worker) is None:
+            raise BadRequest(f"{worker[:80]!r} is no name of a worker.")
+        if car is not None and not _is_whole(car, MOST_CAR - 1):
+            raise BadRequest("car is the number of a car of the worker, or null for the first.")
+        if not any((run_id, worker) == (w.run_id, w.worker) for w in folder.live.workers()):
+            raise BadRequest(f"The worker {worker} of run {run_id} does not run now.", 404)
+        folder.live.look_at(int(run_id or 0), worker, car)
+        return {"run_id": run_id, "worker": worker, "car": car}
+
+    return [Route("/api/live/car", accepts(choose), methods=["POST"])]
+
+
+def _is_whole(value: Any, most: int) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= most

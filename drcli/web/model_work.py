@@ -1,0 +1,248 @@
+"""What tasks about models do in a process of their own: the functions of the commands."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal
+
+from drcli.config.checkpoint_words import CheckpointChoice
+from drcli.store.bucket import Watch
+from drcli.web.model_reader import settings_for
+from drcli.web.tasks import Progress
+
+DownloadKind = Literal["car", "onnx", "logs", "model", "everything"]
+"""What can be downloaded: the archive of the car, a policy, logs, the model without or with traces
+and videos."""
+
+
+def make_download(
+    progress: Progress,
+    directory: Path,
+    prefix: str,
+    kind: DownloadKind,
+    choice: CheckpointChoice,
+    folder: Path,
+) -> dict[str, Any]:
+    """Make a file to download, and return its path and the report of the command."""
+    settings = settings_for(directory, prefix)
+    name = prefix.rpartition("/")[2]
+    if kind == "car":
+        from drcli.models.export_car import archive_path, write_archive
+        from drcli.models.export_model import Selection, read_export_source
+        from drcli.runs.car_archive_on_drive import made_car_archive
+
+        source = read_export_source(settings, Selection(choice, prefix))
+        path = archive_path(folder, source.name)
+        progress("Writes the graph and compares it with the weights on a drive.")
+        report = write_archive(made_car_archive(settings, source, path.name), path)
+        return {"file": str(path), "report": report}
+    if kind == "onnx":
+        return _onnx(progress, settings, prefix, choice, folder)
+    from drcli.models.pack_model import pack_logs, pack_model
+    from drcli.models.transfer_buckets import bucket_to_look_at
+
+    bucket = bucket_to_look_at(settings.transfer, upload=False)
+    if kind == "logs":
+        path = folder / f"{name}-logs.tar.gz"
+        packed = pack_logs(bucket, directory, prefix, path, progress)
+    else:
+        path = folder / f"{name}.tar.gz"
+        packed = pack_model(bucket, prefix, path, traces=kind == "everything", progress=progress)
+    return {"file": str(path), "report": packed}
+
+
+def _onnx(
+    progress: Progress, settings: Any, prefix: str, choice: CheckpointChoice, folder: Path
+) -> dict[str, Any]:
+    """A policy and its metadata, which other programs need beside it, in one ZIP archive."""
+    import zipfile
+
+    from drcli.models.export_forms import export_form, plan_form
+    from drcli.models.export_model import Selection
+
+    planned = plan_form(settings, Selection(choice, prefix), "onnx", folder)
+    progress("Writes the policy and compares it with PyTorch.")
+    report = export_form(planned)
+    path = folder / f"{Path(report.file).stem}-onnx.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in map(Path, report.files):
+            archive.write(file, file.name)
+    return {"file": str(path), "report": report}
+
+
+def analyse_model(progress: Progress, directory: Path, prefix: str) -> dict[str, Any]:
+    """Analyse a model as dr-start-loganalysis does; returns verdict and advice."""
+    from drcli.analysis.analysis import analyse
+    from drcli.analysis.read_run import read_run
+    from drcli.analysis.report_place import report_file, write_report
+
+    settings = settings_for(directory, prefix)
+    progress("Reads traces, metrics and evaluations.")
+    analysis = analyse(read_run(settings, prefix))
+    progress("Writes the report.")
+    report = write_report(report_file(directory, prefix), analysis)
+    return {
+        "verdict": report.verdict,
+        "advice": report.advice,
+        "world": report.world,
+        "episodes": report.episodes,
+        "complete_laps": report.complete_laps,
+        "best_lap_s": report.best_lap_s,
+        "problems": report.problems,
+    }
+
+
+def start_training(
+    progress: Progress, directory: Path, prefix: str, max_minutes: float | None
+) -> dict[str, Any]:
+    """Continue the training of a model in the background, as dr-start-training --resume -q."""
+    from drcli.base.errors import WorkerDied
+    from drcli.runs.plan import StartOptions, prepare
+    from drcli.runs.status import inspect
+    from drcli.runs.track_fetch import fetch_allowed
+    from drcli.runs.training import launch
+
+    settings = settings_for(directory, prefix)
+    fetch_allowed(settings)
+    progress("Checks settings, files and reward function.")
+    plan = prepare(settings, StartOptions(resume=True, max_minutes=max_minutes))
+    progress("Starts the workers.")
+    pid = launch(plan)
+    if inspect(settings.run).pid != pid:
+        raise WorkerDied(
+            "The training did not start.", remedy="Read the reason with `dr-logs supervisor`."
+        )
+    return {"pid": pid, "warnings": plan.warnings, "ends": plan.ends, "resumes": plan.resumes}
+
+
+def start_evaluation(
+    progress: Progress, directory: Path, prefix: str, flags: dict[str, str]
+) -> dict[str, Any]:
+    """Start an evaluation in the background, as dr-start-evaluation -q."""
+    from drcli.runs.evaluation import launch_evaluation
+    from drcli.runs.evaluation_plan import prepare_evaluation
+    from drcli.runs.track_fetch import fetch_allowed
+
+    settings = settings_for(directory, prefix, flags)
+    fetch_allowed(settings)
+    plan = prepare_evaluation(settings, on_progress=progress)
+    record = launch_evaluation(plan)
+    return {
+        "stamp": plan.stamp,
+        "metrics": plan.metrics,
+        "checkpoint": record.checkpoint,
+        "world": record.world,
+        "pid": record.pid,
+        "pid_started": record.pid_started,
+    }
+
+
+def make_lap_video(
+    progress: Progress,
+    directory: Path,
+    prefix: str,
+    stamp: str,
+    wish: dict[str, Any],
+    path: Path | None,
+) -> dict[str, Any]:
+    """Film a stored evaluation as dr-video does, and put the film beside its trace.
+
+    Args:
+        progress: Takes sentences.
+        directory: The working folder.
+        prefix: The model.
+        stamp: The evaluation.
+        wish: Fields of `drcli.video.make_video.Wish`.
+        path: File of a film to download instead; None for the film of the evaluation.
+    """
+    import tempfile
+
+    from drcli.models.transfer_buckets import bucket_to_look_at
+    from drcli.store import keys
+    from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+    from drcli.video.encode import require_encoder
+    from drcli.video.make_video import Wish, frames_of
+    from drcli.video.trace_source import trace_of_evaluation
+    from drcli.video.video_job import Defaults, make_video
+
+    require_encoder()
+    settings = settings_for(directory, prefix)
+    bucket = bucket_to_look_at(settings.transfer, upload=False)
+    trace = trace_of_evaluation(bucket, prefix, stamp)
+    defaults = Defaults.of(settings.model, settings.race)
+
+    def film(target: Path) -> Any:
+        wanted = Wish(**{"racer": "", "color": "", **wish})
+        progress(f"Filming {frames_of(trace, wanted)} frames ...")
+        return make_video(defaults, lambda: bucket, trace, wanted, [("film", target)])
+
+    if path is not None:
+        return {"file": str(path), "report": film(path)}
+    with tempfile.TemporaryDirectory(prefix="drcli-video-") as temporary:
+        target = Path(temporary) / "film.mp4"
+        report = film(target)
+        own = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+        own.put(keys.evaluation_video(prefix, stamp), target.read_bytes())
+    return {"stamp": stamp, "report": report}
+
+
+def upload_model(
+    progress: Progress,
+    directory: Path,
+    prefix: str,
+    choice: CheckpointChoice,
+    to: str,
+    local: bool,
+) -> Any:
+    """Copy a checkpoint to the upload bucket, as dr-upload-model."""
+    from drcli.models.upload import UploadOptions, plan_upload, upload
+
+    settings = settings_for(directory, prefix)
+    options = UploadOptions(choice, prefix=prefix, to=to or None, local=local)
+    planned = plan_upload(settings, options)
+    return upload(planned, settings, _bars(progress))
+
+
+def import_archive(
+    progress: Progress, directory: Path, source: Path, prefix: str, world: str | None
+) -> Any:
+    """Make a model of files that the racer has uploaded, as dr-import --no-drive."""
+    from drcli.config.loading import load_settings
+    from drcli.models.import_model import import_model, plan_import
+    from drcli.models.imported_model import ImportOptions
+
+    settings = load_settings(directory)
+    progress("Reads and compares the model.")
+    planned = plan_import(settings, ImportOptions(str(source), prefix, world=world))
+    return import_model(planned, settings, _bars(progress))
+
+
+def delete_model(progress: Progress, directory: Path, prefix: str, forget: bool) -> Any:
+    """Delete a model with all its traces, as dr-delete-model."""
+    from drcli.config.loading import load_settings
+    from drcli.runs.model_removal import plan_removal, remove_models
+
+    settings = load_settings(directory)
+    planned = plan_removal(settings, [prefix], forget=forget)
+    progress("Deletes its objects and its files on this machine.")
+    return remove_models(planned, settings)
+
+
+def _bars(progress: Progress) -> Any:
+    """Progress of a transfer as sentences."""
+
+    @contextmanager
+    def bar(title: str, total: int) -> Iterator[Watch]:
+        done, shown = 0, -1
+
+        def watch(more: int) -> None:
+            nonlocal done, shown
+            done += more
+            percent = 100 * done // max(total, 1)
+            if percent != shown:
+                shown = percent
+                progress(f"{title}: {percent} % of {total / 1e6:.1f} MB")
+
+        yield watch
+
+    return bar

@@ -1,0 +1,74 @@
+"""Answers with an object of the bucket part by part, as a browser asks for a video."""
+
+import hashlib
+import shutil
+import tempfile
+import threading
+from pathlib import Path
+
+from starlette.responses import FileResponse
+
+from drcli.store.bucket import Bucket, ObjectInfo
+from drcli.web.answers import BadRequest
+
+MOST_COPIES = 8
+"""Files that are kept on the disk; a browser asks for parts of one again and again."""
+
+
+class ObjectCopies:
+    """Copies of objects in files of which any part can be read.
+
+    Args:
+        folder: Where they are; what an earlier console has left there is deleted.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._lock = threading.Lock()
+        self._known: dict[str, Path] = {}
+
+    def answer(
+        self, bucket: Bucket, key: str, *, media_type: str, filename: str = ""
+    ) -> FileResponse:
+        """The object, or the range of it that the request names.
+
+        Args:
+            bucket: Where it is.
+            key: Checked by the caller: every object of the bucket can be read with it.
+            media_type: Of the object.
+            filename: For a download; empty to show it.
+
+        Raises:
+            BadRequest: There is no such object.
+            StorageError: It cannot be read.
+        """
+        folder = key.rpartition("/")[0] + "/"
+        info = next((each for each in bucket.list(folder) if each.key == key), None)
+        if info is None:
+            raise BadRequest("There is no such file; it may have been deleted.", 404)
+        return FileResponse(
+            self.path_of(bucket, info), media_type=media_type, filename=filename or None
+        )
+
+    def path_of(self, bucket: Bucket, info: ObjectInfo) -> Path:
+        """The copy of an object.
+
+        Raises:
+            StorageError: It cannot be read.
+        """
+        version = f"{bucket.name}\n{info.key}\n{info.size_bytes}\n{info.modified.isoformat()}"
+        name = hashlib.sha256(version.encode()).hexdigest()[:32]
+        with self._lock:
+            path = self._known.pop(name, None)
+            if path is None or not path.is_file():
+                if not self._known:
+                    shutil.rmtree(self._folder, ignore_errors=True)
+                self._folder.mkdir(parents=True, exist_ok=True)
+                path = self._folder / name
+                with tempfile.NamedTemporaryFile(dir=self._folder, delete=False) as file:
+                    file.write(bucket.get(info.key))
+                Path(file.name).replace(path)
+            self._known[name] = path  # the newest last
+            for old in list(self._known)[:-MOST_COPIES]:
+                self._known.pop(old).unlink(missing_ok=True)
+            return path

@@ -1,0 +1,148 @@
+"""The racer's three files as the page edits them: read with a version, saved with a backup."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from drcli.base.errors import DrError
+from drcli.base.file_lock import only_writer
+from drcli.base.problems import ProblemsError
+from drcli.config.editing import FilesChanged, version_of
+from drcli.config.example_files import model_file
+from drcli.config.settings import Settings
+from drcli.modelfiles.custom_files import FILE_RULES, InputFile, find, local_file
+from drcli.modelfiles.json_file import read_json_object
+from drcli.models.copy_custom_files import BACKUP, write_file
+from drcli.rewards.source import display_name
+from drcli.store.connect import open_running_bucket
+from drcli.web.answers import BadRequest
+
+
+@dataclass(frozen=True)
+class OwnFile:
+    """One of the three files.
+
+    Attributes:
+        name: Its name.
+        data: Its content.
+        shown: The file as a racer would write it; where it will be saved.
+        origin: Where the content comes from: "own", "bucket" or "shipped".
+        version: Of the racer's own file; empty if there is none.
+    """
+
+    name: str
+    data: bytes
+    shown: str
+    origin: str
+    version: str
+
+    @property
+    def text(self) -> str:
+        """The content as text; what is not UTF-8 is replaced."""
+        return self.data.decode("utf-8", "replace")
+
+    @property
+    def input(self) -> InputFile:
+        """For checks."""
+        return InputFile(self.name, self.data, self.shown)
+
+    def facts(self) -> dict[str, Any]:
+        """What the page shows about the file."""
+        return {"file": self.shown, "origin": self.origin, "version": self.version}
+
+
+def own_file(settings: Settings, name: str) -> OwnFile:
+    """A file that a start would take; the shipped example where it would refuse.
+
+    Raises:
+        ProblemsError: It cannot be read.
+    """
+    folder = settings.custom_files_dir
+    shown = display_name(folder / name, settings.directory)
+    local = local_file(folder, name)
+    if local is not None:
+        return OwnFile(name, local.data, shown, "own", version_of(local.data))
+    found = _elsewhere(settings).get(name)
+    if found is not None and found.origin != str(model_file(name)):
+        return OwnFile(name, found.data, shown, "bucket", "")
+    return OwnFile(name, model_file(name).read_bytes(), shown, "shipped", "")
+
+
+def values_of(file: OwnFile, rule: str) -> dict[str, Any] | None:
+    """The JSON object in a file as it is written; None where there is none."""
+    try:
+        return dict(read_json_object(file.data, file.shown, rule).values)
+    except ProblemsError:
+        return None
+
+
+def base_of(file: OwnFile, body: dict[str, Any]) -> OwnFile:
+    """The file that is changed: the shipped one, if the page asks to begin again with it."""
+    if body.get("shipped") is not True:
+        return file
+    return replace(file, data=model_file(file.name).read_bytes())
+
+
+def save_own_file(settings: Settings, name: str, data: bytes, seen: str) -> dict[str, Any]:
+    """Save a file; the old one is kept as NAME.bak.
+
+    A training takes the shipped files only if there is none of the racer's. So the other two are
+    saved as well if they were shipped ones until now.
+
+    Args:
+        settings: Of the working folder.
+        name: The file.
+        data: Its new content.
+        seen: Version of the file that was edited.
+
+    Returns:
+        The facts about the file, whether it has changed, and the other files that were written.
+
+    Raises:
+        FilesChanged: Somebody else has changed it.
+        SettingsError: It cannot be written.
+    """
+    folder = settings.custom_files_dir
+    with only_writer(settings.directory):
+        before = local_file(folder, name)
+        if version_of(None if before is None else before.data) != seen:
+            raise FilesChanged(
+                f"{display_name(folder / name, settings.directory)} was changed on the disk after "
+                "this page had read it.",
+                remedy="Compare both versions, and choose which one to keep.",
+            )
+        others = [
+            each
+            for other in FILE_RULES
+            if other != name and (each := own_file(settings, other)).origin == "shipped"
+        ]
+        changed = write_file(folder / name, data)
+        for each in others:
+            write_file(folder / each.name, each.data)
+    return {
+        **own_file(settings, name).facts(),
+        "changed": changed,
+        "backup": f"{name}{BACKUP}" if changed and before is not None else None,
+        "others": [each.shown for each in others],
+    }
+
+
+def _elsewhere(settings: Settings) -> dict[str, InputFile]:
+    try:
+        return find(settings.custom_files, open_running_bucket(settings.storage))
+    except DrError:  # the bucket is away, or another file cannot be read: told by the check
+        return {}
+
+
+def new_text(body: dict[str, Any], key: str = "text") -> bytes:
+    """The new content of a file in a request.
+
+    Raises:
+        BadRequest: There is none.
+    """
+    text = body.get(key)
+    if not isinstance(text, str):
+        raise BadRequest(f"The request needs a text {key}.")
+    try:
+        return text.encode()
+    except UnicodeEncodeError:
+        raise BadRequest(f"{key} has characters that no file can have.") from None

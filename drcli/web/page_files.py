@@ -1,0 +1,48 @@
+"""The files of the page: modules, style sheet, and the plots of uPlot."""
+
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
+
+_TYPES = {
+    "html": "text/html; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+    "svg": "image/svg+xml",
+    "png": "image/png",
+}
+
+
+def _collect(folder: Traversable, at: str) -> dict[str, Traversable]:
+    """Files below a folder by their path on the server."""
+    found: dict[str, Traversable] = {}
+    for item in folder.iterdir():
+        if item.is_dir():
+            found.update(_collect(item, f"{at}{item.name}/"))
+        elif item.name.rpartition(".")[2] in _TYPES:
+            found[f"{at}{item.name}"] = item
+    return found
+
+
+def page_routes() -> list[Route]:
+    """Routes of all files: only those that the package has, whatever the path says."""
+    known = _collect(files("drcli.web") / "pages", "/")
+    uplot = files("drcli.analysis.report") / "assets" / "uplot"
+    known.update(_collect(uplot, "/vendor/uplot/"))
+
+    async def serve(request: Request) -> Response:
+        path = request.url.path
+        item = known.get("/index.html" if path == "/" else path)
+        if item is None:
+            return PlainTextResponse("There is no such page.", 404)
+        # No cache: after an update of the package, old and new modules must not be mixed.
+        return Response(
+            item.read_bytes(),
+            media_type=_TYPES[path.rpartition(".")[2] if path != "/" else "html"],
+            headers={"cache-control": "no-cache"},
+        )
+
+    return [Route("/{path:path}", serve, methods=["GET"])]

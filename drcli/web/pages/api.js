@@ -1,0 +1,56 @@
+// Requests to the console's own server.
+
+/** An error of the server: one sentence, and what to do. */
+export class ApiError extends Error {
+  constructor(status, { message, remedy = "", code = 0, ...more }) {
+    super(message);
+    Object.assign(this, { status, remedy, code, ...more });
+  }
+}
+
+async function answerOf(method, path, body, signal) {
+  const options = { method, signal, headers: {} };
+  if (body instanceof Blob || body instanceof FormData) options.body = body;
+  else if (body !== undefined) {
+    options.body = JSON.stringify(body);
+    options.headers["content-type"] = "application/json";
+  }
+  try {
+    return await fetch(path, options);
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    throw new ApiError(0, { message: "The console does not answer.", remedy: "Start it with `dr-start-viewer`; this page goes on by itself." });
+  }
+}
+
+async function request(method, path, body, signal) {
+  const answer = await answerOf(method, path, body, signal);
+  let value = null;
+  try { value = await answer.json(); } catch { /* not JSON: an answer of something between */ }
+  if (!answer.ok || value === null) throw Object.assign(new ApiError(answer.status, value?.error ?? { message: `The console answered ${answer.status}.` }), { answer: value });
+  return value;
+}
+
+export const get = (path, signal) => request("GET", path, undefined, signal);
+export const post = (path, body = {}, signal) => request("POST", path, body, signal);
+export const put = (path, body = {}, signal) => request("PUT", path, body, signal);
+export const remove = (path, signal) => request("DELETE", path, undefined, signal);
+
+/** Facts and pictures (blobs) of a packed answer: four bytes with the length of the facts, the facts, the pictures. */
+export async function getPacked(path, signal, type = "image/jpeg") {
+  const answer = await answerOf("GET", path, undefined, signal);
+  if (!answer.ok) {
+    let value = null;
+    try { value = await answer.json(); } catch { /* not JSON */ }
+    throw new ApiError(answer.status, value?.error ?? { message: `The console answered ${answer.status}.` });
+  }
+  const buffer = await answer.arrayBuffer();
+  const end = 4 + new DataView(buffer).getUint32(0);
+  const facts = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, end - 4)));
+  let at = end;
+  const pictures = facts.lengths.map((length) => new Blob([new Uint8Array(buffer, (at += length) - length, length)], { type }));
+  return { facts, pictures };
+}
+
+/** A path below /api from its parts; each is escaped, so a model may have any name. */
+export const api = (...parts) => "/api/" + parts.map((part) => encodeURIComponent(part)).join("/");

@@ -1,0 +1,168 @@
+// A stored episode on the page: its columns at once, pictures and choices in windows when they are needed.
+
+import { get, getPacked } from "/api.js";
+
+export const WINDOW = 64;
+const EXPLAINED = 16;
+const MOST_WINDOWS = 60; // of pictures: about 12 MB
+const MOST_CURVE = 3000; // rows whose choices are fetched before they are looked at, for the curve of the critic
+
+const address = (name, query) => `/api/play/${name}?${new URLSearchParams(query)}`;
+
+export const openTrace = (model, trace, signal) => get(address("open", { model, trace }), signal);
+export const storedModels = (signal) => get(address("models", {}), signal);
+export const storedTraces = (model, signal) => get(address("traces", { model }), signal);
+
+export class EpisodeData {
+  /** Reads trace and lap; `changed` is called whenever something more is there. */
+  static async open({ model, trace, episode }, changed, signal) {
+    const facts = await openTrace(model, trace, signal);
+    const lap = await get(address("lap", { model, trace, episode }), signal);
+    return new EpisodeData({ model, trace, episode }, facts, lap, changed, signal);
+  }
+
+  constructor(query, facts, lap, changed, signal) {
+    Object.assign(this, { query, facts, lap, changed, signal });
+    this.rows = lap.time_s.length;
+    this.checkpoint = facts.policy.available.includes(facts.policy.checkpoint) ? facts.policy.checkpoint : null;
+    this.explains = false;
+    this.problem = null; // of the pictures
+    this.policyProblem = null;
+    this.parts = { steps: new Map(), policy: new Map(), explained: new Map() };
+    this.wanted = 0;
+    this.busy = false;
+    const known = new Set(facts.used_parameters);
+    this.isUsed = (name) => known.has(name);
+    this.duration = lap.time_s.at(-1);
+    this.progress = rising(lap.progress);
+  }
+
+  /** Fetch what the row needs, then what comes next. */
+  want(row) {
+    this.wanted = row;
+    this.#next();
+  }
+
+  /** Look with another checkpoint; null for none. */
+  look(checkpoint) {
+    this.checkpoint = checkpoint;
+    this.policyProblem = null;
+    this.parts.policy.clear();
+    this.parts.explained.clear();
+    this.#next();
+  }
+
+  /** Show the explanation map or not. */
+  explain(on) {
+    this.explains = on;
+    this.#next();
+  }
+
+  /** Forget what failed, and try again. */
+  retry() {
+    this.problem = this.policyProblem = null;
+    this.#next();
+  }
+
+  /** Picture of a row as a blob, with the map over it if that is wanted and there. */
+  picture(row) {
+    const explained = this.explains && this.checkpoint !== null ? this.#part("explained", row)?.pictures[row % EXPLAINED] : null;
+    return { blob: explained ?? this.#part("steps", row)?.pictures[row % WINDOW] ?? null, explained: Boolean(explained) };
+  }
+
+  /** Reward parameters of a row: columns of its window and the row in them; null while they are not there. */
+  parameters(row) {
+    const part = this.#part("steps", row);
+    return part?.facts.parameters ? { ...part.facts.parameters, at: row % WINDOW } : null;
+  }
+
+  /** What the policy makes of the picture of a row: its answer and the row in it. */
+  choice(row) {
+    const part = this.#part("policy", row);
+    return part ? { ...part, at: row % WINDOW } : null;
+  }
+
+  /** What the critic expects at every row; null where it is not known yet. */
+  values() {
+    const found = new Array(this.rows).fill(null);
+    for (const part of this.parts.policy.values()) part.value?.forEach((value, k) => { found[part.first + k] = value; });
+    return found;
+  }
+
+  /** What the critic expects at one row. */
+  valueAt(row) {
+    const choice = this.choice(row);
+    return choice?.value ? choice.value[choice.at] : null;
+  }
+
+  #part(kind, row) {
+    return this.parts[kind].get(Math.floor(row / (kind === "explained" ? EXPLAINED : WINDOW)));
+  }
+
+  /** What is to be fetched next: [kind, number of the window]; null if nothing is missing. */
+  #missing() {
+    const here = Math.floor(this.wanted / WINDOW), last = Math.floor((this.rows - 1) / WINDOW);
+    const looks = this.checkpoint !== null && this.facts.outline && !this.policyProblem;
+    const draws = this.facts.outline && !this.problem;
+    const list = [];
+    if (draws) list.push(["steps", here]);
+    if (looks) list.push(["policy", here]);
+    if (looks && this.explains) {
+      const place = Math.floor(this.wanted / EXPLAINED);
+      list.push(["explained", place]);
+      if ((place + 1) * EXPLAINED < this.rows) list.push(["explained", place + 1]);
+    }
+    if (draws && here < last) list.push(["steps", here + 1]);
+    if (looks && here < last) list.push(["policy", here + 1]);
+    if (looks) for (let k = 0; k <= last && k * WINDOW < MOST_CURVE; k += 1) list.push(["policy", k]);
+    return list.find(([kind, place]) => !this.parts[kind].has(place)) ?? null;
+  }
+
+  async #next() {
+    if (this.busy || this.signal.aborted) return;
+    const missing = this.#missing();
+    if (!missing) return;
+    const [kind, place] = missing, size = kind === "explained" ? EXPLAINED : WINDOW, checkpoint = this.checkpoint;
+    const query = { ...this.query, first: place * size, count: size };
+    this.busy = true;
+    try {
+      const part = kind === "steps" ? await getPacked(address(kind, query), this.signal)
+        : kind === "policy" ? await get(address(kind, { ...query, checkpoint }), this.signal)
+          : await getPacked(address(kind, { ...query, checkpoint }), this.signal);
+      if (kind === "steps" || checkpoint === this.checkpoint) this.#keep(kind, place, part);
+    } catch (error) {
+      if (this.signal.aborted || error.name === "AbortError") return;
+      if (kind === "steps") this.problem = error; else if (checkpoint === this.checkpoint) this.policyProblem = error;
+    } finally {
+      this.busy = false;
+    }
+    if (this.signal.aborted) return;
+    this.changed(kind);
+    this.#next();
+  }
+
+  #keep(kind, place, part) {
+    const parts = this.parts[kind];
+    parts.set(place, part);
+    if (kind === "policy") return; // numbers only
+    for (const old of parts.keys()) {
+      if (parts.size <= MOST_WINDOWS) break;
+      parts.delete(old);
+    }
+  }
+}
+
+/** The index of the last value that is at most `x`; 0 if none is. The values rise. */
+export function lastAt(values, x) {
+  let low = 0, high = values.length - 1;
+  while (low < high) {
+    const middle = Math.ceil((low + high) / 2);
+    if (values[middle] <= x + 1e-9) low = middle; else high = middle - 1;
+  }
+  return low;
+}
+
+function rising(values) {
+  let most = -Infinity;
+  return values.map((value) => (most = Math.max(most, value)));
+}

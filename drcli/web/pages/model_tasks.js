@@ -1,0 +1,45 @@
+// Starts a task of the server, and waits for its end; app.js shows its progress and its failure.
+
+import { ApiError, post } from "/api.js";
+import { notify } from "/dom.js";
+import { follow } from "/socket.js";
+
+/** The result of a task by its number; rejects with its error. */
+export function taskEnd(number, signal) {
+  return new Promise((resolve, reject) => {
+    const own = new AbortController();
+    signal?.addEventListener("abort", () => { own.abort(); reject(new DOMException("The page was left.", "AbortError")); }, { once: true });
+    follow("tasks", ({ tasks = [] }) => {
+      const task = tasks.find((each) => each.id === number);
+      if (!task || task.ended === null || own.signal.aborted) return;
+      own.abort();
+      if (task.state === "failed") reject(Object.assign(new ApiError(0, task.error), { ofTask: true })); else resolve(task.result);
+    }, own.signal);
+  });
+}
+
+/** Start an action on a model; the button is switched off meanwhile. Null if it was refused or failed. */
+export async function act(name, body, { button, signal, ended } = {}) {
+  if (button) button.disabled = true;
+  try {
+    const { task } = await post(`/api/model/${name}`, body);
+    const result = await taskEnd(task, signal);
+    ended?.(result);
+    return result;
+  } catch (error) {
+    // A task that failed has its own notice; a request that was refused has none.
+    if (error.name !== "AbortError" && !error.ofTask) notify(error.message, "bad", error.remedy);
+    return null;
+  } finally {
+    if (button) button.disabled = false;
+  }
+}
+
+/** Let the browser keep a file that a task has made. */
+export function save({ url, name }) {
+  const link = Object.assign(document.createElement("a"), { href: url, download: name });
+  document.body.append(link);
+  link.click();
+  link.remove();
+  notify(`${name} is being downloaded.`);
+}

@@ -1,0 +1,76 @@
+"""The process that checks reward functions for the console: `python -m drcli.web.reward_process`.
+
+It reads a JSON line for each request and writes one for each answer. It ends with its input, so it
+never outlives the console. The simulation is loaded here, and not in the console's own process.
+"""
+
+import json
+import os
+import queue
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+from drcli.base.plain_json import plain
+from drcli.config.loading import load_settings
+from drcli.web.answers import error_of, placed
+
+
+class _Requests(threading.Thread):
+    """Reads requests, and gives up the one under way when it is told to."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.waiting: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+        self.given_up = threading.Event()
+        self._cancelled = 0
+
+    def run(self) -> None:
+        for line in sys.stdin.buffer:
+            request = json.loads(line)
+            if "cancel" in request:
+                self._cancelled = request["cancel"]
+                self.given_up.set()
+            else:
+                self.waiting.put(request)
+        os._exit(0)  # the console has ended
+
+    def begin(self, number: int) -> threading.Event:
+        """The event that gives up a request."""
+        if self._cancelled < number:
+            self.given_up.clear()
+        return self.given_up
+
+
+def main() -> None:
+    """Answer requests until the input ends."""
+    # What the racer's code or a library prints must not get into the answers.
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    requests = _Requests()
+    requests.start()
+    checker = None
+    while True:
+        request = requests.waiting.get()
+        given_up = requests.begin(request["number"])
+        try:
+            if checker is None:
+                from drcli.rewards.live_check import LiveCheck
+
+                checker = LiveCheck()
+            folder = Path(request["folder"])
+            found = checker.check(
+                load_settings(folder), request["text"].encode(), folder, request["known"], given_up
+            )
+            answer: dict[str, Any] = {"superseded": True}
+            if found is not None:
+                answer = plain(found) | {"problems": [placed(each) for each in found.problems]}
+        except Exception as error:
+            answer = error_of(error)
+        answers.write(json.dumps(answer, allow_nan=False).encode() + b"\n")
+        answers.flush()
+
+
+if __name__ == "__main__":
+    main()

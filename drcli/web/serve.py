@@ -1,0 +1,62 @@
+"""The process of the console: `python -m drcli.web.serve FOLDER`, with a `Listen` as its input."""
+
+import socket
+import sys
+from pathlib import Path
+
+import uvicorn
+from starlette.types import ASGIApp
+
+from drcli.base.log import LogFile
+from drcli.config import secret_environment
+from drcli.web.connection_limits import TimedHttp, TimedWebSocket
+from drcli.web.console_app import build_app
+from drcli.web.listen import Listen
+from drcli.web.viewer_process import log_path
+
+LOG_BYTES = 4 << 20
+
+IDLE_S = 15
+"""After which an idle connection is closed, and a WebSocket is asked whether it still lives."""
+
+
+def main() -> None:
+    """Serve until SIGTERM."""
+    directory = Path(sys.argv[1])
+    listen = Listen.of_line(sys.stdin.buffer.readline())
+    secret_environment.keep(listen.secrets)
+    if listen.secrets:
+        secret_environment.hide_process()
+    log = LogFile(log_path(directory), LOG_BYTES)
+    try:
+        with socket.socket(fileno=listen.descriptor) as bound:
+            server_of(build_app(directory, listen.token or None)).run([bound])
+    finally:
+        log.end()
+
+
+def server_of(app: ASGIApp) -> uvicorn.Server:
+    """A server with the limits of the console; give it a bound socket."""
+    return uvicorn.Server(
+        uvicorn.Config(
+            app,
+            http=TimedHttp,
+            ws=TimedWebSocket,
+            ws_max_size=65_536,
+            ws_ping_interval=IDLE_S,
+            ws_ping_timeout=IDLE_S,
+            # JPEG cannot be compressed further, and the page is on this machine.
+            ws_per_message_deflate=False,
+            timeout_keep_alive=IDLE_S,
+            timeout_graceful_shutdown=2,
+            h11_max_incomplete_event_size=32_768,
+            server_header=False,
+            proxy_headers=False,
+            access_log=False,
+            log_level="warning",
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,106 @@
+"""The WebSocket of the page: it says which topics it watches, and gets what is new to them."""
+
+import asyncio
+import json
+from contextlib import suppress
+from typing import Any
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from drcli.web.hub import Client, Hub
+from drcli.web.topics import Message, text_message
+
+MOST_CLIENTS = 64
+"""Connections; further ones are refused."""
+
+LONGEST_REQUEST = 16_384
+"""Characters of a message of the page."""
+
+LONGEST_TOPIC = 200
+"""Characters: a name of a model is in some of them."""
+
+SEND_S = 20.0
+"""How long one message may take; then the connection is closed, and the page opens another."""
+
+QUIET_S = 15.0
+"""After so long without news, the page is told that the connection lives."""
+
+PAUSE_S = 0.05
+"""Between two messages of a page. It sends one when it shows something else."""
+
+_TRY_LATER, _BAD_DATA = 1013, 1007
+"""Codes of RFC 6455."""
+
+
+class SocketRoute:
+    """Serves the WebSockets of all pages.
+
+    Args:
+        hub: Has the topics.
+    """
+
+    def __init__(self, hub: Hub) -> None:
+        self._hub = hub
+        self._open = 0
+
+    async def serve(self, socket: WebSocket) -> None:
+        """Serve one connection until it ends."""
+        if self._open >= MOST_CLIENTS:
+            await socket.close(_TRY_LATER, "Too many pages are open.")
+            return
+        self._open += 1
+        client = self._hub.connect()
+        try:
+            await socket.accept()
+            async with asyncio.TaskGroup() as group:
+                sender = group.create_task(self._send(socket, client))
+                await self._receive(socket, client)
+                sender.cancel()
+        except* (WebSocketDisconnect, OSError, RuntimeError):
+            pass  # the page was closed, or does not read
+        finally:
+            self._hub.disconnect(client)
+            self._open -= 1
+
+    async def _receive(self, socket: WebSocket, client: Client) -> None:
+        while True:
+            message = await socket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            topics = _topics_of(message.get("text"))
+            if topics is None:
+                await socket.close(_BAD_DATA, "The message is not one of the page.")
+                return
+            self._hub.watch(client, topics)
+            await asyncio.sleep(PAUSE_S)
+
+    async def _send(self, socket: WebSocket, client: Client) -> None:
+        """Send what is new; OSError, or TimeoutError, which is one, if the page does not read."""
+        while True:
+            message: Message = _ALIVE
+            with suppress(TimeoutError):
+                async with asyncio.timeout(QUIET_S):
+                    message = await self._hub.next_message(client)
+            async with asyncio.timeout(SEND_S):
+                if isinstance(message, bytes):
+                    await socket.send_bytes(message)
+                else:
+                    await socket.send_text(message)
+
+
+_ALIVE = text_message("alive", None)
+
+
+def _topics_of(text: Any) -> set[str] | None:
+    """What a page wants to watch; None if the message is wrong."""
+    if not isinstance(text, str) or len(text) > LONGEST_REQUEST:
+        return None
+    try:
+        topics = json.loads(text)["watch"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+    if not isinstance(topics, list) or not all(
+        isinstance(topic, str) and len(topic) <= LONGEST_TOPIC for topic in topics
+    ):
+        return None
+    return set(topics)

@@ -1,0 +1,182 @@
+"""Checks everything, and starts a training, as `dr-validate` and `dr-start-training` do."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from starlette.requests import Request
+from starlette.routing import BaseRoute, Route
+
+from drcli.base.errors import DrError, WorkerDied
+from drcli.base.plain_json import plain
+from drcli.config.settings import Settings
+from drcli.config.track_names import to_fetch
+from drcli.exchange.run_record import RunRecord, run_folder
+from drcli.runs.status import inspect
+from drcli.store.connect import open_running_bucket
+from drcli.store.model_prefix import is_used, newest_checkpoint
+from drcli.web.answers import BadRequest, accepts, answers, placed
+from drcli.web.served_folder import ServedFolder
+from drcli.web.tasks import Progress
+
+if TYPE_CHECKING:
+    from drcli.runs.plan import StartOptions
+
+LONGEST_MINUTES = 10_000_000
+"""As for `dr-start-training --max-minutes`."""
+
+MOST_LAPS = 100_000
+
+LARGEST_SEED = 2**32 - 1
+
+
+def tracks_to_fetch(settings: Settings) -> list[str]:
+    """Community tracks that a start needs and that are not installed."""
+    from drcli.checks.stage_rules import review_stages
+
+    staged = review_stages(settings, {})
+    run = settings.run
+    races = [race for stage in staged.stages for race in stage.settings.races]
+    second = run.second_race(run.race())
+    return to_fetch([*(races or settings.races), *([second] if second is not None else ())])
+
+
+def _bounded(body: dict[str, Any], key: str, low: float, high: float) -> float | None:
+    """A number of a request; None where it is left out.
+
+    Raises:
+        BadRequest: It is not a number within the limits.
+    """
+    value = body.get(key)
+    if value is None:
+        return None
+    good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if not good or not low <= value <= high:
+        raise BadRequest(f"{key} is a number from {low:g} to {high:g}.", 422)
+    return float(value)
+
+
+def _whole(body: dict[str, Any], key: str, low: int, high: int) -> int | None:
+    value = _bounded(body, key, low, high)
+    if value is not None and value != int(value):
+        raise BadRequest(f"{key} is a whole number.", 422)
+    return None if value is None else int(value)
+
+
+def _options(body: dict[str, Any], settings: Settings) -> "StartOptions":
+    """What is asked of a start; deleting or continuing a model must be confirmed with its name.
+
+    Raises:
+        BadRequest: Something is not allowed, or not confirmed.
+    """
+    from drcli.runs.plan import StartOptions
+
+    how = body.get("how", "new")
+    if how not in ("new", "resume", "wipe"):
+        raise BadRequest("A training is started anew, resumed, or started over.")
+    if how != "new" and body.get("confirmed") != settings.model_prefix:
+        raise BadRequest(
+            f"{'Deleting' if how == 'wipe' else 'Continuing'} the model {settings.model_prefix} "
+            "must be confirmed with its name.",
+            409,
+        )
+    return StartOptions(
+        wipe=how == "wipe",
+        resume=how == "resume",
+        max_minutes=_bounded(body, "max_minutes", 0.01, LONGEST_MINUTES),
+        until_laps=_whole(body, "until_laps", 1, MOST_LAPS),
+        seed=_whole(body, "seed", 0, LARGEST_SEED),
+    )
+
+
+def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    """`POST /api/validate`, `GET` and `POST /api/start`."""
+
+    def check(_: Request, body: dict[str, Any]) -> Any:
+        from drcli.checks.validate import validate
+
+        found = validate(
+            folder.directory, console_compatible=body.get("console_compatible") is True
+        )
+        groups = {"errors": found.errors, "warnings": found.warnings, "notes": found.notes}
+        return {
+            "ok": found.ok,
+            **{name: [placed(each) for each in group] for name, group in groups.items()},
+            "skipped": plain(found.skipped),
+        }
+
+    def about(_: Request) -> Any:
+        settings = folder.settings()
+        prefix = settings.model_prefix
+        record = RunRecord.read(run_folder(settings.directory, settings.run_id))
+        found: dict[str, Any] = {
+            "model": prefix,
+            "run_id": settings.run_id,
+            "trains": record.prefix if record is not None and record.alive else None,
+            "used": False,
+            "checkpoint": None,
+            "fetch": tracks_to_fetch(settings),
+            "fetch_allowed": settings.tracks_fetch,
+            "pretrained": settings.pretrained_prefix if settings.pretrained else None,
+            "bucket_error": None,
+        }
+        try:
+            bucket = open_running_bucket(settings.storage)
+            if bucket is not None:
+                newest = newest_checkpoint(bucket, prefix)
+                found["used"] = is_used(bucket, prefix)
+                found["checkpoint"] = None if newest is None else str(newest)
+        except DrError as error:
+            found["bucket_error"] = str(error)
+        return found
+
+    def start(_: Request, body: dict[str, Any]) -> Any:
+        settings = folder.settings()
+        options = _options(body, settings)
+        fetches = body.get("fetch") is True or settings.tracks_fetch == "always"
+
+        def run(progress: Progress) -> Any:
+            return _start(settings, options, progress, fetches=fetches)
+
+        title = f"Start the training of {settings.model_prefix}"
+        return folder.tasks.start("start-training", settings.model_prefix, title, run)
+
+    return [
+        Route("/api/validate", accepts(check), methods=["POST"]),
+        Route("/api/start", answers(about), methods=["GET"]),
+        Route("/api/start", accepts(start), methods=["POST"]),
+    ]
+
+
+def _start(
+    settings: Settings, options: "StartOptions", progress: Progress, *, fetches: bool
+) -> dict[str, Any]:
+    """What `dr-start-training -q` does.
+
+    Raises:
+        DrError: It cannot start.
+    """
+    # The simulation, which these load, takes seconds and a hundred megabytes.
+    from drcli.runs import plan, training
+    from drcli.tracks.community import fetch_track
+
+    missing = tracks_to_fetch(settings) if fetches and settings.tracks_fetch != "never" else []
+    for name in missing:
+        progress(f"Fetching the track {name} ...")
+        fetch_track(name, settings.tracks_url, settings.tracks_folder)
+    progress("Checking settings, files and reward function ...")
+    planned = plan.prepare(settings, options)
+    progress("Starting the workers ...")
+    pid = training.launch(planned)
+    if inspect(settings.run).pid != pid:
+        raise WorkerDied(
+            "The training did not start.", remedy="Read the reason with `dr-logs supervisor`."
+        )
+    return {
+        "model": settings.model_prefix,
+        "bucket": settings.bucket,
+        "pid": pid,
+        "warnings": planned.warnings,
+        "resumes": planned.resumes,
+        "ends": planned.ends,
+    }

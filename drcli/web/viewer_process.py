@@ -1,0 +1,266 @@
+"""Starts and stops the console of a working folder as a process in the background."""
+
+import http.client
+import os
+import secrets as random_secrets
+import signal
+import socket
+import subprocess
+import sys
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from urllib.parse import quote
+
+from drcli.base.atomic_file import load_record, write_private_json
+from drcli.base.backoff import wait_until
+from drcli.base.errors import SettingsError
+from drcli.base.file_lock import exclusive
+from drcli.base.process_identity import is_alive, started_s
+from drcli.config import secret_environment
+from drcli.config.run_config import WebConfig
+from drcli.runs.text_tail import text_tail
+from drcli.web.listen import ENTER, Listen
+from drcli.web.web_extra import require_web
+
+READY_S = 60.0
+"""How long it may take until it answers, on a machine whose cores are busy."""
+
+STOPPING_S = 10.0
+
+PORT_S = 2.0
+"""How long the port of an earlier console is waited for; then another one is used."""
+
+_LEAST_TOKEN = 16
+
+LOOPBACK_HOSTS = frozenset({"127.0.0.1", "::1", "localhost"})
+
+
+@dataclass(frozen=True)
+class ViewerRecord:
+    """A console that was started: `began_s` as in `drcli.base.process_identity`."""
+
+    pid: int
+    began_s: float
+    host: str
+    port: int
+    token: str = ""
+
+
+@dataclass(frozen=True)
+class _Token:
+    token: str
+
+
+@dataclass(frozen=True)
+class ViewerReport:
+    """The console of a working folder.
+
+    Attributes:
+        url: Its address, with the token if it needs one; null if it does not run.
+        pid: Its process.
+        host: The address that it listens at.
+        port: Its port.
+        needs_token: Whether other machines may open it, with the token.
+        started: Whether this command has started it.
+    """
+
+    url: str | None
+    pid: int | None
+    host: str
+    port: int
+    needs_token: bool
+    started: bool
+
+
+def start_viewer(directory: Path, config: WebConfig, *, again: bool = False) -> ViewerReport:
+    """Start the console of a working folder, unless it runs already.
+
+    Args:
+        directory: The working folder.
+        config: Where it listens.
+        again: Whether one that runs is ended, and started with these settings.
+
+    Raises:
+        NotAvailable: The extra `web` is not installed.
+        SettingsError: The port is taken, or the console does not start.
+        OSError: The folder cannot be written.
+    """
+    require_web()
+    path = _record_path(directory)
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with exclusive(
+        path.with_name("start.lock"),
+        patience_s=READY_S,
+        what="the console of this folder",
+        failure=SettingsError,
+    ):
+        before = load_record(ViewerRecord, path)
+        running = running_viewer(directory)
+        if running is not None and not again:
+            return report_of(running, started=False)
+        # Pages that are open go on if they find the console where it was.
+        usual = before.port if before is not None else config.port
+        moves = running is None or (running.host, running.port) != (config.host, config.port)
+        if moves and config.is_chosen:
+            with _bound(config, usual) as bound:  # before the old one ends, which may stay the only
+                stop_viewer(directory)
+                return _start(directory, config, bound)
+        stop_viewer(directory)
+        if before is not None and not config.is_chosen:
+            # Threads of a killed process may live a moment longer than it, and keep its port.
+            wait_until(lambda: not _answers(before.host, before.port), patience_s=PORT_S)
+        with _bound(config, usual) as bound:
+            return _start(directory, config, bound)
+
+
+def _start(directory: Path, config: WebConfig, bound: socket.socket) -> ViewerReport:
+    port = int(bound.getsockname()[1])
+    token = "" if config.host in LOOPBACK_HOSTS else _own_token(directory)
+    log = log_path(directory)
+    log.parent.mkdir(parents=True, exist_ok=True)
+    environment, _ = secret_environment.split(os.environ)
+    secrets = secret_environment.all_secrets()
+    with log.open("ab") as file:
+        process = subprocess.Popen(
+            [*(sys.executable, "-P", "-m", "drcli.web.serve"), str(directory)],
+            stdin=subprocess.PIPE,
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            cwd=directory,
+            pass_fds=[bound.fileno()],
+            start_new_session=True,
+        )
+    assert process.stdin is not None
+    # Through a pipe: everybody can read the arguments of a process.
+    with suppress(BrokenPipeError), process.stdin as pipe:
+        pipe.write(Listen(bound.fileno(), token, secrets).line())
+    record = ViewerRecord(process.pid, started_s(process.pid) or 0.0, config.host, port, token)
+    write_private_json(_record_path(directory), asdict(record))
+    wait_until(
+        lambda: process.poll() is not None or _answers(config.host, port), patience_s=READY_S
+    )
+    if process.poll() is None and _answers(config.host, port):
+        process.returncode = 0  # nobody waits for it: it outlives this command
+        return report_of(record, started=True)
+    process.kill()
+    process.wait()
+    _record_path(directory).unlink(missing_ok=True)
+    said = ([line for line in text_tail(log, 4000).splitlines() if line.strip()] or ["nothing"])[-1]
+    raise SettingsError(
+        f"The console does not start; the last line of its log is: {said[:300]}.",
+        remedy=f"Read {log}, or choose another port with DR_WEBVIEWER_PORT in system.env.",
+    )
+
+
+def stop_viewer(directory: Path) -> ViewerRecord | None:
+    """Stop the console of a working folder; None if none runs.
+
+    Raises:
+        SettingsError: It does not end.
+    """
+    record = running_viewer(directory)
+    if record is None:
+        with suppress(OSError):  # a stale record is harmless
+            _record_path(directory).unlink()
+        return None
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        with suppress(ProcessLookupError):
+            os.kill(record.pid, number)
+        if wait_until(lambda: not is_alive(record.pid, record.began_s), patience_s=STOPPING_S):
+            _record_path(directory).unlink(missing_ok=True)
+            return record
+    raise SettingsError(
+        f"The console (process {record.pid}) does not end.",
+        remedy="Look at that process with `ps`; it may wait for a disk.",
+    )
+
+
+def running_viewer(directory: Path) -> ViewerRecord | None:
+    """The console of a working folder, if it runs."""
+    record = load_record(ViewerRecord, _record_path(directory))
+    if record is None or not is_alive(record.pid, record.began_s):
+        return None
+    return record
+
+
+def report_of(record: ViewerRecord, *, started: bool) -> ViewerReport:
+    """What a command prints about a console."""
+    host = record.host if record.host not in ("0.0.0.0", "::") else _own_address()
+    shown = f"[{host}]" if ":" in host else host
+    path = f"{ENTER}?token={quote(record.token, safe='')}" if record.token else "/"
+    url = f"http://{shown}:{record.port}{path}"
+    return ViewerReport(url, record.pid, record.host, record.port, bool(record.token), started)
+
+
+def _own_address() -> str:
+    """The address under which other machines most likely reach this one."""
+    with suppress(OSError), socket.socket(type=socket.SOCK_DGRAM) as probe:
+        # Nothing is sent: this only asks which address would be used. Source: RFC 5737, an
+        # address for documentation.
+        probe.connect(("192.0.2.1", 9))
+        return str(probe.getsockname()[0])
+    return socket.gethostname()
+
+
+def log_path(directory: Path) -> Path:
+    """The log of the console."""
+    return directory / "data" / "logs" / "viewer.log"
+
+
+def _record_path(directory: Path) -> Path:
+    return directory / "data" / "viewer" / "viewer.json"
+
+
+def _own_token(directory: Path) -> str:
+    """The token of the folder; it stays the same, so that bookmarks and cookies do."""
+    path = directory / "data" / "viewer" / "token.json"
+    known = load_record(_Token, path)
+    if known is not None and len(known.token) >= _LEAST_TOKEN:
+        return known.token
+    token = random_secrets.token_urlsafe(24)
+    write_private_json(path, {"token": token})
+    return token
+
+
+def _bound(config: WebConfig, usual: int) -> socket.socket:
+    """A socket at the port of the settings; if nobody chose one, at the usual or any other port.
+
+    The console gets this socket, so no other program can take the port in between.
+
+    Raises:
+        SettingsError: The chosen one is taken, or the address is not one of this machine.
+    """
+    family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
+    reason = ""
+    for wanted in [config.port] if config.is_chosen else [usual, config.port, 0]:
+        bound = socket.socket(family)
+        try:
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            bound.bind((config.host, wanted))
+        except OSError as error:
+            bound.close()
+            reason = error.strerror or str(error)
+        else:
+            return bound
+    raise SettingsError(
+        f"{config.port_place}: the console cannot listen on {config.host} port {config.port} "
+        f"({reason}).",
+        remedy="Choose another DR_WEBVIEWER_PORT or DR_WEBVIEWER_HOST in system.env.",
+    )
+
+
+def _answers(host: str, port: int) -> bool:
+    """Whether the console answers, and not only the system for it."""
+    target = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+    connection = http.client.HTTPConnection(target, port, timeout=2.0)
+    try:
+        connection.request("GET", "/icon.svg")
+        connection.getresponse()
+    except (OSError, http.client.HTTPException):
+        return False
+    else:
+        return True
+    finally:
+        connection.close()

@@ -1,0 +1,95 @@
+"""Publishes the checkpoints of a trainer, and uploads in a thread what nobody waits for."""
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import ParamSpec
+
+from safetensors.torch import save as save_tensors
+
+from drcli.base.errors import StorageError
+from drcli.base.log import get_logger, plain
+from drcli.exchange.checkpoint import CheckpointName, Counters
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.trace_retention import TraceRetention
+from drcli.workers.build_learner import Learner
+from drcli.workers.write_graph import GraphWriter
+
+_logger = get_logger(__name__)
+
+P = ParamSpec("P")
+
+
+class CheckpointPublisher:
+    """Publishes weights at once, then optimizer state and graph while workers already drive.
+
+    Args:
+        checkpoints: Those of the model.
+        graphs: Writes the graph of each.
+        traces: Is applied after each.
+        is_ending: Whether the process was asked to stop.
+    """
+
+    def __init__(
+        self,
+        checkpoints: CheckpointStore,
+        graphs: GraphWriter,
+        traces: TraceRetention,
+        is_ending: Callable[[], bool],
+    ) -> None:
+        self._checkpoints = checkpoints
+        self._graphs = graphs
+        self._traces = traces
+        self._is_ending = is_ending
+        self._uploader = ThreadPoolExecutor(1, thread_name_prefix="upload")
+        self._uploads: list[Future[object]] = []
+
+    def publish(self, name: CheckpointName, learner: Learner, counters: Counters) -> None:
+        """Publish the weights of a learner, once everything of the checkpoint before is uploaded.
+
+        In a process that is ending, nobody waits for the weights, and an optimizer state that
+        follows may come too late: then the checkpoint is published with its state or not at all.
+
+        Raises:
+            StorageError: These weights, or something of the checkpoint before, did not arrive.
+        """
+        self.join()
+        tensors = learner.optimizer.tensors()
+        moments = save_tensors(tensors) if tensors and self._is_ending() else None
+        state = {name: t.contiguous() for name, t in learner.model.state_dict().items()}
+        weights = save_tensors(state)
+        record = self._checkpoints.save(
+            name.number, name.steps, weights, optimizer=moments, counters=counters
+        )
+        plain.info("Checkpoint> Saving in path=['%s']", record.name)
+        if tensors and moments is None:
+            self.submit(self._checkpoints.attach_optimizer, record, save_tensors(tensors))
+        self.submit(self._graphs.write, record.number, weights)
+        self.submit(self._thin_traces, name.number)
+
+    def submit(self, task: Callable[P, object], *arguments: P.args, **named: P.kwargs) -> None:
+        """Do something in the thread of uploads."""
+        self._uploads.append(self._uploader.submit(task, *arguments, **named))
+
+    def join(self) -> None:
+        """Wait for all uploads so far, and raise their error."""
+        while self._uploads:
+            self._uploads.pop(0).result()
+
+    def close(self) -> None:
+        """Wait for the uploads, whatever becomes of them; nothing may be submitted afterwards."""
+        self._uploader.shutdown()
+
+    def _thin_traces(self, newest: int) -> None:
+        try:
+            thinned = self._traces.apply(newest)
+        except StorageError as error:
+            _logger.warning("Old traces were not deleted: %s", error)
+            return
+        if thinned is not None:
+            _logger.info(
+                "Deleted the traces of %d older iterations (%.1f MB); %d iterations have traces. "
+                "DR_TRAIN_TRACES_MAX_MB=0 keeps all.",
+                thinned.iterations,
+                thinned.size_bytes / 1e6,
+                thinned.left,
+            )

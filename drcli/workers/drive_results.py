@@ -1,0 +1,189 @@
+"""Publishes what people and tools read of the episodes of one worker: metrics, traces, figures."""
+
+import time
+from collections.abc import Sequence
+
+from drcli.base.log import get_logger, traces
+from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
+from drcli.exchange.episode_metrics import EpisodeMetrics
+from drcli.exchange.job import Job
+from drcli.exchange.scores import EvaluationResult
+from drcli.exchange.trace import csv_text, schedule, steering_changes
+from drcli.store import keys
+from drcli.store.best_checkpoint import write_evaluation
+from drcli.store.bucket import Bucket, ObjectDamaged
+from drcli.store.rollbacks import read_rollbacks
+from drcli.store.trace_retention import TraceRetention
+from drcli.tracking.open_sinks import sender_of_episodes
+from drcli.workers import reference_log
+from drcli.workers.cores import overlaps
+from drcli.workers.driven_episode import Driven
+from drcli.workers.live_figures import episode_points
+from drcli.workers.metrics_file import TrainingMetrics
+from drcli.workers.training_simulation import TrainingSimulation
+
+_logger = get_logger(__name__)
+
+
+class DriveResults:
+    """The results of a worker's drives, in the order of its simulated clock.
+
+    Log-guru stops at an episode that it has seen before, so the log gets each one once, even if a
+    restart or a rollback drives it again.
+
+    Args:
+        job: The training.
+        bucket: Where the model is.
+        simulation: What the worker drives first.
+
+    Raises:
+        ObjectDamaged: The metrics in the bucket are damaged.
+    """
+
+    def __init__(self, job: Job, bucket: Bucket, simulation: TrainingSimulation) -> None:
+        self._config = job.config
+        self._bucket = bucket
+        self._prefix = job.config.model.prefix
+        self._worker = simulation.share.worker
+        self._lag = int(overlaps(job.config.train))
+        self._figures = sender_of_episodes(job.config.figures, self._prefix)
+        self._simulation = simulation
+        self._metrics = self._open_metrics()
+        self._traces = TraceRetention(bucket, self._prefix, job.config.train.workers, 0)
+        self._logged = -1
+        self._driven_before = False
+        self._evaluated_before = False
+
+    def enter(self, simulation: TrainingSimulation) -> None:
+        """Go on with the simulation of another stage."""
+        self._simulation = simulation
+        self._metrics.finish()
+        self._metrics = self._open_metrics()
+
+    def _open_metrics(self) -> TrainingMetrics:
+        model, stage = self._config.model, self._simulation.stage
+        return TrainingMetrics(
+            self._bucket,
+            model.metrics_prefix,
+            model.metric,
+            self._simulation.share,
+            stage="" if stage is None else stage.name,
+        )
+
+    def forget_given_up(self, newest: CheckpointName | None = None) -> None:
+        """Note which iterations the log has already, and delete traces of iterations given up.
+
+        The training goes on from checkpoint `newest`; None if that is not known yet.
+        """
+        try:
+            rollbacks = read_rollbacks(self._bucket, self._prefix)
+        except ObjectDamaged:
+            return
+        left = [checkpoint_name(each.left).number for each in rollbacks.entries]
+        self._logged = max(left, default=-1 - self._lag) + self._lag
+        if left and newest is not None:
+            self._traces.delete_after(newest.number + self._lag)
+
+    def keep_before(self, iteration: int) -> None:
+        """Take this iteration and later ones, which are driven again, out of the metrics."""
+        self._metrics.keep_before(iteration)
+
+    def publish_training(
+        self,
+        iteration: int,
+        name: CheckpointName,
+        episodes: list[Driven],
+        wall_clock: tuple[float, float],
+    ) -> None:
+        """Publish the training episodes of an iteration.
+
+        Args:
+            iteration: Its number.
+            name: The checkpoint that drove.
+            episodes: All of this worker; they are sorted, and get their times.
+            wall_clock: Unix times of the beginning and the end of the drive, seconds.
+        """
+        episodes.sort(key=lambda episode: episode.number)
+        schedule(episodes, self._metrics.clock_s)
+        self._send_figures(self._metrics.add(iteration, episodes), wall_clock)
+        length_m, worker = self._simulation.track_length_m, self._worker
+        workers = self._config.train.workers
+        key = keys.training_trace(self._prefix, iteration, worker=worker, workers=workers)
+        self._driven_before = iteration <= self._logged or self._bucket.exists(key)
+        if not self._driven_before:  # else the log has them already
+            traces.info(
+                reference_log.training_lines(
+                    episodes, worker, length_m, name.steps, iteration, wall_clock[1]
+                )
+            )
+        self._bucket.put(key, csv_text(episodes, length_m, wall_clock).encode())
+
+    def score(
+        self, name: CheckpointName, episodes: list[Driven], rollbacks: int
+    ) -> EvaluationResult | None:
+        """Give the trainer the results of all trials of a checkpoint, which are sorted.
+
+        Returns:
+            These results, marked with the number of rollbacks so far; None if the reward function
+            declared all trials broken.
+        """
+        episodes.sort(key=lambda episode: episode.number)
+        key = keys.evaluation_result(self._prefix, name.number)
+        self._evaluated_before = name.number <= self._logged or self._bucket.exists(key)
+        sound = [episode for episode in episodes if not episode.discarded]
+        if not sound:
+            _logger.warning(
+                "Checkpoint %d is not scored: the reward function declared all episodes of its "
+                "evaluation broken.",
+                name.number,
+            )
+            return None
+        changes, metres = steering_changes(sound)
+        result = EvaluationResult(
+            checkpoint=str(name),
+            progress=[float(e.progress) for e in sound],
+            reward=[float(e.reward) for e in sound],
+            lap_s=[float(e.duration_s) for e in sound if e.completed],
+            steering_per_m=changes / metres if metres > 1.0 else None,
+            rollbacks=rollbacks,
+        )
+        write_evaluation(self._bucket, self._prefix, name.number, result)
+        return result
+
+    def publish_evaluation(
+        self,
+        iteration: int,
+        name: CheckpointName,
+        episodes: list[Driven],
+        last_episode: int,
+        begin: float,
+    ) -> None:
+        """Publish the evaluation of a checkpoint, after the training episodes of its drive.
+
+        Args:
+            iteration: The one that was driven at the same time.
+            name: The checkpoint.
+            episodes: All trials, after `score`; they get their times.
+            last_episode: One more than the number of the iteration's last training episode.
+            begin: Unix time at which the drive began, seconds.
+        """
+        schedule(episodes, self._metrics.clock_s)
+        self._send_figures(self._metrics.add(iteration, [], episodes), (begin, time.time()))
+        if not (self._driven_before and self._evaluated_before):  # else the log has it already
+            traces.info(
+                reference_log.evaluation_lines(
+                    episodes, self._worker, last_episode, name.steps, name.number
+                )
+            )
+
+    def close(self) -> None:
+        """Write the metrics for the last time, and send the last figures."""
+        self._metrics.finish()
+        self._figures.close()
+
+    def _send_figures(
+        self, records: Sequence[EpisodeMetrics], wall_clock: tuple[float, float]
+    ) -> None:
+        """Give the tools of others new records of episodes driven between these Unix times."""
+        if self._figures.is_active:
+            self._figures.send(*episode_points(records, self._worker, wall_clock))

@@ -1,0 +1,116 @@
+"""An episode of a simulation worker: what is planned, and what the learner gets of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drcli.exchange.rollout import Episodes
+from drcli.exchange.trace import Episode, Phase
+from drcli.learn.rollout_buffer import Rollout
+from drsim.car.conditions import Conditions
+
+
+@dataclass(frozen=True)
+class Plan:
+    """An episode to drive.
+
+    Attributes:
+        number: Number of the `Episode`.
+        phase: Training samples from the policy, evaluation takes its most likely action.
+        start_fraction: Where on the lap it starts, 0 to 1.
+        reverse: Whether it drives against the direction of the simulation's track.
+        racer: Index of the racer that drives it.
+        attempt: How often it was driven before, because the reward function declared it broken.
+        offset_m: How far to the left of the centre line it starts.
+        angle_deg: How far the car is turned to the left at its start.
+        conditions: What it is driven under, instead of what the settings draw.
+        world: Episodes with the same number here have the same seed; None for its own number.
+    """
+
+    number: int
+    phase: Phase
+    start_fraction: float
+    reverse: bool = False
+    racer: int = 0
+    attempt: int = 0
+    offset_m: float = 0.0
+    angle_deg: float = 0.0
+    conditions: Conditions | None = None
+    world: int | None = None
+
+    def seed(self, run: int) -> int:
+        """Seed of everything random in the episode's world.
+
+        All racers of a race have the same seed. An evaluation episode has the same seed for every
+        checkpoint, so that checkpoints can be compared.
+        """
+        number = self.number if self.world is None else self.world
+        words = [run, number, int(self.phase == "evaluation")]
+        if self.attempt:
+            words.append(self.attempt)
+        return int(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
+
+
+@dataclass
+class Driven(Episode):
+    """An episode with the learner's data of each step except the first.
+
+    Attributes:
+        racer: Index of the racer that drove it.
+        frames: What the car saw. Each of shape (eyes, 120, 160).
+        scans: Lidar values. Each of shape (scan_dims,).
+        states: What only the critic sees. Each of shape (state_dims,).
+        actions: An index, or unclipped values of shape (dims,).
+        log_probs: Log-probability of each action.
+        values: The critic's estimates.
+        cut: Whether the step limit ended it.
+        last_value: The critic's estimate of the rest if the step limit ended it, else 0.
+        objects: If the driver keeps them, x, y and yaw of what stood and drove around the car at
+            each row. Each of shape (k, 3).
+    """
+
+    racer: int = 0
+    frames: list[NDArray[np.uint8]] = field(default_factory=list)
+    scans: list[NDArray[np.float32]] = field(default_factory=list)
+    states: list[NDArray[np.float32]] = field(default_factory=list)
+    actions: list[NDArray[np.float32] | int] = field(default_factory=list)
+    log_probs: list[float] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+    cut: bool = False
+    last_value: float = 0.0
+    objects: list[NDArray[np.float64]] = field(default_factory=list)
+
+
+def rollout_of(driven: Sequence[Driven]) -> Rollout:
+    """Training episodes as the learner takes them.
+
+    None of them may be discarded: nobody may learn from these.
+    """
+    return Rollout(
+        frames=np.stack([frame for e in driven for frame in e.frames]),
+        actions=np.array([action for e in driven for action in e.actions]),
+        log_probs=np.array([p for e in driven for p in e.log_probs], np.float32),
+        values=np.array([v for e in driven for v in e.values]),
+        rewards=np.array([row.reward for e in driven for row in e.rows[1:]]),
+        lengths=np.array([e.steps for e in driven]),
+        last_values=np.array([e.last_value for e in driven]),
+        cut=np.array([e.cut for e in driven]),
+        scans=np.stack([scan for e in driven for scan in e.scans]),
+        states=np.stack([state for e in driven for state in e.states]),
+    )
+
+
+def episodes_of(driven: Sequence[Driven]) -> Episodes:
+    """The same in the form that travels to the learner; the frames of the episodes are freed."""
+    rollout = rollout_of(driven)
+    for episode in driven:
+        episode.frames.clear()
+    return Episodes(
+        rollout,
+        numbers=np.array([e.number for e in driven]),
+        progress=np.array([e.progress for e in driven]),
+        completed=np.array([e.completed for e in driven]),
+        duration_s=np.array([e.duration_s for e in driven]),
+    )

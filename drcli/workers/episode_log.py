@@ -1,0 +1,56 @@
+"""Writes one line into the log of a worker for each episode that has ended."""
+
+from typing import Any
+
+from drcli.base import log
+from drcli.exchange.trace import STATUS_LABELS, Episode
+
+_logger = log.get_logger(__name__)
+
+
+def log_training(episode: Episode, iteration: int, worker: int) -> None:
+    """Log a training episode when it ends."""
+    _log(
+        "episode",
+        f"Episode {episode.number} of iteration {iteration}",
+        episode,
+        iteration=iteration,
+        worker=worker,
+    )
+
+
+def log_evaluation(episode: Episode, checkpoint: int, worker: int) -> None:
+    """Log an evaluation episode of a checkpoint during its training when it ends."""
+    _log(
+        "evaluation",
+        f"Evaluation episode {episode.number} of checkpoint {checkpoint}",
+        episode,
+        checkpoint=checkpoint,
+        worker=worker,
+    )
+
+
+def log_trial(episode: Episode, model: str) -> None:
+    """Log a trial of a stand-alone evaluation."""
+    _log("trial", f"Trial {episode.number + 1} of {model}", episode, model=model)
+
+
+def _log(kind: str, what: str, episode: Episode, **facts: Any) -> None:
+    """Log an episode, which has at least its first row."""
+    status = STATUS_LABELS.get(episode.status, episode.status)
+    log.event(
+        _logger,
+        kind,
+        f"{what}: {status.lower()} at {episode.progress:.1f} % after {episode.steps} steps "
+        f"({episode.duration_s:.3f} s), reward {episode.reward:.2f}.",
+        **facts,
+        episode=episode.number,
+        status=episode.status,
+        progress=round(float(episode.progress), 4),
+        steps=episode.steps,
+        duration_s=round(float(episode.duration_s), 4),
+        reward=round(float(episode.reward), 4),
+        start_waypoint=int(episode.rows[0].closest_waypoint),
+        end_waypoint=int(episode.rows[-1].closest_waypoint),
+        crashes=int(episode.rows[-1].crashes),
+    )

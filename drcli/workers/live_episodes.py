@@ -1,0 +1,127 @@
+"""Counts rewards of running episodes, and remembers the newest laps, for the live view."""
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import time as unix_s
+
+from drcli.exchange.live_record import FinishedEpisode
+from drcli.exchange.trace import Episode, Phase, Row
+from drcli.workers.live_moment import Rider
+
+REMEMBERED = 24
+"""Finished episodes that a scene tells."""
+
+COMPLETE = 100.0
+
+Who = tuple[int, Phase, int]
+"""Number and phase of an episode, and the index of its racer."""
+
+
+@dataclass
+class _Open:
+    """An episode that runs, as far as it is counted."""
+
+    rows: Sequence[Row]
+    counted: int = 0
+    total: float = 0.0
+    began_row: int = 0
+    began_s: float = 0.0
+    began_total: float = 0.0
+    lap: int = 1
+
+
+@dataclass(frozen=True)
+class Drive:
+    """With what is driven.
+
+    Attributes:
+        world: The track.
+        iteration: None in an evaluation.
+        checkpoint: Empty if unknown.
+    """
+
+    world: str
+    iteration: int | None
+    checkpoint: str
+
+
+class LiveEpisodes:
+    """The newest finished episodes. Its methods may be called from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._open: dict[int, _Open] = {}
+        self._finished: deque[FinishedEpisode] = deque(maxlen=REMEMBERED)
+        self._serial = 0
+
+    @property
+    def finished(self) -> list[FinishedEpisode]:
+        """The newest finished episodes, oldest first."""
+        with self._lock:
+            return list(self._finished)
+
+    def follow(self, rider: Rider, drive: Drive) -> float:
+        """The reward of an episode so far; laps of it that are complete are remembered."""
+        rows = rider.rows
+        if rows[-1].done:  # `end` counts it, or has done so already
+            return sum(row.reward for row in rows[: rider.steps])
+        with self._lock:
+            # By identity: numbers of episodes begin anew. The rows are kept, so is their identity.
+            found = self._open.setdefault(id(rows), _Open(rows))
+            who = rider.episode, rider.phase, rider.racer
+            self._count(found, rider.steps, who, drive)
+            return found.total
+
+    def end(self, episode: Episode, racer: int, drive: Drive) -> None:
+        """Remember an episode that has ended."""
+        rows = episode.rows
+        if not rows:
+            return
+        with self._lock:
+            found = self._open.pop(id(rows), None) or _Open(rows)
+            who = episode.number, episode.phase, racer
+            self._count(found, len(rows), who, drive)
+            if found.began_row < found.counted:
+                self._finish(found, who, drive)
+
+    def forget(self) -> None:
+        """Forget the episodes that run: nobody will end them."""
+        with self._lock:
+            self._open.clear()
+
+    def _count(self, found: _Open, rows: int, who: Who, drive: Drive) -> None:
+        while found.counted < rows:
+            row = found.rows[found.counted]
+            found.counted += 1
+            found.total += row.reward
+            if row.progress >= COMPLETE:
+                self._finish(found, who, drive)
+
+    def _finish(self, found: _Open, who: Who, drive: Drive) -> None:
+        """Remember the lap that ends at the last counted row."""
+        number, phase, racer = who
+        row = found.rows[found.counted - 1]
+        self._serial += 1
+        self._finished.append(
+            FinishedEpisode(
+                serial=self._serial,
+                episode=number,
+                phase=phase,
+                racer=racer,
+                world=drive.world,
+                iteration=drive.iteration,
+                checkpoint=drive.checkpoint,
+                status=row.status,
+                lap=found.lap,
+                progress=round(row.progress, 2),
+                time_s=round(row.time_s - found.began_s, 3),
+                reward=round(found.total - found.began_total, 4),
+                steps=found.counted - found.began_row - (found.lap == 1),
+                ended_s=round(unix_s(), 3),
+            )
+        )
+        found.began_row, found.began_s = found.counted, row.time_s
+        found.began_total = found.total
+        found.lap += 1

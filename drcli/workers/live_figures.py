@@ -1,0 +1,214 @@
+"""The figures of a training for the tools of others: what a trainer and a simulation send."""
+
+import math
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from statistics import fmean
+from typing import TYPE_CHECKING
+
+from drcli.exchange.episode_metrics import EpisodeMetrics, TrialMetrics
+from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.job import Job
+from drcli.modelfiles.network_shape import Design
+from drcli.tracking.figure_events import Ended, EpisodePoint, EpochPoint, Point, TrainingFacts
+from drcli.tracking.figure_sender import FigureSender
+from drcli.tracking.open_sinks import sender_of_trainer
+from drcli.workers.learner_metrics import NUMBER, STEPS, Row, row_of
+from drcli.workers.scoring import REMEMBERED_SCORES
+
+if TYPE_CHECKING:
+    from drcli.learn.update_result import Stats  # loads torch, which a command does without
+
+EPISODE_S = 1.0
+"""Most seconds between the times of two episodes that were driven side by side and ended together.
+The server of the Grafana board keeps only one line of equal tags in each second."""
+
+
+class LiveFigures:
+    """What a trainer sends: each iteration, each scored evaluation, each epoch's entropy.
+
+    Without a tool to send to, it does nothing.
+    """
+
+    def __init__(self, sender: FigureSender, records: Iterable[IterationRecord] = ()) -> None:
+        """Begin after the iterations of `records`, whose evaluations are sent already."""
+        self._sender = sender
+        self._evaluated = {record.iteration for record in records if record.evaluation_progress}
+
+    @staticmethod
+    def of_trainer(
+        job: Job, design: Design, records: Sequence[IterationRecord], steps: int
+    ) -> "LiveFigures":
+        """For a trainer that continues after the iterations of `records`, at so many steps."""
+        config = job.config
+        if not is_wanted(job):
+            return LiveFigures(FigureSender([]))
+        parameters = design.parameters.canonical_json(design.metadata.training_algorithm)
+        texts = {name: data.decode("utf-8-sig", "replace") for name, data in design.files.items()}
+        given = "\n".join(f"{name}={text}" for name, text in sorted(config.given.items()))
+        facts = TrainingFacts(
+            config.model.prefix,
+            config.run_id,
+            steps,
+            {"hyperparameters": parameters, **texts, "settings": given},
+        )
+        sender = sender_of_trainer(
+            config.figures,
+            config.directory,
+            facts,
+            earlier=earlier_points(records),
+            parameters=parameters_of(design, config.given),
+        )
+        return LiveFigures(sender, records)
+
+    def epoch(self, stats: "Stats") -> None:
+        """Send the entropy of an epoch."""
+        if self._sender.is_active and math.isfinite(stats.entropy):
+            self._sender.send(EpochPoint(time.time(), stats.entropy))
+
+    def learned(self, row: Row, records: Sequence[IterationRecord]) -> None:
+        """Send an iteration, the last of the records, and what was scored since the last one."""
+        if self._sender.is_active:
+            values = _named(row) | (progress_of(records[-1]) if records else {})
+            self._sender.send(Point(int(row[STEPS]), time.time(), values))
+            self._send_scores(records)
+
+    def end(self, records: Sequence[IterationRecord], *, finished: bool) -> None:
+        """Send the last scores, and wait a little until all is sent."""
+        if self._sender.is_active:
+            self._send_scores(records)
+            self._sender.send(Ended(time.time(), finished))
+            self._sender.close()
+
+    def _send_scores(self, records: Sequence[IterationRecord]) -> None:
+        for record in records[-2 * REMEMBERED_SCORES :]:
+            if record.evaluation_progress and record.iteration not in self._evaluated:
+                self._evaluated.add(record.iteration)
+                self._sender.send(evaluation_point(record, time.time()))
+
+
+def is_wanted(job: Job) -> bool:
+    """Whether the settings name any tool."""
+    f = job.config.figures
+    servers = f.telegraf_host, f.prometheus_port, f.mlflow_url, f.trackio_url
+    return bool(f.tensorboard or f.prometheus_folder or any(servers))
+
+
+def earlier_points(records: Iterable[IterationRecord]) -> list[Point]:
+    """The points of iterations before this start, at the times that the history tells.
+
+    It tells how long the training took, not when it paused: the times are counted back from now.
+    """
+    known = list(records)
+    if not known:
+        return []
+    began_s = time.time() - known[-1].elapsed_s
+    points = []
+    for record in known:
+        at_s = began_s + record.elapsed_s
+        values = _named(row_of(record)) | progress_of(record)
+        points.append(Point(record.total_steps, at_s, values))
+        if record.evaluation_progress:
+            points.append(evaluation_point(record, at_s))
+    return points
+
+
+def progress_of(record: IterationRecord) -> dict[str, float]:
+    """What CleanRL has no name for: progress and laps of the training episodes."""
+    numbers: dict[str, float | None] = {
+        "charts/episodic_progress": record.mean_progress,
+        "charts/full_laps": float(record.full_laps),
+        "charts/best_lap_s": record.best_lap_s,
+    }
+    return {name: x for name, x in numbers.items() if x is not None and math.isfinite(x)}
+
+
+def evaluation_point(record: IterationRecord, time_s: float) -> Point:
+    """The evaluation of the checkpoint that an iteration began with."""
+    values = _scores("evaluation", record.evaluation_progress, record.evaluation_lap_s)
+    if record.second_world:
+        values |= _scores("evaluation_second", record.second_progress, record.second_lap_s)
+    steps = max(0, record.total_steps - record.steps)
+    return Point(steps, time_s, values, is_evaluation=True)
+
+
+def parameters_of(design: Design, given: Mapping[str, str]) -> dict[str, str]:
+    """Hyperparameters, network and the settings that were given, by name."""
+    metadata = design.metadata
+    values = design.parameters.model_dump(mode="json", exclude_none=True)
+    numbers = {name: str(value) for name, value in values.items() if name != "problems"}
+    return {
+        **numbers,
+        "training_algorithm": metadata.training_algorithm,
+        "neural_network": metadata.neural_network,
+        "num_actions": str(metadata.action_space.num_actions),
+        **{name: text for name, text in given.items() if text},
+    }
+
+
+def episode_points(
+    records: Sequence[EpisodeMetrics], worker: int, wall_clock: tuple[float, float]
+) -> list[EpisodePoint]:
+    """Episodes of an iteration as if one had ended after the other.
+
+    Args:
+        records: The episodes.
+        worker: Simulation worker, from 0.
+        wall_clock: Unix times between which they were driven.
+    """
+    return [
+        EpisodePoint(
+            time_s,
+            record.phase,
+            record.episode_status,
+            worker,
+            int(record.reward_score),
+            int(record.completion_percentage),
+            int(record.elapsed_time_in_milliseconds),
+        )
+        for time_s, record in zip(_times(len(records), wall_clock), records, strict=True)
+    ]
+
+
+def trial_points(
+    trials: Sequence[TrialMetrics], wall_clock: tuple[float, float]
+) -> list[EpisodePoint]:
+    """The trials of a stand-alone evaluation, likewise."""
+    return [
+        EpisodePoint(
+            time_s,
+            "evaluation",
+            trial.episode_status,
+            0,
+            0,
+            int(trial.completion_percentage),
+            int(trial.elapsed_time_in_milliseconds),
+            resets=trial.reset_count,
+        )
+        for time_s, trial in zip(_times(len(trials), wall_clock), trials, strict=True)
+    ]
+
+
+def _times(count: int, wall_clock: tuple[float, float]) -> list[float]:
+    """Times of so many episodes, the last one at the end."""
+    began_s, ended_s = wall_clock
+    apart_s = min(EPISODE_S, max(0.0, ended_s - began_s) / max(1, count))
+    return [ended_s - apart_s * (count - 1 - place) for place in range(count)]
+
+
+def _scores(name: str, progress: Sequence[float], lap_s: Sequence[float]) -> dict[str, float]:
+    values = {f"{name}/laps": float(len(lap_s))}
+    if progress:
+        values[f"{name}/progress"] = fmean(progress)
+    if lap_s:
+        values[f"{name}/best_lap_s"] = min(lap_s)
+        values[f"{name}/mean_lap_s"] = fmean(lap_s)
+    return {key: value for key, value in values.items() if math.isfinite(value)}
+
+
+def _named(row: Row) -> dict[str, float]:
+    """A row without its step, which is the place of its point."""
+    iteration = {"charts/iteration": float(row[NUMBER])} if NUMBER in row else {}
+    return iteration | {
+        name: float(value) for name, value in row.items() if name not in (NUMBER, STEPS)
+    }

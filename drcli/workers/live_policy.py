@@ -1,0 +1,121 @@
+"""What the policy of a car made of a step, in numbers of people, for the live view."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+from weakref import WeakSet
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from drcli.exchange.live_record import ShownCar
+from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.data_parallel import DataParallelPolicy
+from drcli.learn.policy import Policy
+from drcli.learn.sac_networks import SACAgent
+from drcli.workers.live_moment import Look
+from drsim.car.actions import Actions
+
+_DIGITS = 4
+
+_CALLS = 8
+"""Newest calls that are kept: one for each part of the cars of each racer, and those for cuts."""
+
+
+class PolicyTap:
+    """Keeps what PPO's networks say while they choose for the cars, so nobody asks them again.
+
+    Attributes:
+        active: Whether to keep it.
+    """
+
+    def __init__(self) -> None:
+        self.active = False
+        self._known: WeakSet[ActorCritic] = WeakSet()
+        self._calls: deque[tuple[Tensor, Tensor]] = deque(maxlen=_CALLS)
+
+    def follow(self, looks: Sequence[Look]) -> None:
+        """Listen to the networks of these cars from now on; only for the thread that calls them."""
+        for look in looks:
+            policy = _own(look.policy)
+            if isinstance(policy, ActorCritic) and policy not in self._known:
+                self._known.add(policy)
+                policy.register_forward_hook(self._note)
+
+    def take(self) -> list[tuple[Tensor, Tensor]]:
+        """Frames and outputs of the newest calls, oldest first."""
+        calls = list(self._calls)
+        self._calls.clear()
+        return calls
+
+    def _note(self, _module: Any, args: tuple[Any, ...], output: Any) -> None:
+        if self.active:
+            self._calls.append((args[0].frames, output.policy))
+
+
+def with_policy(
+    shown: ShownCar, look: Look, row: int, calls: Sequence[tuple[Tensor, Tensor]] = ()
+) -> ShownCar:
+    """The car with what its policy made of a row of the look.
+
+    If that is not among the `calls`, the policy is asked once more for that one row, which changes
+    nothing in it. If the next weights are being loaded just then, the answer may be of neither.
+    """
+    continuous = look.policy.spec.continuous
+    value = float(look.decision.values[row])
+    told = replace(
+        shown,
+        chosen=None if continuous else int(look.decision.actions[row]),
+        value=round(value, _DIGITS) if np.isfinite(value) else None,
+        lidar=[round(x, _DIGITS) for x in look.seen.scan[row].tolist() if np.isfinite(x)],
+    )
+    policy = _own(look.policy)
+    seen = look.seen.part(slice(row, row + 1))
+    with torch.inference_mode():
+        if isinstance(policy, ActorCritic):
+            output = _said(seen.frames, calls)
+            if output is None:
+                features = policy.body(seen).to(policy.policy_head.weight.dtype)
+                output = policy.policy_head(features)
+            if not continuous:
+                shares = output.double().softmax(-1)[0]
+                return replace(told, probabilities=_rounded(shares))
+            return _with_spread(told, look.actions, output, policy.log_std_bounded().exp())
+        if isinstance(policy, SACAgent):
+            mean, log_std = policy(policy.features(seen))
+            return _with_spread(told, look.actions, mean, log_std.exp(), squashed=True)
+    return told
+
+
+def _own(policy: Policy) -> Policy:
+    """The policy itself, without what divides the cars among threads."""
+    return policy.policy if isinstance(policy, DataParallelPolicy) else policy
+
+
+def _said(frames: Tensor, calls: Sequence[tuple[Tensor, Tensor]]) -> Tensor | None:
+    """What a network said about one car's frames: they are a part of those of a call."""
+    for batch, output in reversed(calls):
+        step_bytes = batch.stride(0) * batch.element_size()
+        row, rest = divmod(frames.data_ptr() - batch.data_ptr(), max(1, step_bytes))
+        if rest == 0 and 0 <= row < len(batch):
+            return output[row : row + 1]
+    return None
+
+
+def _with_spread(
+    shown: ShownCar, actions: Actions, mean: Tensor, std: Tensor, *, squashed: bool = False
+) -> ShownCar:
+    """The car with mean and spread of continuous actions."""
+    found = []
+    for offset in (0.0, -1.0, 1.0):
+        values = mean + offset * std
+        asked = actions.requests((torch.tanh(values) if squashed else values).numpy())
+        found.append([round(float(x[0]), _DIGITS) for x in asked])
+    return replace(shown, mean=found[0], low=found[1], high=found[2])
+
+
+def _rounded(values: Tensor) -> list[float] | None:
+    numbers = [round(x, _DIGITS) for x in values.tolist()]
+    return numbers if all(map(np.isfinite, numbers)) else None

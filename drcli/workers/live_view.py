@@ -1,0 +1,271 @@
+"""Shows a worker's cars to viewers on this machine, and costs nothing while nobody watches.
+
+The driving loop asks after each step whether it is wanted, and hands it over as it is. A thread
+draws and encodes it: as often as `live_pace` allows, and only what somebody watches.
+"""
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from os import getpid
+from time import thread_time
+from time import time as unix_s
+
+import torch
+
+from drcli.base.log import get_logger
+from drcli.exchange.job import Job
+from drcli.exchange.live_record import LiveAddress, LiveMessage, LiveState, LiveView
+from drcli.exchange.trace import Episode
+from drcli.workers.live_episodes import LiveEpisodes
+from drcli.workers.live_moment import Moment, Rider
+from drcli.workers.live_pace import Pace, WorkTime
+from drcli.workers.live_pictures import ChaseView, camera_picture, jpeg, missing_library
+from drcli.workers.live_policy import PolicyTap
+from drcli.workers.live_scene import LiveFacts, chosen_rider, scene_of
+from drcli.workers.live_server import LiveServer, Viewer
+
+_logger = get_logger(__name__)
+
+Activity = Callable[[], tuple[str, bool]]
+"""Tells what a worker does, and whether it waits for another worker."""
+
+LOOK_S = 0.25
+"""How often the thread looks what the worker does, while somebody watches."""
+
+OLD_S = 1.0
+"""A step that was driven so long ago is not shown any more."""
+
+FAILURE_PAUSE_S = 5.0
+
+_DRIVEN: tuple[LiveView, ...] = ("camera", "scene", "chase")
+
+
+class LiveShow:
+    """What one worker shows. The driving loop calls `see` and `ended`; all else is a thread's.
+
+    Attributes:
+        wanted: Whether the next step is wanted.
+        facts: About the race and the checkpoint; the worker replaces it.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        activity: Activity,
+        facts: LiveFacts,
+        key: bytes,
+        *,
+        pace: Pace | None = None,
+    ) -> None:
+        """Begin to listen for viewers that know the key.
+
+        `pace` says how often to show something; the usual one when left out.
+
+        Raises:
+            OSError: This machine does not let it listen.
+        """
+        self.wanted = False
+        self.facts = facts
+        self._name = name
+        self._activity = activity
+        self._episodes = LiveEpisodes()
+        self._pace = pace or Pace(WorkTime(lambda: activity()[1]))
+        self._chase = ChaseView()
+        self._tap = PolicyTap()
+        self._missing = missing_library()
+        self._moment: Moment | None = None
+        self._wake = threading.Event()
+        self._closed = False
+        self._followed: dict[int | None, Rider] = {}
+        self._state: LiveState | None = None
+        self._server = LiveServer(key, self._wake.set)
+        self._thread = threading.Thread(target=self._run, name="live-view", daemon=True)
+        self._thread.start()
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return self._server.port
+
+    def see(self, moment: Moment) -> None:
+        """Take a step; the newest one counts."""
+        self.wanted = False
+        self._moment = replace(moment, calls=self._tap.take())
+        self._tap.follow(moment.looks)
+        self._wake.set()
+
+    def ended(self, episode: Episode, racer: int, world: str) -> None:
+        """Note an episode that has ended."""
+        self._episodes.end(episode, racer, self.facts.drive(world))
+
+    def about(self, iteration: int | None, checkpoint: str, facts: LiveFacts | None = None) -> None:
+        """Say what is driven from now on; `facts` if the race is another one."""
+        self._episodes.forget()
+        self.facts = replace(facts or self.facts, iteration=iteration, checkpoint=checkpoint)
+
+    def close(self) -> None:
+        """Send everybody away."""
+        self._closed = True
+        self.wanted = False
+        self._server.close()
+        self._wake.set()
+        self._thread.join(2.0)
+
+    def _run(self) -> None:
+        torch.set_num_threads(1)
+        failed = False
+        while not self._closed:
+            try:
+                self._turn()
+            except Exception as error:  # a fault in a picture must not end the driving
+                if not failed:
+                    _logger.warning("The live view has failed.", exc_info=error)
+                failed = True
+                self._wake.wait(FAILURE_PAUSE_S)
+
+    def _turn(self) -> None:
+        """Show what is due, or wait a little."""
+        viewers = self._server.viewers
+        if not viewers:
+            self._rest()
+            return
+        self._tap.active = True
+        began_s = thread_time()
+        self._tell(viewers)
+        due, pause_s = self._due(viewers)
+        moment = self._take(wanted=bool(due))
+        if moment is not None:
+            self._show(moment, viewers, due)
+        sent_s = sum(viewer.cost_s() for viewer in viewers)
+        self._pace.spend(thread_time() - began_s + sent_s)
+        if moment is None:
+            self._wake.wait(min(pause_s, LOOK_S))
+            self._wake.clear()
+
+    def _rest(self) -> None:
+        """Wait until somebody comes."""
+        self.wanted = self._tap.active = False
+        self._tap.take()
+        self._moment = self._state = None
+        self._followed.clear()
+        self._wake.wait()
+        self._wake.clear()
+
+    def _due(self, viewers: Sequence[Viewer]) -> tuple[list[LiveView], float]:
+        """The views that may be shown now, and how long to wait for the first if none may."""
+        wanted = {view for viewer in viewers for view in viewer.request.views}
+        pauses = {view: self._pace.pause_s(view) for view in _DRIVEN if view in wanted}
+        due = [view for view, pause_s in pauses.items() if pause_s == 0.0]
+        return due, LOOK_S if due else min(pauses.values(), default=LOOK_S)
+
+    def _take(self, *, wanted: bool) -> Moment | None:
+        """The newest step if one is wanted and there is one; otherwise the next is asked for."""
+        moment, self._moment = self._moment, None
+        if not wanted or (moment is not None and unix_s() - moment.step_s > OLD_S):
+            moment = None
+        self.wanted = wanted and moment is None
+        return moment
+
+    def _tell(self, viewers: Sequence[Viewer]) -> None:
+        """Send what the worker does, if that has changed; new viewers get it in any case."""
+        activity, waits = self._activity()
+        facts, before = self.facts, self._state
+        same = before is not None and (before.activity, before.waits) == (activity, waits)
+        state = LiveState(
+            worker=self._name,
+            pid=getpid(),
+            activity=activity,
+            waits=waits,
+            since_s=before.since_s if before is not None and same else unix_s(),
+            iteration=facts.iteration,
+            checkpoint=facts.checkpoint,
+            hint=self._missing or self._chase.hint,
+        )
+        everybody = state != before
+        addressed = [viewer for viewer in viewers if everybody or viewer.is_new]
+        if not addressed:
+            return
+        self._state = state
+        data = LiveMessage("state", state.since_s, state.encode()).encode()
+        for viewer in addressed:
+            viewer.is_new = False
+            viewer.offer({"state": data})
+
+    def _show(self, moment: Moment, viewers: Sequence[Viewer], due: Sequence[LiveView]) -> None:
+        """Make what is due, each view once for all viewers of a car, and offer it to them."""
+        wanted = {(view, viewer.request.car) for viewer in viewers for view in viewer.request.views}
+        riders: dict[int | None, Rider | None] = {}
+        for car in {car for _, car in wanted}:
+            rider = riders[car] = chosen_rider(moment, car, self._followed.get(car))
+            if rider is not None:
+                self._followed[car] = rider
+        for views in (("camera", "scene"), ("chase",)):  # the cheap ones need not wait
+            made = {
+                (view, car): self._message(view, moment, riders[car])
+                for view, car in wanted
+                if view in views and view in due
+            }
+            for viewer in viewers:
+                request = viewer.request
+                found = {v: made.get((v, request.car)) for v in request.views}
+                messages = {view: data for view, data in found.items() if data is not None}
+                if messages:
+                    viewer.offer(messages)
+        self._pace.shown(due)
+
+    def _message(self, view: LiveView, moment: Moment, rider: Rider | None) -> bytes | None:
+        """A message of a view; None where there is nothing to show."""
+        car = None if rider is None else rider.car
+        if view == "scene":
+            scene = scene_of(moment, self.facts, self._episodes, rider)
+            return LiveMessage(view, moment.step_s, scene.encode(), car).encode()
+        if rider is None or self._missing:
+            return None
+        if view == "chase":
+            if not self._chase.is_ready(moment.track):
+                return None
+            picture = self._chase.picture(moment, rider, self.facts.colors)
+        else:
+            look = moment.look_of(rider.car)
+            if look is None:
+                return None
+            picture = camera_picture(look[0].frames[look[1]])
+        rows, columns = picture.shape[:2]
+        return LiveMessage(
+            view, moment.step_s, jpeg(picture), car, width=columns, height=rows
+        ).encode()
+
+
+@contextmanager
+def live_show(
+    job: Job, name: str, activity: Activity, facts: LiveFacts
+) -> Iterator[LiveShow | None]:
+    """Show what this worker does while the `with` block runs; None where that is off or fails.
+
+    Args:
+        job: Of this process; its DR_LIVE_VIEW decides.
+        name: Of the worker.
+        activity: Tells what it does.
+        facts: About the race.
+    """
+    if not job.config.live_view:
+        yield None
+        return
+    address, show = LiveAddress.own(0), None
+    try:
+        show = LiveShow(name, activity, facts, address.secret)
+        address = replace(address, port=show.port)
+        address.write(job.folder, name)
+    except (OSError, RuntimeError) as error:
+        _logger.warning("Nobody can watch this worker: %s.", error)
+        if show is not None:
+            show.close()
+        yield None
+        return
+    try:
+        yield show
+    finally:
+        address.delete(job.folder, name)
+        show.close()

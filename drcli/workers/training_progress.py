@@ -1,0 +1,88 @@
+"""Counts what a training has done, and shows when it, or its stage, is over."""
+
+import time
+
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.job import Job
+from drcli.exchange.stage import StageMark
+from drcli.store.checkpoints import Checkpoint
+from drcli.store.history import History
+from drcli.workers.collect_rollouts import Collected
+from drcli.workers.goals import Goals
+from drcli.workers.stage_progress import Counted, StageProgress
+
+
+class TrainingProgress:
+    """What a training has done, from its beginning.
+
+    Args:
+        job: With the stages.
+        found: The checkpoint to go on from; None if there is none.
+        history: Of the model.
+        before_s: Wall time of training until this trainer.
+
+    Attributes:
+        newest: The newest checkpoint.
+        episodes: Training episodes driven.
+        stages: The stage that the training is in.
+    """
+
+    def __init__(
+        self, job: Job, found: Checkpoint | None, history: History, before_s: float
+    ) -> None:
+        self._history = history
+        self._before_s = before_s
+        self._began_s = time.monotonic()
+        self.newest, self.episodes = CheckpointName(0, 0), 0
+        mark: StageMark | None = None
+        if found is not None:
+            record = found.record
+            self.newest = CheckpointName(record.number, record.steps)
+            self.episodes, mark = record.counters.episodes, record.counters.stage
+        self.stages = StageProgress(job.stages, mark, self.counted())
+
+    @property
+    def elapsed_s(self) -> float:
+        """Wall time of training."""
+        return self._before_s + time.monotonic() - self._began_s
+
+    def counted(self) -> Counted:
+        """What was done until now."""
+        return Counted(self.newest.number, self.newest.steps, self.episodes, self.elapsed_s)
+
+    def record(self, collected: Collected) -> IterationRecord:
+        """What is known about an iteration before anything is learned from it."""
+        return collected.record(self.newest, elapsed_s=self.elapsed_s, stage=self.stages.name)
+
+    def advance(self, record: IterationRecord) -> None:
+        """Count an iteration; the checkpoint made with it is the newest one from now on."""
+        self.newest = CheckpointName(record.iteration + 1, record.total_steps)
+        self.episodes += record.episodes
+
+    def reached(self, goals: Goals, *newest: IterationRecord) -> str | None:
+        """Why the training is complete, with iterations that the history does not have yet."""
+        history, records = self._history, [*self._history.records, *newest]
+        reached = goals.reached(
+            records,
+            history.count + len(newest),
+            episodes=self.episodes,
+            judged=self.stages.judged(records),
+        )
+        if reached is None and self.stages.is_last:
+            over = self.stages.over(records, self.counted())
+            if over is not None:
+                return f"Training is complete: its last stage, {self.stages.name}, is over: {over}."
+        return reached
+
+    def stage_over(self, record: IterationRecord) -> str | None:
+        """Why the next stage begins instead of an update with this iteration; None if not."""
+        return self.stages.over(
+            [*self._history.records, record],
+            Counted(
+                record.iteration + 1,
+                record.total_steps,
+                self.episodes + record.episodes,
+                record.elapsed_s,
+            ),
+        )

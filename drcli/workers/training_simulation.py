@@ -1,0 +1,188 @@
+"""What a simulation worker drives in a training, or in one stage of it."""
+
+from collections.abc import Callable
+
+from drcli.base.log import plain
+from drcli.config.run_config import RaceConfig
+from drcli.exchange.job import Job
+from drcli.exchange.stage import Stage
+from drcli.modelfiles.network_shape import Design
+from drcli.store.bucket import Bucket
+from drcli.workers import reference_log
+from drcli.workers.build_race import build_simulation, load_reward, load_world, longest_episode
+from drcli.workers.cores import driving_threads
+from drcli.workers.driven_episode import Driven, Plan
+from drcli.workers.driving import Driver, Racer
+from drcli.workers.episode_share import Share
+from drcli.workers.live_moment import Onlooker
+from drcli.workers.reward_failures import RewardFailures
+from drcli.workers.second_track import SecondTrack
+from drcli.workers.stage_progress import parameters_of
+from drsim.episode.episode_rules import EpisodeRules
+from drsim.errors import RewardError
+from drsim.track.worlds import directed
+
+SEED_STRIDE = 7_919
+"""Keeps the random numbers of workers apart."""
+
+
+class TrainingSimulation:
+    """The cars of one worker, and which episodes they drive.
+
+    Attributes:
+        stage: The stage; None without a curriculum.
+        share: The worker's part of the training episodes.
+        trials: Episodes of an evaluation; 0 for workers that do not evaluate.
+        track_length_m: Of the lap.
+        second: Evaluates on a second track; None without one, or for other workers than the first.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        bucket: Bucket,
+        design: Design,
+        racer: Racer,
+        stage: Stage | None,
+        *,
+        worker: int,
+        divisor: int,
+        on_reward_error: Callable[[RewardError, int], float],
+        onlooker: Onlooker | None = None,
+    ) -> None:
+        """Build the simulation.
+
+        Args:
+            job: The training.
+            bucket: Where the model is.
+            design: Its parameter files.
+            racer: The policy, whose weights the worker loads.
+            stage: The stage to drive; None without a curriculum.
+            worker: Counts from 0.
+            divisor: How many times fewer cars than usual are driven at a time.
+            on_reward_error: What to do when the reward function fails, as in `Simulation`.
+            onlooker: May look at the driving.
+
+        Raises:
+            SettingsError: The reward function cannot be loaded, the track is not installed, or
+                there is no room for obstacles or bots.
+        """
+        train, prefix, metadata = job.config.train, job.config.model.prefix, design.metadata
+        race = job.config.race(worker) if stage is None else stage.race(worker)
+        self._race = race
+        self.stage = stage
+        self._parameters = parameters_of(stage, design.parameters)
+        self.share = Share(
+            worker,
+            train.workers,
+            self._parameters.num_episodes_between_training,
+            max(
+                (
+                    parameters_of(each, design.parameters).num_episodes_between_training
+                    for each in job.stages
+                ),
+                default=0,
+            ),
+        )
+        plain.info(reference_log.start_lines(prefix, race, metadata, self._parameters, "TRAINING"))
+        # Every checkpoint is evaluated at least once, or there would be no best checkpoint.
+        wanted = job.until_laps or 0, (stage.goal.laps or 0) if stage is not None else 0
+        trials = max(1, train.train_min_eval_trials, *wanted)
+        self.trials = trials if worker == 0 else 0
+        num_cars = -(-(race.train_lanes or self.share.count + self.trials) // divisor)
+        folder = job.folder / f"sim-{worker}"
+        reward = load_reward(bucket, prefix, folder, num_cars, stage)
+        track = directed(load_world(race), reverse=race.train_reverse_direction)
+        self.track_length_m = track.length_m
+        threads, seed = driving_threads(train), job.seed + SEED_STRIDE * worker
+        self._simulation = build_simulation(
+            race,
+            "training",
+            metadata,
+            track,
+            num_cars=num_cars,
+            reward=reward,
+            rules=EpisodeRules(max_steps=longest_episode(track, racer.actions)),
+            num_threads=threads,
+            seed=seed,
+            on_reward_error=on_reward_error,
+        )
+        self._driver = Driver(self._simulation, [racer], seed, onlooker=onlooker)
+        second = job.config.second_race(race) if worker == 0 else None
+        self.second: SecondTrack | None = None
+        if second is not None:
+            self.second = SecondTrack(
+                second,
+                metadata,
+                racer,
+                load_reward(bucket, prefix, folder, -(-trials // divisor), stage),
+                num_threads=threads,
+                seed=seed,
+                # Counted apart: its calls are none of the training.
+                on_reward_error=RewardFailures(train, worker).handle,
+                onlooker=onlooker,
+            )
+
+    @property
+    def race(self) -> RaceConfig:
+        """What is driven."""
+        return self._race
+
+    @property
+    def reward_calls(self) -> int:
+        """How often the reward function was called so far."""
+        return self._simulation.reward_calls
+
+    def drive(
+        self,
+        plans: list[Plan],
+        on_end: Callable[[Driven], None],
+        should_stop: Callable[[], bool],
+        policy_steps: int,
+    ) -> None:
+        """Drive episodes with the present weights, learned from so many steps of the stage.
+
+        Raises:
+            StopRequested: `should_stop` returned True.
+        """
+        self._driver.drive(plans, on_end, should_stop, self._epsilon(policy_steps))
+
+    def plans(self, numbers: range, trials: int, attempt: int = 0) -> list[Plan]:
+        """The training episodes of an iteration, and the evaluation episodes of its checkpoint."""
+        race = self._race
+        offset = race.train_start_position_offset
+        advance = race.train_round_robin_advance_dist if race.train_change_start_position else 0.0
+        alternate = race.train_alternate_driving_direction
+        plans = [
+            Plan(
+                number,
+                "training",
+                (offset + self.share.position(number) * advance) % 1.0,
+                reverse=alternate and number % 2 == 1,
+                attempt=attempt,
+            )
+            for number in numbers
+        ]
+        # A deterministic policy drives every lap from the same start alike. So trials start at
+        # different places, and together they show whether the car gets around from everywhere.
+        return plans + [
+            Plan(trial, "evaluation", (offset + trial / trials) % 1.0) for trial in range(trials)
+        ]
+
+    def close(self) -> None:
+        """Stop the threads that render."""
+        self._simulation.close()
+        if self.second is not None:
+            self.second.close()
+
+    def _epsilon(self, policy_steps: int) -> Callable[[int], float] | None:
+        """E-greedy's share of uniform actions by the steps of this iteration, or None."""
+        p, workers = self._parameters, self.share.workers
+        if p.exploration_type != "e-greedy":
+            return None
+
+        def share(driven: int) -> float:
+            done = min(1.0, (policy_steps + driven * workers) / p.epsilon_steps)
+            return 1.0 + (p.e_greedy_value - 1.0) * done
+
+        return share

@@ -1,0 +1,116 @@
+"""Puts cars on the track: where episodes begin, where they go on, and aside when they are over."""
+
+import numpy as np
+
+from drsim.arrays import Bools, Floats, Ints, Seeds
+from drsim.car.car import CarBatch
+from drsim.episode.episode_rules import EpisodeState, Status
+from drsim.episode.placing import Placing, fraction_at
+from drsim.episode.start_poses import start_pose
+from drsim.race.traffic import Contacts, Traffic
+from drsim.track.track import CENTER
+
+
+class CarPlacement:
+    """Places the cars of a simulation; each call is for some of them, shape (k,).
+
+    Args:
+        placing: Poses on the lanes.
+        cars: All cars.
+        traffic: What else is on the track; None if nothing is.
+    """
+
+    def __init__(self, placing: Placing, cars: CarBatch, traffic: Traffic | None) -> None:
+        self._placing = placing
+        self._cars = cars
+        self._traffic = traffic
+
+    def start(
+        self,
+        cars: Ints,
+        fraction: Floats,
+        seeds: Seeds,
+        offset_m: Floats | None,
+        angle_deg: Floats | None,
+    ) -> None:
+        """Place cars where their episodes begin; the arguments are those of `Simulation.reset`."""
+        if self._traffic is None:
+            self._cars.place(cars, self._placing.on(cars, fraction))
+        else:
+            self._traffic.begin(cars, fraction, self._placing.backward[cars], seeds)
+            gap = self._traffic.start_gap_m(cars) / self._placing.tracks[0].length_m
+            lanes = self._traffic.start_lane(cars)
+            self._cars.place(cars, self._placing.on_each(cars, fraction - gap, lanes))
+            self._follow()
+        if offset_m is not None or angle_deg is not None:
+            self._turn_aside(cars, fraction, offset_m, angle_deg)
+
+    def put_back(
+        self,
+        cars: Ints,
+        state: EpisodeState,
+        status: Ints,
+        came_from: Floats,
+        contacts: Contacts | None,
+    ) -> None:
+        """Place cars whose violation is forgiven where they go on.
+
+        After a crash into another car a car stays where it is. Otherwise it goes where it was
+        before the violation, on the lane nearer to it, clear of obstacles.
+
+        Args:
+            cars: Which cars.
+            state: Of all episodes.
+            status: Of all cars in this step. Shape (n,).
+            came_from: Origins of all cars before this step, metres. Shape (n, 2).
+            contacts: Of all cars in this step; None without traffic.
+        """
+        stays = np.zeros(len(cars), np.bool_)
+        progress = state.previous_progress[cars]
+        if contacts is not None:
+            into = status[cars] == Status.CRASHED
+            stays = into & ~contacts.other_stands[cars]
+            progress = np.where(into, state.progress[cars], progress)
+        fraction = fraction_at(progress, state.start_fraction[cars])
+        lanes = self._placing.nearer_lane(cars, fraction, came_from[cars])
+        if self._traffic is not None:
+            moved: Bools = ~stays
+            fraction[moved], lanes[moved] = self._traffic.clear_of(
+                cars[moved], fraction[moved], lanes[moved]
+            )
+        poses = self._placing.on_each(cars, fraction, lanes)
+        self._cars.place(cars, np.where(stays[:, None], self._poses(cars), poses))
+        self._follow()
+
+    def move_aside(self, cars: Ints, fraction: Floats) -> None:
+        """Park cars beside the road, where on the lap they are."""
+        self._cars.place(cars, self._placing.aside(cars, fraction))
+
+    def _turn_aside(
+        self, cars: Ints, fraction: Floats, offset_m: Floats | None, angle_deg: Floats | None
+    ) -> None:
+        """Move cars from where they start on the centre line; turn cars on other lanes only."""
+        nothing = np.zeros(len(cars))
+        offset_m = nothing if offset_m is None else np.asarray(offset_m, np.float64)
+        angle_deg = nothing if angle_deg is None else np.asarray(angle_deg, np.float64)
+        on_line = np.ones(len(cars), np.bool_)
+        if self._traffic is not None:
+            on_line = self._traffic.start_lane(cars) == CENTER
+        poses = self._poses(cars)
+        for k in np.flatnonzero((offset_m != 0.0) | (angle_deg != 0.0)):
+            if on_line[k]:
+                track = self._placing.tracks[self._placing.backward[cars[k]]]
+                poses[k] = start_pose(track, fraction[k], offset_m[k], angle_deg[k]).pose
+            else:
+                poses[k, 2] += np.radians(angle_deg[k])
+        self._cars.place(cars, poses)
+        self._follow()
+
+    def _poses(self, cars: Ints) -> Floats:
+        """Where the cars are. Shape (k, 3)."""
+        return np.column_stack([self._cars.origin_xy[cars], self._cars.yaw_rad[cars]])
+
+    def _follow(self) -> None:
+        """Let the traffic know where all cars are."""
+        if self._traffic is not None:
+            self._traffic.follow(self._cars.origin_xy, self._cars.yaw_rad)

@@ -1,0 +1,68 @@
+"""Calls the reward functions of many cars, and counts the calls."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from drsim.arrays import Bools, Floats
+from drsim.episode.params import Situation, params_of
+from drsim.episode.reward import RewardFunction, checked_rewards
+from drsim.errors import RewardError
+from drsim.track.track import Track
+
+
+class RewardCalls:
+    """Rewards of steps by the reward function of each car.
+
+    The arguments are those of `Simulation`.
+
+    Attributes:
+        made: How many calls there were so far, by all cars together.
+    """
+
+    def __init__(
+        self,
+        functions: Sequence[RewardFunction],
+        deadline_s: float,
+        on_error: Callable[[RewardError, int], float] | None,
+        clock: Callable[[], float],
+    ) -> None:
+        self.made = 0
+        self._functions = functions
+        self._deadline_s = deadline_s
+        self._on_error = on_error
+        self._clock = clock
+
+    def rewards(
+        self, tracks: tuple[Track, Track], situation: Situation, driven: Bools
+    ) -> tuple[Floats, Floats, Bools]:
+        """Rewards, seconds of the calls, and whose episodes are declared broken.
+
+        `driven` are the cars that get a reward; the others get 0. Shape (n,) each.
+
+        Raises:
+            RewardError: A function failed, and nobody takes its failure.
+        """
+        cars = np.flatnonzero(driven)
+        rewards, seconds = np.zeros(len(driven)), np.zeros(len(driven))
+        discarded = np.zeros(len(driven), np.bool_)
+
+        def instead(call: int, error: RewardError) -> float:
+            made = begun + call + 1
+            if error.kind == "discard":
+                discarded[cars[call]] = True
+                if self._on_error is not None:
+                    self._on_error(error, made)
+                return 0.0
+            if self._on_error is None:
+                raise error from error.__cause__
+            return self._on_error(error, made)
+
+        begun = self.made
+        self.made += len(cars)
+        calls = params_of(tracks, situation, cars)
+        own = [self._functions[car] for car in cars.tolist()]
+        rewards[cars], seconds[cars] = checked_rewards(
+            own, calls, self._deadline_s, instead, self._clock
+        )
+        return rewards, seconds, discarded

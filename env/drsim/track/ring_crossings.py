@@ -1,0 +1,32 @@
+"""Which cells of a grid lie on the road: those with an odd number of borders to their left."""
+
+import math
+
+from drsim.arrays import Bools, Floats, Singles
+from drsim.jit import kernel
+
+
+@kernel
+def cross_ring(ring: Floats, crossed: Bools) -> None:
+    """Flip, in every row, the first cell to the right of each crossing of a ring."""
+    rows, columns = crossed.shape
+    for i in range(len(ring)):
+        ax, ay = ring[i - 1]
+        bx, by = ring[i]
+        low, high = min(ay, by), max(ay, by)
+        for row in range(max(math.ceil(low), 0), min(math.ceil(high), rows)):
+            column = max(math.ceil(ax + (row - ay) / (by - ay) * (bx - ax)), 0)
+            if column < columns:
+                crossed[row, column] = not crossed[row, column]
+
+
+@kernel
+def sign_off_road(crossed: Bools, distance: Singles) -> None:
+    """Make the distance negative wherever an even number of ring crossings lies to the left."""
+    rows, columns = crossed.shape
+    for row in range(rows):
+        on_road = False
+        for column in range(columns):
+            on_road ^= crossed[row, column]
+            if not on_road:
+                distance[row, column] = -distance[row, column]

@@ -1,0 +1,358 @@
+"""Paints the ground in the view of the world: field, road, lines, kerbs, dashes, start line.
+
+Each edge on the ground is blended by the part of a pixel that lies beyond it. That part follows
+from the distance to the edge and from how long the pixel is on the ground across that edge.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drsim.arrays import Floats, Singles
+from drsim.jit import kernel
+
+Rgb = tuple[float, float, float]
+
+_DOT_M = 0.004
+"""Distance between the dots of the grain."""
+
+_MOWN_M = 0.9
+"""Width of the light and dark strips in which the field is mown."""
+
+
+class Ground(NamedTuple):
+    """What `drsim.viewing.ground_fields` measured, and the grain of the ground.
+
+    Attributes:
+        cells: As in `GroundFields`. Shape (rows, columns, 5).
+        x_m: World x of the first column.
+        y_m: World y of the first row.
+        cell_m: Side of a cell.
+        grain: Copies of a tile that joins itself at its edges, each with half as many dots along
+            its sides as the one before, in its first rows and columns. Shape (k, n, n); n is a
+            power of two.
+    """
+
+    cells: Singles
+    x_m: float
+    y_m: float
+    cell_m: float
+    grain: Singles
+
+
+class Marks(NamedTuple):
+    """What is painted on the ground; metres.
+
+    Attributes:
+        line: Where the white line begins and ends, from the border, positive on the road.
+        kerb_m: Width of the kerb beside it.
+        stripe_m: Length of its stripes.
+        dash: Width, length and pitch of the centre dashes, and where the first one starts.
+        start: Middle of the start line (x, y), the direction across the road (x, y), the length of
+            the line and its depth; a depth of 0 for none.
+        squares: How many squares the chequer has, across and along.
+    """
+
+    line: tuple[float, float]
+    kerb_m: float
+    stripe_m: float
+    dash: tuple[float, float, float, float]
+    start: tuple[float, float, float, float, float, float]
+    squares: tuple[float, float]
+
+
+class Palette(NamedTuple):
+    """Colours: red, green and blue, 0 to 255 each."""
+
+    road: Rgb
+    line: Rgb
+    dash: Rgb
+    kerb: Rgb
+    kerb_light: Rgb
+    field: Rgb
+    chequer: Rgb
+    haze: Rgb
+
+
+@kernel
+def paint_ground(
+    ground_parts: tuple[Any, ...],
+    marks_parts: tuple[Any, ...],
+    palette_parts: tuple[Any, ...],
+    lens_parts: tuple[Any, ...],
+    row_parts: tuple[Floats, Floats, Floats],
+    haze_m: float,
+    light: Singles,
+    mixed: Singles,
+) -> None:
+    """Lay the ground over some rows of a picture.
+
+    Args:
+        ground_parts: Of a `Ground`.
+        marks_parts: Of the `Marks`.
+        palette_parts: Of the `Palette`.
+        lens_parts: Position, directions forward, left and up, focal length in pixels.
+        row_parts: The first three parts of `PixelRows`.
+        haze_m: Depth in which the ground takes on the colour of the horizon.
+        light: What shadows leave. Shape (n, columns).
+        mixed: Red, green and blue; what lies behind the ground before. Shape (n, columns, 3).
+    """
+    ground, marks, palette = Ground(*ground_parts), Marks(*marks_parts), Palette(*palette_parts)
+    pos, _, to_left, to_up, focal_px = lens_parts
+    directions, depths, belows = row_parts
+    step = (-to_left[0] / focal_px, -to_left[1] / focal_px)
+    for row in range(len(mixed)):
+        below, depth = belows[row], depths[row]
+        if below <= 0.0:
+            continue
+        ahead = (directions[row, 0], directions[row, 1], directions[row, 2])
+        at = (
+            (pos[0] + depth * ahead[0], pos[1] + depth * ahead[1]),
+            (depth * step[0], depth * step[1]),
+        )
+        lean = depth / -min(ahead[2], -0.4 / focal_px) / focal_px
+        down = (-to_up[0] * depth / focal_px, -to_up[1] * depth / focal_px, -to_up[2] * lean)
+        view = (ahead, step, depth, below)
+        _ground_row(ground, marks, palette, view, at, down, haze_m, light[row], mixed[row])
+
+
+@kernel
+def _ground_row(
+    ground: Ground,
+    marks: Marks,
+    palette: Palette,
+    view: tuple[Rgb, tuple[float, float], float, float],
+    at: tuple[tuple[float, float], tuple[float, float]],
+    fall: Rgb,
+    haze_m: float,
+    light: Singles,
+    mixed: Singles,
+) -> None:
+    """Lay the ground over a row of pixels, each of which covers a parallelogram of it.
+
+    Args:
+        ground: Its distances and grain.
+        marks: What is painted on it.
+        palette: Its colours.
+        view: Direction of the first pixel, its change from pixel to pixel, the depth of the row
+            and the part of its pixels that the ground covers.
+        at: The place of the first pixel on the ground, and its change.
+        fall: The change of that place from row to row: a part for all pixels, in x and y, and what
+            the direction of a pixel is multiplied with to get the rest.
+        haze_m: As in `paint_ground`.
+        light: What shadows leave. Shape (columns,).
+        mixed: Red, green and blue; what lies behind the ground before. Shape (columns, 3).
+    """
+    # Taken out of the records once: each access in the loop would count references.
+    cells, grain = ground.cells, ground.grain
+    corner_x, corner_y, cell_m = ground.x_m, ground.y_m, ground.cell_m
+    rows, columns, _ = cells.shape
+    begin, end = marks.line
+    kerb_m, stripe_m = marks.kerb_m, marks.stripe_m
+    width, length, pitch, begins = marks.dash
+    field, road, line, dash, haze = (
+        palette.field,
+        palette.road,
+        palette.line,
+        palette.dash,
+        palette.haze,
+    )
+    ahead, step, depth, below = view
+    (first_x, first_y), right = at
+    level = _grain_level(len(grain), math.hypot(right[0], right[1]))
+    dots = 1.0 / (_DOT_M * (1 << level))
+    mask = np.uint32((grain.shape[1] >> level) - 1)
+    one = np.uint32(1)
+    for pixel in range(len(mixed)):
+        x, y = first_x + pixel * right[0], first_y + pixel * right[1]
+        to_x, to_y = ahead[0] + pixel * step[0], ahead[1] + pixel * step[1]
+        down = (fall[0] + fall[2] * to_x, fall[1] + fall[2] * to_y)
+
+        # The grain, between four dots of the copy that fits the size of a pixel.
+        dot_x, dot_y = x * dots + 1048576.0, y * dots + 1048576.0
+        whole_x, whole_y = np.uint32(dot_x), np.uint32(dot_y)
+        dot_part_x, dot_part_y = dot_x - whole_x, dot_y - whole_y
+        dot_left, dot_low = whole_x & mask, whole_y & mask
+        dot_right, dot_high = (whole_x + one) & mask, (whole_y + one) & mask
+        low = grain[level, dot_low, dot_left]
+        low += dot_part_x * (grain[level, dot_low, dot_right] - low)
+        high = grain[level, dot_high, dot_left]
+        high += dot_part_x * (grain[level, dot_high, dot_right] - high)
+        rough = low + dot_part_y * (high - low)
+
+        blur = abs(right[0] + right[1] + down[0] + down[1]) * (0.7071 / (2.0 * _MOWN_M))
+        bright = 1.0 + 0.035 * _wave((x + y) * (0.7071 / (2.0 * _MOWN_M)), blur) + 0.055 * rough
+        red, green, blue = field[0] * bright, field[1] * bright, field[2] * bright
+
+        across, along = (x - corner_x) / cell_m, (y - corner_y) / cell_m
+        if 0.0 <= across < columns - 1.001 and 0.0 <= along < rows - 1.001:
+            column, row = int(across), int(along)
+            part_x, part_y = across - column, along - row
+            a, b = cells[row, column, 0], cells[row, column + 1, 0]
+            c, d = cells[row + 1, column, 0], cells[row + 1, column + 1, 0]
+            low, high = a + part_x * (b - a), c + part_x * (d - c)
+            side = low + part_y * (high - low)
+            side_x, side_y = (
+                ((b - a) + part_y * ((d - c) - (b - a))) / cell_m,
+                (high - low) / cell_m,
+            )
+            blur = _length(side_x, side_y, right, down)
+            past_begin, past_end = _share(side - begin, blur), _share(side - end, blur)
+            if past_begin < 1.0 and side > begin - kerb_m - blur:
+                a, b = cells[row, column, 1], cells[row, column + 1, 1]
+                c, d = cells[row + 1, column, 1], cells[row + 1, column + 1, 1]
+                low, high = a + part_x * (b - a), c + part_x * (d - c)
+                whole = low + part_y * (high - low)
+                past_kerb = _share(side - begin + kerb_m * min(1.0, 3.0 * whole), blur)
+                if past_kerb > 0.0 and whole > 0.02:
+                    place = _between(
+                        cells[row, column, 2],
+                        cells[row, column + 1, 2],
+                        cells[row + 1, column, 2],
+                        cells[row + 1, column + 1, 2],
+                        part_x,
+                        part_y,
+                    )
+                    run = _length(-side_y, side_x, right, down) / (2.0 * stripe_m)
+                    stripe = 0.5 + 0.5 * _wave(place / (2.0 * stripe_m), run)
+                    dark, pale = palette.kerb, palette.kerb_light
+                    past_kerb *= 1.0 + 0.03 * rough
+                    red += past_kerb * (dark[0] + stripe * (pale[0] - dark[0]) - red)
+                    green += past_kerb * (dark[1] + stripe * (pale[1] - dark[1]) - green)
+                    blue += past_kerb * (dark[2] + stripe * (pale[2] - dark[2]) - blue)
+            if past_begin > 0.0 and past_end < 1.0:
+                worn = 1.0 + 0.02 * rough
+                red += past_begin * (line[0] * worn - red)
+                green += past_begin * (line[1] * worn - green)
+                blue += past_begin * (line[2] * worn - blue)
+            if past_end > 0.0:
+                a, b = cells[row, column, 3], cells[row, column + 1, 3]
+                c, d = cells[row + 1, column, 3], cells[row + 1, column + 1, 3]
+                low, high = a + part_x * (b - a), c + part_x * (d - c)
+                away = low + part_y * (high - low)
+                # Tyres polish the middle of the road.
+                beside = (away - 0.10) * 8.0
+                worn = (1.0 - 0.10 / (1.0 + beside * beside)) * (1.0 + 0.10 * rough)
+                red += past_end * (road[0] * worn - red)
+                green += past_end * (road[1] * worn - green)
+                blue += past_end * (road[2] * worn - blue)
+                if away < 0.5:
+                    away_x = ((b - a) + part_y * ((d - c) - (b - a))) / cell_m
+                    away_y = (high - low) / cell_m
+                    blur = _length(away_x, away_y, right, down)
+                    cover = _share(away + 0.5 * width, blur) - _share(away - 0.5 * width, blur)
+                    if cover > 0.0 and pitch > 0.0:
+                        place = _between(
+                            cells[row, column, 4],
+                            cells[row, column + 1, 4],
+                            cells[row + 1, column, 4],
+                            cells[row + 1, column + 1, 4],
+                            part_x,
+                            part_y,
+                        )
+                        run = _length(-away_y, away_x, right, down) / pitch
+                        cover *= _dashed((place - begins) / pitch, length / pitch, run)
+                        red += cover * (dash[0] - red)
+                        green += cover * (dash[1] - green)
+                        blue += cover * (dash[2] - blue)
+                red, green, blue = _start(marks, palette, (x, y), right, down, (red, green, blue))
+        shade = light[pixel]
+        far = depth * math.sqrt(to_x * to_x + to_y * to_y) / haze_m
+        clear = 1.0 / (1.0 + far + 0.5 * far * far)
+        red = haze[0] + clear * (red * shade - haze[0])
+        green = haze[1] + clear * (green * shade - haze[1])
+        blue = haze[2] + clear * (blue * shade - haze[2])
+        mixed[pixel, 0] += below * (red - mixed[pixel, 0])
+        mixed[pixel, 1] += below * (green - mixed[pixel, 1])
+        mixed[pixel, 2] += below * (blue - mixed[pixel, 2])
+
+
+@kernel
+def _start(
+    marks: Marks,
+    palette: Palette,
+    hit: tuple[float, float],
+    right: tuple[float, float],
+    down: tuple[float, float],
+    under: Rgb,
+) -> Rgb:
+    """The same with the chequered start line over it."""
+    middle_x, middle_y, to_x, to_y, length_m, depth_m = marks.start
+    if depth_m <= 0.0:
+        return under
+    x, y = hit[0] - middle_x, hit[1] - middle_y
+    over, along = x * to_x + y * to_y, y * to_x - x * to_y
+    if abs(over) > length_m or abs(along) > depth_m + 1.0:
+        return under
+    wide, deep = _length(to_x, to_y, right, down), _length(-to_y, to_x, right, down)
+    cover = _share(over + 0.5 * length_m, wide) - _share(over - 0.5 * length_m, wide)
+    cover *= _share(along + 0.5 * depth_m, deep) - _share(along - 0.5 * depth_m, deep)
+    if cover <= 0.0:
+        return under
+    squares_over, squares_along = marks.squares
+    pair_m, pair_along_m = 2.0 * length_m / squares_over, 2.0 * depth_m / squares_along
+    first = _wave((over + 0.5 * length_m) / pair_m, wide / pair_m)
+    second = _wave((along + 0.5 * depth_m) / pair_along_m, deep / pair_along_m)
+    light = 0.5 + 0.5 * first * second
+    dark, bright = palette.chequer, palette.line
+    return (
+        under[0] + cover * (dark[0] + light * (bright[0] - dark[0]) - under[0]),
+        under[1] + cover * (dark[1] + light * (bright[1] - dark[1]) - under[1]),
+        under[2] + cover * (dark[2] + light * (bright[2] - dark[2]) - under[2]),
+    )
+
+
+@kernel
+def _between(a: float, b: float, c: float, d: float, part_x: float, part_y: float) -> float:
+    """A length along a line between four cells; where it jumps, that of the nearest one."""
+    if max(a, b, c, d) - min(a, b, c, d) > 0.3:
+        if part_y < 0.5:
+            return a if part_x < 0.5 else b
+        return c if part_x < 0.5 else d
+    low, high = a + part_x * (b - a), c + part_x * (d - c)
+    return low + part_y * (high - low)
+
+
+@kernel
+def _length(x: float, y: float, right: tuple[float, float], down: tuple[float, float]) -> float:
+    """How long a pixel is on the ground in a direction."""
+    first, second = x * right[0] + y * right[1], x * down[0] + y * down[1]
+    return math.sqrt(first * first + second * second) + 1e-6
+
+
+@kernel
+def _share(beyond: float, blur: float) -> float:
+    """Part of a pixel beyond an edge."""
+    return min(max(0.5 + beyond / blur, 0.0), 1.0)
+
+
+@kernel
+def _wave(place: float, blur: float) -> float:
+    """A square wave of period 1 between -1 and 1, averaged over a pixel of this length."""
+    if blur >= 1.0:
+        return 0.0
+    part = place - math.floor(place)
+    away = min(part, 1.0 - part) if part < 0.25 or part > 0.75 else abs(part - 0.5)
+    sign = 1.0 if part < 0.5 else -1.0
+    sharp = min(2.0 * away / max(blur, 1e-6), 1.0)
+    return sign * sharp * min(1.0, 2.0 - 2.0 * blur)
+
+
+@kernel
+def _dashed(place: float, length: float, blur: float) -> float:
+    """Dashes of a length in a pitch of 1, averaged over a pixel of this length."""
+    if blur >= 1.0:
+        return length
+    part = place - math.floor(place)
+    within = max(min(part, length - part), part - 1.0)
+    sharp = min(max(0.5 + within / max(blur, 1e-6), 0.0), 1.0)
+    calm = max(0.0, 2.0 * blur - 1.0)
+    return sharp + calm * (length - sharp)
+
+
+@kernel
+def _grain_level(copies: int, pixel_m: float) -> int:
+    """The copy of the grain whose dots are as large as a pixel."""
+    level = math.floor(math.log2(max(pixel_m, 1e-9) / _DOT_M) + 0.5)
+    return min(max(int(level), 0), copies - 1)

@@ -1,0 +1,182 @@
+"""What lies around a track in pictures for people: sky, clouds, hills and woods, as a panorama.
+
+The cameras of cars never see it. Each world has a landscape of its own that never changes.
+"""
+
+import zlib
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.arrays import Floats, Singles
+
+Picture = NDArray[np.uint8]
+
+COLUMNS, ROWS = 4096, 384
+"""Size of the panorama; a pixel is about as large as one of a picture."""
+
+STEEPEST = 0.55
+"""Tangent of the greatest height in the panorama: 29 degrees above the horizon."""
+
+ZENITH, HORIZON = (70.0, 128.0, 205.0), (208.0, 224.0, 238.0)
+"""Colours of the sky at the greatest height and just above the hills."""
+
+HAZE = (186.0, 205.0, 214.0)
+"""Colour that far ground takes on."""
+
+HAZE_M = 70.0
+"""Distance in which the ground takes on 63 % of that colour."""
+
+_CLOUD, _CLOUD_SHADE = (252.0, 252.0, 252.0), (196.0, 206.0, 220.0)
+_RANGES: tuple[tuple[float, float, int, tuple[float, float, float]], ...] = (
+    (0.030, 0.060, 5, (150.0, 176.0, 198.0)),
+    (0.020, 0.038, 9, (118.0, 150.0, 150.0)),
+    (0.010, 0.020, 17, (92.0, 128.0, 92.0)),
+)
+"""Ranges of hills, the furthest first: least height, how much they rise, their number of waves
+around, and their colour."""
+
+_WOODS = (58.0, 92.0, 52.0)
+_SUN_AZIMUTH_RAD = -0.2
+_TILE, _COPIES = 1024, 8
+"""Dots along a side of the grain, and copies of it."""
+
+_GRAINS = (0.9, 0.8, 0.6, 0.5, 0.5, 0.5, 0.4)
+"""Strength of dots of one, two, four ... times the size."""
+
+
+@lru_cache(maxsize=2)
+def landscape_of(world: str) -> Picture:
+    """The panorama of a world. A column for each direction, the first row the highest. 0.4 s.
+
+    All views of a world share it, so nobody may write into it.
+    """
+    random = np.random.default_rng(zlib.crc32(world.encode()) ^ 0x5CE4E)
+    height = np.linspace(STEEPEST, 0.0, ROWS)[:, None]
+    azimuth = np.linspace(0.0, 2.0 * np.pi, COLUMNS, endpoint=False)
+    rise = 1.0 - np.exp(-height / 0.22)
+    low, top = np.array(HORIZON), np.array(ZENITH)
+    picture = (low + rise[:, :, None] * (top - low)) * np.ones((1, COLUMNS, 1))
+    turn = (azimuth - _SUN_AZIMUTH_RAD + np.pi) % (2.0 * np.pi) - np.pi
+    glow = np.exp(-((turn / 0.9) ** 2))[None, :] * np.exp(-height / 0.45)
+    picture += glow[:, :, None] * np.array([34.0, 22.0, 0.0])
+    _add_clouds(picture, height, random)
+    pixel = STEEPEST / (ROWS - 1)
+    for least, more, waves, color in _RANGES:
+        line = least + more * _ridge(azimuth, waves, random)
+        _cover(picture, height, line, np.array(color), pixel, light=10.0)
+    trees = 0.006 + 0.016 * _treetops(random)
+    _cover(picture, height, trees, np.array(_WOODS), pixel, light=26.0)
+    finished: Picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    return finished
+
+
+@lru_cache(maxsize=2)
+def grain_of(world: str) -> Singles:
+    """The grain of the ground, as `ground_painting.Ground` has it. Shape (k, n, n).
+
+    All views of a world share it, so nobody may write into it.
+    """
+    random = np.random.default_rng(zlib.crc32(world.encode()) ^ 0x6A417)
+    tile = np.zeros((_TILE, _TILE))
+    for octave, strength in enumerate(_GRAINS):
+        dots = random.standard_normal((_TILE >> octave, _TILE >> octave))
+        tile += strength * np.kron(_softened(dots), np.ones((1 << octave, 1 << octave)))
+        tile = _softened(tile) if octave > 1 else tile
+    tile /= tile.std()
+    copies = np.zeros((_COPIES, _TILE, _TILE), np.float32)
+    for copy in range(_COPIES):
+        copies[copy, : len(tile), : len(tile)] = tile
+        tile = tile.reshape(len(tile) // 2, 2, len(tile) // 2, 2).mean(axis=(1, 3))
+    return copies
+
+
+def _softened(dots: Floats) -> Floats:
+    """Each dot averaged with its neighbours, round the edges."""
+    mean = 0.5 * dots + 0.25 * (np.roll(dots, 1, 0) + np.roll(dots, -1, 0))
+    return 0.5 * mean + 0.25 * (np.roll(mean, 1, 1) + np.roll(mean, -1, 1))
+
+
+def _add_clouds(picture: Floats, height: Floats, random: np.random.Generator) -> None:
+    """Flat heaps of cloud, smaller towards the horizon."""
+    # Rows nearer to the horizon show more of the cloud layer, so its pattern is pressed together.
+    rows = np.log(height[:, 0] + 0.05)
+    rows = (rows - rows.min()) / np.ptp(rows) * 255.0
+    pattern = _clouds(random)
+    heaps = _between(pattern, rows, np.arange(COLUMNS, dtype=np.float64) * (1024.0 / COLUMNS))
+    cover = np.clip((heaps - 0.52) / 0.16, 0.0, 1.0)
+    cover = cover * cover * (3.0 - 2.0 * cover)
+    cover *= np.clip((height - 0.05) / 0.08, 0.0, 1.0) * 0.9
+    below = np.roll(heaps, -6, axis=0)
+    lit = np.clip(0.5 + (heaps - below) * 9.0, 0.0, 1.0)[:, :, None]
+    color = np.array(_CLOUD_SHADE) + lit * (np.array(_CLOUD) - np.array(_CLOUD_SHADE))
+    picture += cover[:, :, None] * (color - picture)
+
+
+def _clouds(random: np.random.Generator) -> Floats:
+    """Noise of several sizes, joined from left to right, between 0 and 1. Shape (256, 1024)."""
+    total, weight = np.zeros((256, 1024)), 0.0
+    for octave in range(6):
+        rows, columns = 4 * 2**octave, 8 * 2**octave
+        dots = random.random((rows + 1, columns))
+        part = 0.55**octave
+        total += part * _between(
+            dots,
+            np.linspace(0.0, rows - 1e-3, 256),
+            np.arange(1024, dtype=np.float64) * (columns / 1024.0),
+        )
+        weight += part
+    total /= weight
+    even: Floats = (total - total.min()) / np.ptp(total)
+    return even
+
+
+def _between(dots: Floats, rows: Floats, columns: Floats) -> Floats:
+    """Smooth values between the dots, at some rows and columns; the columns go round."""
+    row, column = np.floor(rows).astype(int), np.floor(columns).astype(int)
+    down, right = (rows - row)[:, None], (columns - column)[None, :]
+    down, right = down * down * (3.0 - 2.0 * down), right * right * (3.0 - 2.0 * right)
+    last = len(dots) - 1
+    row, below = np.minimum(row, last), np.minimum(row + 1, last)
+    here, beside = column % dots.shape[1], (column + 1) % dots.shape[1]
+    upper = dots[row][:, here] * (1.0 - right) + dots[row][:, beside] * right
+    lower = dots[below][:, here] * (1.0 - right) + dots[below][:, beside] * right
+    mixed: Floats = upper * (1.0 - down) + lower * down
+    return mixed
+
+
+def _ridge(azimuth: Floats, waves: int, random: np.random.Generator) -> Floats:
+    """The line of a range of hills around the horizon, between 0 and 1. Shape (columns,)."""
+    line = np.zeros(len(azimuth))
+    for octave in range(5):
+        turn, phase = waves * 2**octave, random.uniform(0.0, 2.0 * np.pi)
+        wobble = np.sin(azimuth * (turn // 2 + 1) + random.uniform(0.0, 6.28))
+        line += 0.5**octave * np.sin(azimuth * turn + phase + wobble)
+    even: Floats = (line - line.min()) / np.ptp(line)
+    return even
+
+
+def _treetops(random: np.random.Generator) -> Floats:
+    """The line of the tops of woods around the horizon, between 0 and 1. Shape (columns,)."""
+    line = np.zeros(COLUMNS)
+    at = np.arange(COLUMNS, dtype=np.float64)
+    stands = _between(random.random((1, 64)), np.zeros(1), at * (64.0 / COLUMNS))[0]
+    for middle in random.uniform(0.0, COLUMNS, 900):
+        radius = random.uniform(4.0, 13.0)
+        away = (at - middle + COLUMNS / 2) % COLUMNS - COLUMNS / 2
+        crown = np.sqrt(np.maximum(1.0 - (away / radius) ** 2, 0.0)) * (0.35 + radius / 20.0)
+        line = np.maximum(line, crown)
+    tops: Floats = np.clip(line * np.clip(stands * 1.7 - 0.35, 0.0, 1.0), 0.0, 1.0)
+    return tops
+
+
+def _cover(
+    picture: Floats, height: Floats, line: Floats, color: Floats, pixel: float, *, light: float
+) -> None:
+    """Paint everything below a line, darker towards its foot."""
+    lower = height[:, 0] < line.max() + pixel
+    picture, height = picture[lower.argmax() :], height[lower]
+    cover = np.clip(0.5 + (line - height) / pixel, 0.0, 1.0)[:, :, None]
+    top = np.clip(1.0 - (line - height) / np.maximum(line, 1e-6), 0.0, 1.0)[:, :, None]
+    picture += cover * (color + light * (top - 0.5) - picture)

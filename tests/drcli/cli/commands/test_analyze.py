@@ -1,0 +1,67 @@
+"""`dr analyze --explain` as its caller meets it: only a model of the bucket can be explained."""
+
+import pytest
+
+from drcli.analysis import read_run
+from simtraces import write_model
+
+
+@pytest.fixture
+def never_read(monkeypatch):
+    for name in ("read_run", "read_runs"):
+        monkeypatch.setattr(read_run, name, lambda *given, **options: pytest.fail("too early"))
+
+
+@pytest.mark.parametrize("name", ["models/mine", "./models/mine", "../away/mine", "s3://b/mine"])
+def test_only_a_model_of_the_bucket_is_explained(dr, working_folder, never_read, capsys, name):
+    trace = working_folder / "models" / "mine" / "training-simtrace" / "0-iteration.csv"
+    trace.parent.mkdir(parents=True)
+    trace.write_text("episode,steps\n")
+
+    assert dr("analyze", name, "--explain", "--html", "report.html") == 2
+
+    assert f"--explain drives a model of the bucket, and {name} is not one" in " ".join(
+        capsys.readouterr().err.split()
+    )
+    assert not (working_folder / "report.html").exists()
+
+
+def test_explaining_an_unknown_model_says_that_there_is_none(dr, working_folder, capsys):
+    assert dr("analyze", "nothing", "--explain", "--html", "report.html") != 0
+
+    assert "bucket" in capsys.readouterr().err
+    assert not (working_folder / "report.html").exists()
+
+
+@pytest.fixture
+def models(working_folder):
+    """Two small models in the working folder."""
+    for name, laps_from in (("slow", None), ("fast", 1)):
+        write_model(working_folder / name, iterations=4, laps_from=laps_from)
+    return "./slow", "./fast"
+
+
+def test_a_comparison_is_written_as_a_page(dr, working_folder, models, capsys):
+    page = working_folder / "compare.html"
+
+    assert dr("analyze", "compare", *models, "--html", str(page)) == 0
+
+    assert "slow and fast compared" in page.read_text()
+    assert "Wrote" in capsys.readouterr().out
+
+
+def test_a_comparison_replaces_no_other_file(dr, working_folder, models, never_read, capsys):
+    notes = working_folder / "notes.txt"
+    notes.write_text("mine")
+
+    assert dr("analyze", "compare", *models, "--html", str(notes)) == 3
+
+    assert "is not an HTML page" in " ".join(capsys.readouterr().err.split())
+    assert notes.read_text() == "mine"
+
+
+def test_one_model_cannot_be_compared_with_itself(dr, models, capsys):
+    assert dr("analyze", "compare", models[0], "slow/") == 3
+
+    error = " ".join(capsys.readouterr().err.split())
+    assert "./slow and slow/ are the same model (slow), so there is nothing to compare" in error

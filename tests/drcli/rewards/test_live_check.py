@@ -1,0 +1,74 @@
+"""The check of a reward function that is being written."""
+
+from threading import Event
+
+import pytest
+
+from drcli.rewards import live_check
+from drcli.rewards.live_check import LiveCheck
+
+GOOD = b'def reward_function(params):\n    return float(params["progress"])\n'
+
+
+@pytest.fixture(scope="session")
+def settings(settings_of):
+    return settings_of()
+
+
+@pytest.fixture
+def live(settings, course):
+    live = LiveCheck()
+    live._courses[live_check._key(settings.race)] = course  # driven once for all tests
+    return live
+
+
+def check(live, settings, text, known="", given_up=None):
+    return live.check(settings, text, settings.directory, known, given_up or Event())
+
+
+def test_the_picture_has_a_reward_for_each_place(live, settings):
+    found = check(live, settings, GOOD)
+
+    places = found.course.rows * found.course.columns
+    assert len(found.picture.rewards) == places
+    assert len(found.course.edges) == places + found.course.columns
+    assert found.report.world == "bean"
+    assert [curve.name for curve in found.picture.curves] == [
+        driver.name for driver in found.report.drivers
+    ]
+    steady = found.picture.curves[0]
+    assert steady.rewards[-1] > steady.rewards[10]
+    assert len(steady.rewards) == len(found.picture.progress)
+
+
+def test_a_course_that_is_known_is_not_sent_again(live, settings):
+    key = live_check._key(settings.race)
+
+    found = check(live, settings, b"def reward_function(params):\n    return 1.0\n", known=key)
+
+    assert found.course is None
+    assert found.picture.course == key
+
+
+def test_an_undefined_name_is_told_once_with_its_line(live, settings):
+    text = b"def reward_function(params):\n    return sped * 1.0\n"
+
+    found = check(live, settings, text)
+
+    errors = [problem for problem in found.problems if problem.severity == "error"]
+    assert [problem.line for problem in errors] == [2]
+    assert found.picture is None
+
+
+def test_what_is_no_python_is_not_tried(live, settings):
+    found = check(live, settings, b"def reward_function(params)\n    return 1.0\n")
+
+    assert found.report is None
+    assert [problem.line for problem in found.problems] == [1]
+
+
+def test_a_check_is_given_up(live, settings):
+    given_up = Event()
+    given_up.set()
+
+    assert check(live, settings, GOOD, given_up=given_up) is None

@@ -1,0 +1,85 @@
+"""The console as pages and scripts meet it: its routes, a served console, and a browser."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+from starlette.testclient import TestClient
+
+from browser import headless_browser
+from drcli.web.console_app import build_app
+from served_console import ServedConsole, served_console
+
+BASE = "http://127.0.0.1:8100"
+
+
+@pytest.fixture
+def client(working_folder: Path) -> Iterator[TestClient]:
+    """Requests of a page of the console; without the header Origin for others."""
+    app = build_app(working_folder, None)
+    with TestClient(app, base_url=BASE, headers={"origin": BASE}) as client:
+        yield client
+
+
+@pytest.fixture
+def served(working_folder: Path) -> Iterator[ServedConsole]:
+    """The console of a working folder, on a port of this machine."""
+    with served_console(working_folder) as console:
+        yield console
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """One browser for the tests of a module. Not longer: its library holds the event loop."""
+    with headless_browser() as started:
+        yield started
+
+
+class Visit:
+    """A page in the browser, and what it did."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+        self.requests: list[str] = []
+        self.problems: list[str] = []
+        page.on("request", lambda request: self.requests.append(request.url))
+        page.on("websocket", lambda socket: self.requests.append(socket.url))
+        page.on("pageerror", lambda error: self.problems.append(str(error)))
+        page.on("console", self._note)
+
+    def _note(self, message: Any) -> None:
+        # A server that is away on purpose is no fault of the page.
+        if message.type == "error" and "ERR_CONNECTION" not in message.text:
+            self.problems.append(message.text)
+
+
+@pytest.fixture
+def visit(browser: Any) -> Iterator[Callable[..., Visit]]:
+    """Opens a page; at the end, no error was reported and no request has left its origin."""
+    visits: list[tuple[Visit, str]] = []
+
+    def go(url: str, *, theme: str = "light", width: int = 1280, **options: Any) -> Visit:
+        context = browser.new_context(
+            color_scheme=theme, viewport={"width": width, "height": 900}, **options
+        )
+        context.set_default_timeout(30_000)
+        visited = Visit(context.new_page())
+        visits.append((visited, urlsplit(url).netloc))
+        visited.page.goto(url)
+        return visited
+
+    yield go
+    for visited, netloc in visits:
+        visited.page.context.close()
+        assert visited.problems == []
+        assert no_requests_leave(visited.requests, netloc)
+
+
+def no_requests_leave(requests: list[str], netloc: str) -> bool:
+    """Whether every request of a page went to the console."""
+    parts = [urlsplit(url) for url in requests]
+    return bool(parts) and all(
+        part.scheme in ("data", "blob") or part.netloc == netloc for part in parts
+    )

@@ -1,0 +1,80 @@
+"""The live page in a browser: a worker that comes, is watched, and goes; the log; keyboard."""
+
+import re
+import threading
+
+import pytest
+
+from drcli.exchange.log_places import log_file
+from live_worker import SmallDrive, shown
+
+
+@pytest.fixture
+def driving(served):
+    """A worker that drives until the block is left."""
+    drive = SmallDrive()
+    ended = threading.Event()
+
+    class Ended(Exception):
+        pass
+
+    def rest():
+        if ended.wait(0.02):
+            raise Ended
+
+    class Driving:
+        def __enter__(self):
+            ended.clear()
+            self._shown = shown(served.folder)
+            show, _ = self._shown.__enter__()
+            self.show = show
+            self._thread = threading.Thread(target=self._drive, args=(show,), daemon=True)
+            self._thread.start()
+            return show
+
+        def _drive(self, show):
+            try:
+                while True:
+                    drive.episodes(show, after_step=rest)
+            except Ended:
+                pass
+
+        def __exit__(self, *_):
+            ended.set()
+            self._thread.join(20.0)
+            self._shown.__exit__(None, None, None)
+
+    yield Driving()
+    drive.close()
+
+
+def test_a_worker_is_shown_while_it_runs(served, visit, driving):
+    page = visit(served.url, width=800).page
+    page.get_by_text("There is no training yet.").wait_for()
+    page.get_by_text("No worker runs now.").wait_for()
+    with driving:
+        card = page.locator("article[data-worker=sim-0]")
+        card.get_by_text("Drives iteration 3.").wait_for()
+        card.scroll_into_view_if_needed()
+        card.locator("figcaption").filter(has_text=re.compile(r"Camera, car \d")).wait_for()
+        camera = card.get_by_role("img", name="What the car of sim-0 sees")
+        assert float(camera.get_attribute("data-age-ms")) < 20_000
+        card.get_by_text("2 cars, reinvent_base").wait_for()
+
+
+def test_the_log_follows_its_file_and_can_be_paused(served, visit):
+    log = log_file(served.folder, "model", "trainer")
+    page = visit(served.url, width=360, theme="dark").page
+    panel = page.get_by_role("log")
+    page.get_by_text("There is no log of trainer on this machine yet.").wait_for()
+    log.parent.mkdir(parents=True)
+    log.write_text("first line\n")
+    panel.get_by_text("first line").wait_for()
+    page.get_by_role("button", name="Pause").press("Enter")
+    with log.open("a") as file:
+        file.write("second line\n")
+    page.get_by_text("Paused. 1 new line since.").wait_for()
+    assert "second" not in panel.inner_text()
+    page.get_by_role("button", name="Go on").press("Enter")
+    panel.get_by_text("second line").wait_for()
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360

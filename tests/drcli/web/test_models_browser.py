@@ -1,0 +1,105 @@
+"""The pages of models in a browser, by mouse and by keyboard."""
+
+import pytest
+
+from stored_models import STAMP, StoredModels
+
+PREFIX = "team/model-1"
+
+
+@pytest.fixture
+def models(working_folder):
+    stored = StoredModels(working_folder)
+    stored.model(PREFIX)
+    stored.evaluation(PREFIX, lap_ms=(12_345, 61_000))
+    stored.evaluation(PREFIX, "20260102030500", lap_ms=(11_000,))
+    return stored
+
+
+def test_an_empty_bucket_says_what_to_do_next(served, visit, working_folder):
+    StoredModels(working_folder)
+
+    page = visit(f"{served.url}/#/models").page
+
+    page.get_by_text("has no model yet").wait_for()
+    assert page.get_by_role("link", name="Start a training").is_visible()
+
+
+def test_a_new_model_appears_without_reload_and_is_found(served, visit, models):
+    page = visit(f"{served.url}/#/models", width=360, theme="dark").page
+    page.get_by_role("link", name=PREFIX).wait_for()
+
+    models.model("another")
+
+    page.get_by_role("link", name="another").wait_for()
+    page.get_by_label("Search").fill("reinvent nothing")
+    page.get_by_text("No model fits the search").wait_for()
+    page.get_by_label("Search").fill("anoth")
+    page.get_by_role("link", name=PREFIX).wait_for(state="detached")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+
+
+def test_a_model_is_read_by_keyboard_alone(served, visit, models):
+    page = visit(f"{served.url}/#/models").page
+    page.get_by_role("link", name=PREFIX).focus()
+    page.keyboard.press("Enter")
+    page.get_by_role("tab", name="Overview").focus()
+    page.keyboard.press("ArrowRight")
+    page.get_by_role("cell", name="1 of 2").first.wait_for()  # laps of the first checkpoint
+    page.keyboard.press("ArrowRight")
+    page.get_by_role("cell", name="00:11.000").wait_for()
+    assert "tab=evaluations" in page.url
+
+    page.get_by_label("Compare with").select_option(STAMP)
+
+    page.get_by_role("cell", name="−1.345 s").wait_for()
+    models.evaluation(PREFIX, "20260102030600", lap_ms=(10_000,))
+    page.get_by_role("cell", name="00:10.000").first.wait_for()  # by itself
+
+
+def test_a_model_is_deleted_only_when_its_name_was_typed(served, visit, models):
+    page = visit(f"{served.url}/#/model?prefix={PREFIX}").page
+    page.get_by_role("button", name="Delete").click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_role("textbox").fill("team/model")
+    assert dialog.get_by_role("button", name="Delete").is_disabled()
+    dialog.get_by_role("textbox").fill(PREFIX)
+    assert dialog.get_by_role("button", name="Delete").is_enabled()
+    page.keyboard.press("Escape")
+    dialog.wait_for(state="detached")
+
+
+def test_what_is_no_model_has_a_way_back(served, visit, models):
+    visited = visit(f"{served.url}/#/model?prefix=no/such")
+    visited.page.get_by_text("There is no model no/such").wait_for()
+    visited.page.get_by_role("link", name="All models").click()
+    visited.page.get_by_role("link", name=PREFIX).wait_for()
+    # The browser itself reports an answer with status 404.
+    visited.problems[:] = [each for each in visited.problems if "404" not in each]
+
+
+def test_a_model_whose_settings_broke_is_shown_again_by_itself(served, visit, models):
+    visited = visit(f"{served.url}/#/model?prefix={PREFIX}")
+    page = visited.page
+    page.get_by_role("button", name="Evaluate").wait_for()
+    run_env = served.folder / "run.env"
+    right = run_env.read_text()
+
+    run_env.write_text(f"{right}DR_EVAL_NUMBER_OF_TRIALS=many\n")
+
+    page.get_by_text("DR_EVAL_NUMBER_OF_TRIALS").first.wait_for()
+    run_env.write_text(right)
+    page.get_by_text("DR_EVAL_NUMBER_OF_TRIALS").first.wait_for(state="detached")
+    page.get_by_text("of its training are not recorded").wait_for()
+    # The browser itself reports what was asked for meanwhile.
+    visited.problems[:] = [each for each in visited.problems if "422" not in each]
+
+
+def test_an_action_that_is_refused_says_why(served, visit, models):
+    visited = visit(f"{served.url}/#/model?prefix={PREFIX}")
+    page = visited.page
+    page.get_by_role("button", name="Download").click()
+    page.get_by_label("What", exact=True).select_option("logs")
+    page.get_by_role("button", name="Prepare the file").click()
+
+    page.get_by_text("has no logs").wait_for()

@@ -1,0 +1,142 @@
+"""The files of the page: complete, without inline code, and nothing else can be read."""
+
+import asyncio
+import re
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from starlette.applications import Starlette
+from starlette.testclient import TestClient
+
+from drcli.web.page_files import page_routes
+
+PAGES = Path(str(files("drcli.web") / "pages"))
+SCRIPTS = sorted(path.relative_to(PAGES).as_posix() for path in PAGES.rglob("*.js"))
+STYLES = sorted(path.relative_to(PAGES).as_posix() for path in PAGES.rglob("*.css"))
+
+
+@pytest.fixture(scope="module")
+def page():
+    return TestClient(Starlette(routes=page_routes()), raise_server_exceptions=True)
+
+
+def test_the_page_has_everything_that_it_loads(page):
+    html = page.get("/").text
+    loaded = re.findall(r'(?:src|href)="(/[^"]*)"', html)
+
+    assert loaded
+    for path in loaded:
+        assert page.get(path).status_code == 200, path
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_every_module_that_a_module_loads_exists(page, script):
+    text = page.get(f"/{script}").text
+    loaded = re.findall(r"""(?:from|import\(?)\s*["'](/[^"']+)["']""", text)
+    loaded += re.findall(r'module: "(/[^"]+)"', text)
+
+    for path in loaded:
+        assert page.get(path).status_code == 200, path
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_scripts_obey_the_policy(page, script):
+    text = page.get(f"/{script}").text
+
+    assert not re.search(r"\beval\(|new Function\(|\.innerHTML|insertAdjacentHTML", text)
+    assert not re.search(r"""["']?style["']?\s*:\s*["'`]|setAttribute\(["']style""", text)
+    assert not re.search(r"""["'`](https?:)?//[a-z]""", text), "nothing is loaded from elsewhere"
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_styles_load_nothing_from_elsewhere(page, style):
+    assert not re.search(r"@import|url\((?!data:|[\"']?/)", page.get(f"/{style}").text)
+
+
+def test_the_html_has_no_inline_code_or_style(page):
+    html = page.get("/").text
+
+    assert not re.search(r"<script(?![^>]*\bsrc=)|\son[a-z]+=|<style|\sstyle=", html)
+
+
+def test_files_have_their_types_and_are_never_old(page):
+    for path, kind in [
+        ("/", "text/html"),
+        ("/app.js", "text/javascript"),
+        ("/style.css", "text/css"),
+    ]:
+        answer = page.get(path)
+        assert answer.headers["content-type"].startswith(kind)
+        assert answer.headers["cache-control"] == "no-cache"
+
+
+FUZZED = [
+    "/../security.py",
+    "/..%2fsecurity.py",
+    "/%2e%2e/security.py",
+    "/%2e%2e%2fsecurity.py",
+    "/..\\security.py",
+    "/%5c..%5csecurity.py",
+    "/app.js/",
+    "/app.js%00",
+    "/%00",
+    "/etc/passwd",
+    "//etc/passwd",
+    "/%2fetc%2fpasswd",
+    "/vendor/uplot/../../../security.py",
+    "/vendor/uplot/",
+    "/vendor",
+    "/__init__.py",
+    "/pages/app.js",
+    "/system.env",
+    "/data/viewer/token.json",
+    "/data/viewer/viewer.json",
+    "/App.js",
+    "/app.js.bak",
+    "/app.js;x",
+    "/app.js%20",
+    "/\u202eapp.js",
+    "/ａpp.js",
+    "/" + "a" * 20_000,
+    "/" + "../" * 500 + "etc/passwd",
+]
+
+
+@pytest.mark.parametrize("path", FUZZED)
+def test_no_other_file_can_be_read(page, path):
+    answer = page.get(path)
+
+    assert answer.status_code == 404
+    assert answer.text == "There is no such page."
+
+
+@given(st.text(alphabet=st.sampled_from("./\\%2e0fabc\x00é:~"), max_size=40))
+def test_no_path_leads_out_of_the_page(path):
+    scope = {"type": "http", "method": "GET", "path": f"/{path}", "headers": []}
+    app = Starlette(routes=page_routes())
+
+    status, text = asyncio.run(answer_of(app, scope))
+
+    assert status == 404 or text == (PAGES / "index.html").read_bytes()
+
+
+async def answer_of(app, scope):
+    """Status and content, whatever the path: clients would change it."""
+    sent = []
+
+    async def send(message):
+        sent.append(message)
+
+    async def receive():
+        return {"type": "http.request"}
+
+    await app(scope, receive, send)
+    return sent[0]["status"], sent[1]["body"]
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH"])
+def test_files_are_only_read(page, method):
+    assert page.request(method, "/app.js").status_code == 405

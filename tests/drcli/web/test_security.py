@@ -1,0 +1,223 @@
+"""Who may use the console: names, origins, tokens."""
+
+import pytest
+from starlette.responses import PlainTextResponse
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+from drcli.web.security import MOST_TRIES, Guard, cookie_name
+
+TOKEN = "a-token-of-twenty-letters"
+HERE = "http://127.0.0.1:8100"
+
+
+async def app(scope, receive, send):
+    """Says that it was reached."""
+    if scope["type"] == "websocket":
+        await receive()
+        await send({"type": "websocket.accept"})
+        await send({"type": "websocket.close"})
+        return
+    await PlainTextResponse("reached")(scope, receive, send)
+
+
+def page(token=None, base=HERE, **options):
+    return TestClient(Guard(app, token), base_url=base, follow_redirects=False, **options)
+
+
+@pytest.mark.parametrize(
+    "host",
+    ["127.0.0.1:8100", "127.0.0.1", "localhost:8100", "LOCALHOST:9000", "[::1]:8100", "[::1]"],
+)
+def test_names_of_this_machine_are_answered_also_through_a_forwarded_port(host):
+    assert page().get("/", headers={"host": host}).text == "reached"
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "evil.example",
+        "evil.example:8100",
+        "127.0.0.1.evil.example",
+        "localhost.evil.example:8100",
+        "127.0.0.1@evil.example",
+        "10.0.0.5:8100",
+        "[::2]:8100",
+        "[::1].evil.example",
+        "0.0.0.0:8100",
+        "",
+        "127.0.0.1, evil.example",
+    ],
+)
+def test_names_of_others_are_refused(host):
+    answer = page().get("/", headers={"host": host})
+
+    assert answer.status_code == 421
+    assert answer.json()["error"]["message"].startswith("This console does not answer")
+
+
+def test_two_names_are_refused():
+    guarded = Guard(app, None)
+    sent = []
+
+    async def send(message):
+        sent.append(message)
+
+    async def receive():
+        return {"type": "http.request"}
+
+    headers = [(b"host", b"127.0.0.1"), (b"host", b"evil.example")]
+    scope = {"type": "http", "method": "GET", "path": "/", "headers": headers}
+    scope["query_string"] = b""
+    coroutine = guarded(scope, receive, send)
+    with pytest.raises(StopIteration):
+        coroutine.send(None)
+    assert sent[0]["status"] == 421
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS", "BREW"])
+@pytest.mark.parametrize(
+    "origin",
+    [
+        None,
+        "null",
+        "https://evil.example",
+        "http://127.0.0.1:3000",
+        "http://localhost:8100",
+        "http://127.0.0.1:8100.evil.example",
+        "file://",
+    ],
+)
+def test_changes_are_refused_unless_our_own_page_asks(method, origin):
+    headers = {} if origin is None else {"origin": origin}
+
+    assert page().request(method, "/api/x", headers=headers).status_code == 403
+
+
+def test_changes_of_our_own_page_are_accepted_also_through_a_forwarded_port():
+    assert page().post("/", headers={"origin": HERE}).status_code == 200
+    forwarded = {"host": "localhost:9999", "origin": "http://localhost:9999"}
+    assert page().post("/", headers=forwarded).status_code == 200
+
+
+@pytest.mark.parametrize("origin", [None, "null", "https://evil.example", "http://127.0.0.1:1"])
+def test_a_websocket_of_another_site_is_refused(origin):
+    headers = {} if origin is None else {"origin": origin}
+
+    with (
+        pytest.raises(WebSocketDisconnect) as refused,
+        page().websocket_connect("/ws", headers={"host": "127.0.0.1:8100", **headers}),
+    ):
+        pass
+    assert refused.value.code == 1008
+
+
+def test_our_own_websocket_is_accepted():
+    headers = {"host": "127.0.0.1:8100", "origin": HERE}
+    with page().websocket_connect("/ws", headers=headers) as opened:
+        assert opened.receive()["type"] == "websocket.close"
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+@pytest.mark.parametrize("mode", ["no-cors", "cors", "websocket"])
+def test_what_another_site_embeds_is_refused(site, mode):
+    headers = {"sec-fetch-site": site, "sec-fetch-mode": mode}
+
+    assert page().get("/stream", headers=headers).status_code == 403
+
+
+def test_a_link_from_another_site_opens_the_page():
+    headers = {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate"}
+
+    assert page().get("/", headers=headers).status_code == 200
+
+
+def test_every_answer_tells_the_browser_what_it_may_do():
+    for answer in (page().get("/"), page().get("/", headers={"host": "evil.example"})):
+        policy = answer.headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert "frame-ancestors 'none'" in policy
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        assert answer.headers["referrer-policy"] == "no-referrer"
+
+
+def test_another_machine_needs_the_token_and_keeps_it_in_a_cookie():
+    other = page(TOKEN, "http://10.0.0.5:8100")
+    refused = other.get("/")
+    assert refused.status_code == 401
+    assert "token" in refused.json()["error"]["message"]
+
+    entered = other.get("/enter", params={"token": TOKEN})
+
+    assert (entered.status_code, entered.headers["location"]) == (303, "/")
+    cookie = entered.headers["set-cookie"].lower()
+    assert "httponly" in cookie
+    assert "samesite=strict" in cookie
+    assert "secure" not in cookie  # it would not come back over http
+    assert other.get("/").text == "reached"
+
+
+def test_the_cookie_stays_with_https():
+    entered = page(TOKEN, "https://10.0.0.5").get("/enter", params={"token": TOKEN})
+
+    assert "secure" in entered.headers["set-cookie"].lower()
+
+
+def test_a_websocket_needs_the_token_too():
+    headers = {"host": "10.0.0.5:8100", "origin": "http://10.0.0.5:8100"}
+    with (
+        pytest.raises(WebSocketDisconnect) as refused,
+        page(TOKEN).websocket_connect("/ws", headers=headers),
+    ):
+        pass
+    assert refused.value.code == 1008
+
+    cookie = {"cookie": f"{cookie_name(TOKEN)}={TOKEN}"}
+    with page(TOKEN).websocket_connect("/ws", headers={**headers, **cookie}) as opened:
+        assert opened.receive()["type"] == "websocket.close"
+
+
+def test_this_machine_needs_the_token_too_if_others_may_come():
+    assert page(TOKEN).get("/").status_code == 401
+
+
+def test_without_a_token_there_is_nothing_to_enter():
+    assert page().get("/enter").text == "reached"
+
+
+def test_the_form_asks_for_a_token_without_inline_code():
+    form = page(TOKEN).get("/enter")
+
+    assert form.headers["content-type"].startswith("text/html")
+    assert "<script" not in form.text
+    assert "style=" not in form.text
+
+
+@pytest.mark.parametrize("given", ["wrong", "Ä" * 30, "\x00", TOKEN + "x", TOKEN.upper()])
+def test_a_wrong_token_gives_no_cookie(given):
+    answer = page(TOKEN).get("/enter", params={"token": given})
+
+    assert answer.status_code == 401
+    assert "set-cookie" not in answer.headers
+    assert "dr-start-viewer" in answer.text
+
+
+def test_who_guesses_must_wait_and_others_need_not(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("drcli.web.security.time.monotonic", lambda: now[0])
+    guarded = Guard(app, TOKEN)
+    guessing = TestClient(guarded, client=("10.0.0.9", 1), follow_redirects=False)
+    other = TestClient(guarded, client=("10.0.0.8", 1), follow_redirects=False)
+    for _ in range(MOST_TRIES):
+        assert guessing.get("/enter", params={"token": "guess"}).status_code == 401
+
+    assert guessing.get("/enter", params={"token": TOKEN}).status_code == 429
+    assert other.get("/enter", params={"token": TOKEN}).status_code == 303
+    now[0] += 61.0
+    assert guessing.get("/enter", params={"token": TOKEN}).status_code == 303
+
+
+def test_tokens_of_two_consoles_of_a_machine_do_not_replace_each_other():
+    assert cookie_name("one") != cookie_name("two")
+    assert "one" not in cookie_name("one").removeprefix("dr_console")

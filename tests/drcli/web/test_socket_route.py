@@ -1,0 +1,120 @@
+"""The WebSocket of the page, as good and bad pages use it."""
+
+import contextlib
+import json
+
+import pytest
+from starlette.websockets import WebSocketDisconnect
+
+from drcli.web import socket_route
+from drcli.web.socket_route import LONGEST_REQUEST
+
+WS = "ws://127.0.0.1:8100/ws"
+
+
+def next_of(opened, topic):
+    while True:
+        message = json.loads(opened.receive_text())
+        if message["topic"] == topic:
+            return message["data"]
+
+
+def test_a_page_gets_what_it_watches(client):
+    with client.websocket_connect(WS) as opened:
+        opened.send_text(json.dumps({"watch": ["run", "machine", "tasks"]}))
+        assert next_of(opened, "run")["state"] == "none"
+        opened.send_text(json.dumps({"watch": ["tasks"]}))
+        opened.send_text(json.dumps({"watch": ["machine", "tasks"]}))
+        assert next_of(opened, "machine")["cores"] >= 1
+
+
+def test_a_topic_that_does_not_exist_is_answered(client):
+    with client.websocket_connect(WS) as opened:
+        opened.send_text(json.dumps({"watch": ["nothing", "run:abc", "run:-1", "run:100"]}))
+        for topic in ("run:abc", "nothing", "run:-1", "run:100"):
+            assert "no such topic" in next_of(opened, topic)["error"]["message"]
+            opened.send_text(json.dumps({"watch": [topic, "nothing", "run:-1", "run:100"]}))
+
+
+BAD = [
+    "",
+    "{",
+    "[]",
+    "null",
+    "1",
+    '"watch"',
+    "{}",
+    '{"watch": null}',
+    '{"watch": "run"}',
+    '{"watch": {"run": 1}}',
+    '{"watch": [1]}',
+    '{"watch": [null]}',
+    '{"watch": [["run"]]}',
+    '{"unwatch": ["run"]}',
+    "[" * 16_000,
+    '{"watch": ["' + "a" * 201 + '"]}',
+    '{"watch": [' + " " * LONGEST_REQUEST + "]}",
+    "\x00",
+    "\ud7ff\ue000",
+]
+
+
+@pytest.mark.parametrize("message", BAD)
+def test_a_message_that_no_page_sends_ends_the_connection(client, message):
+    with client.websocket_connect(WS) as opened:
+        opened.send_text(message)
+        with pytest.raises(WebSocketDisconnect) as ended:
+            opened.receive_text()
+
+    assert ended.value.code == 1007
+
+
+def test_bytes_end_the_connection(client):
+    with client.websocket_connect(WS) as opened:
+        opened.send_bytes(b"\x00\x01")
+        with pytest.raises(WebSocketDisconnect) as ended:
+            opened.receive_text()
+
+    assert ended.value.code == 1007
+
+
+@pytest.mark.parametrize(
+    "topic",
+    [
+        "",
+        ":",
+        "run:",
+        "run:\x00",
+        "run:../../etc/passwd",
+        "run:1e3",
+        "run:１",
+        "\u202erun",
+        "a" * 200,
+    ],
+)
+def test_strange_topics_do_no_harm(client, topic):
+    with client.websocket_connect(WS) as opened:
+        opened.send_text(json.dumps({"watch": [topic, "tasks"]}))
+        assert next_of(opened, "tasks") == {"tasks": []}
+
+
+def test_too_many_pages_are_refused_and_the_others_go_on(client, monkeypatch):
+    monkeypatch.setattr(socket_route, "MOST_CLIENTS", 3)
+    with contextlib.ExitStack() as pages:
+        opened = [pages.enter_context(client.websocket_connect(WS)) for _ in range(3)]
+        with pytest.raises(WebSocketDisconnect), client.websocket_connect(WS):
+            pass
+        opened[0].send_text(json.dumps({"watch": ["tasks"]}))
+        assert next_of(opened[0], "tasks") == {"tasks": []}
+    with client.websocket_connect(WS) as again:
+        again.send_text(json.dumps({"watch": ["tasks"]}))
+        assert next_of(again, "tasks") == {"tasks": []}
+
+
+def test_a_quiet_connection_gives_signs_of_life(client, monkeypatch):
+    monkeypatch.setattr(socket_route, "QUIET_S", 0.01)
+    with client.websocket_connect(WS) as opened:
+        assert next_of(opened, "alive") is None
+        opened.send_text(json.dumps({"watch": ["tasks"]}))
+        assert next_of(opened, "tasks") == {"tasks": []}
+        assert next_of(opened, "alive") is None

@@ -1,0 +1,27 @@
+"""Lines of tracks for maps."""
+
+import pytest
+
+
+def test_a_track_has_three_lines_in_metres(client):
+    track = client.get("/api/track?world=reinvent_base").json()
+
+    assert track["closed"]
+    assert 17 < track["length_m"] < 18.5
+    assert all(len(track[name]) > 50 for name in ("center", "inner", "outer"))
+
+
+@pytest.mark.parametrize("world", ["", "../../etc/passwd", "a/b", "x" * 200, ".hidden"])
+def test_what_is_no_name_is_refused(client, world):
+    answer = client.get("/api/track", params={"world": world})
+
+    assert answer.status_code == 400
+    assert "no name of a track" in answer.json()["error"]["message"]
+
+
+def test_a_track_that_is_not_installed_is_a_sentence(client):
+    answer = client.get("/api/track?world=nowhere")
+
+    assert answer.status_code == 422
+    assert "nowhere" in answer.json()["error"]["message"]
+    assert answer.json()["error"]["remedy"]
