@@ -1,5 +1,6 @@
 """The console finds workers of this machine, follows them, and finds them again."""
 
+import contextlib
 import os
 import socket
 from dataclasses import replace
@@ -86,20 +87,29 @@ def test_files_of_workers_that_have_ended_and_damaged_files_are_nothing(tmp_path
     assert feed.workers() == []
 
 
+def everything_heard(peer: socket.socket) -> bytes:
+    """What the other end says until it hangs up, which may be before this end does."""
+    heard = bytearray()
+    with contextlib.suppress(OSError):  # not connected: it has reset the connection
+        peer.shutdown(socket.SHUT_WR)
+    with contextlib.suppress(ConnectionError):
+        while more := peer.recv(4096):
+            heard += more
+    return bytes(heard)
+
+
 @pytest.mark.parametrize("words", [b"", b"HTTP/1.1 200 OK\r\n\r\n" + b"x" * 99, b"\x00" * 200])
 def test_another_program_at_the_port_of_a_worker_gets_no_key(tmp_path, feed, received, words):
-    listener = socket.create_server((HOST, 0))
-    address = replace(LiveAddress.own(listener.getsockname()[1]))
-    address.write(run_folder(tmp_path, 0), "sim-0")
-    feed.watch(0, "sim-0", {"camera"})
-    heard = []
-    for _ in range(2):  # it comes again, because a worker may listen there some time
-        peer, _ = listener.accept()
-        peer.sendall(words)
-        peer.shutdown(socket.SHUT_WR)
-        heard.append(peer.recv(4096))
-        peer.close()
-    listener.close()
+    with socket.create_server((HOST, 0)) as listener:
+        address = replace(LiveAddress.own(listener.getsockname()[1]))
+        address.write(run_folder(tmp_path, 0), "sim-0")
+        feed.watch(0, "sim-0", {"camera"})
+        heard = []
+        for _ in range(2):  # it comes again, because a worker may listen there some time
+            peer, _ = listener.accept()
+            with peer:
+                peer.sendall(words)
+                heard.append(everything_heard(peer))
 
     assert not any(address.secret in each for each in heard)
     assert received.messages.empty()
