@@ -123,40 +123,37 @@ def modules() -> dict[str, Path]:
     return found
 
 
-every_module = pytest.mark.parametrize("name", modules())
-
-
-@every_module
-def test_a_module_imports_from_lower_floors_only(name):
-    here = floor(name)
-
+def test_modules_import_from_lower_floors_only():
     wrong = {
-        other
+        (name, other)
+        for name in modules()
         for other in ours(name)
         if other.split(".")[0] == name.split(".")[0]
         and room(other) != room(name)
-        and floor(other) >= here
+        and floor(other) >= floor(name)
     }
 
-    assert not wrong, f"{name} is on floor {here} and must not import {sorted(wrong)}"
+    assert not wrong
 
 
-@every_module
-def test_a_module_imports_only_the_libraries_that_its_package_may(name):
-    forbidden = FORBIDDEN.get(package(name), FORBIDDEN["drsim"] if name[:5] == "drsim" else set())
+def test_modules_import_only_the_libraries_that_their_package_may():
+    wrong = {
+        (name, library)
+        for name in modules()
+        for library in libraries(name) & FORBIDDEN.get(package(name), set())
+    }
 
-    wrong = {imported.split(".")[0] for imported in imports(name)} & forbidden
-
-    assert not wrong, f"{name} must not import {sorted(wrong)}"
+    assert not wrong
 
 
-@every_module
-def test_a_module_loads_slow_libraries_only_inside_functions(name):
-    slow = set() if name in PROGRAMS else LAZY.get(package(name), set())
+def test_modules_load_slow_libraries_only_inside_functions():
+    wrong = {
+        (name, library)
+        for name in modules().keys() - PROGRAMS
+        for library in libraries(name, top_level_only=True) & LAZY.get(package(name), set())
+    }
 
-    top = {imported.split(".")[0] for imported in imports(name, top_level_only=True)}
-
-    assert not top & slow
+    assert not wrong
 
 
 @pytest.mark.parametrize("program", ["drcli.runs.training", "drcli.web.serve"])
@@ -168,14 +165,10 @@ def test_what_runs_for_hours_does_not_load_what_workers_compute_with(program):
         if name not in loaded:
             loaded.add(name)
             waiting += imports(name, top_level_only=True) & modules().keys()
-    libraries = {
-        (imported.split(".")[0], name)
-        for name in loaded
-        for imported in imports(name, top_level_only=True)
-    }
+    heavy = {"torch", "mujoco", "numba", "scipy"}
 
     assert len(loaded) > 50
-    assert not {pair for pair in libraries if pair[0] in {"torch", "mujoco", "numba", "scipy"}}
+    assert not {name for name in loaded if libraries(name, top_level_only=True) & heavy}
 
 
 def test_no_modules_import_each_other_in_a_circle():
@@ -231,23 +224,20 @@ def test_a_module_name_occurs_once(tree):
     assert not {name for name, times in names.items() if times > 1}
 
 
-@every_module
-def test_only_the_command_line_prints(name):
-    if package(name) == "drcli.cli":
-        pytest.skip("this is the command line")
+def test_only_the_command_line_prints():
+    elsewhere = (name for name in modules() if package(name) != "drcli.cli")
 
-    assert not facts(name).prints
+    assert not {(name, line) for name in elsewhere for line in facts(name).prints}
 
 
-@every_module
-def test_everything_public_says_what_it_is_for(name):
-    assert not facts(name).undocumented
+def test_everything_public_says_what_it_is_for():
+    assert not {(name, bare) for name in modules() for bare in facts(name).undocumented}
 
 
 def test_nothing_is_called_env_and_no_folder_of_ours_hides_it():
     assert not (ROOT / "env" / "__init__.py").exists()
     for name in modules():
-        assert "env" not in {imported.split(".")[0] for imported in imports(name)}, name
+        assert "env" not in libraries(name), name
 
 
 def package(name: str) -> str:
@@ -275,6 +265,12 @@ def ours(name: str) -> set[str]:
 def imports(name: str, *, top_level_only: bool = False) -> frozenset[str]:
     """Names of modules that a module imports; `from a import b` may mean the module a.b."""
     return facts(name).top_level if top_level_only else facts(name).imports
+
+
+def libraries(name: str, *, top_level_only: bool = False) -> set[str]:
+    """The top names of what a module imports, `torch` of `torch.nn`; ours too."""
+    found = imports(name, top_level_only=top_level_only)
+    return {imported.split(".")[0] for imported in found}
 
 
 @dataclass(frozen=True)
