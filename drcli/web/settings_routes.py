@@ -1,6 +1,7 @@
 """Settings on the page: forms of run.env and system.env, and a new working folder."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,16 @@ from starlette.routing import BaseRoute, Route
 from drcli.base.plain_json import plain
 from drcli.base.problems import ProblemsError
 from drcli.config.editing import FilesChanged, set_values
+from drcli.config.example_files import ready_made
 from drcli.config.fields import FileName
 from drcli.config.new_folder import plan_folder
 from drcli.config.presets import explain, preset_of
 from drcli.config.setting_problems import hidden
 from drcli.config.settings import catalogue
 from drcli.config.write_folder import write
+from drcli.models.begin_with_model import check_place, put_into_bucket, values_with
+from drcli.models.ready_made import read_ready_made, read_recipe
+from drcli.store.bucket import Watch
 from drcli.web.answers import BadRequest, accepts, answers, error_of, placed
 from drcli.web.served_folder import ServedFolder
 from drcli.web.settings_forms import FolderFiles, form_of, written_values
@@ -60,6 +65,23 @@ def _file(body: Mapping[str, Any]) -> FileName | None:
         case "system.env":
             return "system.env"
     raise BadRequest("A setting belongs in run.env or system.env.")
+
+
+def _name(body: Mapping[str, Any], key: str) -> str:
+    """A name in a request; empty where there is none.
+
+    Raises:
+        BadRequest: It is something else.
+    """
+    value = body.get(key) or ""
+    if not isinstance(value, str):
+        raise BadRequest(f"{key} is a name.")
+    return value
+
+
+def _unseen(title: str, size: int) -> AbstractContextManager[Watch]:
+    """The progress of a copy of a megabyte, which the page does not show."""
+    return nullcontext(lambda _: None)
 
 
 def is_folder(directory: Path) -> bool:
@@ -115,14 +137,21 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             "presets": [
                 {"name": each.name, "about": each.summary} for each in explain([], None).presets
             ],
+            "models": [{"name": name, "about": read_recipe(name).summary} for name in ready_made()],
         }
 
     def create(_: Request, body: dict[str, Any]) -> Any:
         values = _wanted(body)
-        name = body.get("preset") or ""
-        if not isinstance(name, str):
-            raise BadRequest("A preset is a name.")
-        plan = plan_folder(folder.directory, values, preset_of(name) if name else None)
+        preset, name = _name(body, "preset"), _name(body, "model")
+        model = read_ready_made(name) if name else None
+        if model is not None:
+            values = values_with(model, values)
+        plan = plan_folder(
+            folder.directory,
+            values,
+            preset_of(preset) if preset else None,
+            None if model is None else model.files,
+        )
         if is_folder(folder.directory):
             raise BadRequest(f"{folder.directory} is a working folder already.", 409)
         if plan.clashes and body.get("replace") is not True:
@@ -131,7 +160,10 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
             remedy = "Agree to replace them; the old ones are kept as .bak."
             found = {"message": message, "remedy": remedy, "code": 2, "clashes": plan.clashes}
             return JSONResponse({"error": found}, 409)
-        return write(plan)
+        if model is None:
+            return write(plan)
+        check_place(plan, None, nullcontext())
+        return put_into_bucket(write(plan), plan, None, model, _unseen)
 
     return [
         Route("/api/settings", answers(show), methods=["GET"]),

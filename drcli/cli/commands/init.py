@@ -3,7 +3,6 @@
 import os
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,7 +16,6 @@ from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import current_folder, working_folder
 
 if TYPE_CHECKING:
-    from drcli.config.write_folder import FolderPlan, FolderReport
     from drcli.models.ready_made import ReadyMadeModel
 
 OPTIONS = {
@@ -134,6 +132,7 @@ def init(
     )
     from drcli.config.presets import preset_of
     from drcli.config.write_folder import write
+    from drcli.models.begin_with_model import check_place, put_into_bucket, values_with
 
     if folder == "":
         raise typer.BadParameter(
@@ -148,9 +147,7 @@ def init(
     ready_made = None if model is None else _ready_made(model)
     files = None
     if ready_made is not None:
-        # An experiment names its model after itself.
-        named = {} if experiment is not None else {"DR_LOCAL_S3_MODEL_PREFIX": ready_made.name}
-        values = {**named, **ready_made.settings, **values}
+        values = values_with(ready_made, values, experiment=experiment)
         files = ready_made.files
     try:
         if experiment is not None:
@@ -171,10 +168,12 @@ def init(
             raise typer.BadParameter(f"{there} Add --force to replace them; they are kept as .bak.")
         prompts.agree(f"{there} Replace them, and keep the old ones as .bak?", yes=False)
     if ready_made is not None:
-        _check_bucket(plan, experiment)
+        looking = console.waiting("Looking at the bucket ...", only_live=True)
+        check_place(plan, experiment, looking)
     report = write(plan)
     if ready_made is not None:
-        report = _with_model(report, plan, experiment, ready_made)
+        progress = partial(console.progress, unit="bytes")
+        report = put_into_bucket(report, plan, experiment, ready_made, progress)
     console.warn(*report.warnings)
     if report.backups:
         console.warn(f"The old files are kept as {', '.join(report.backups)}.")
@@ -213,54 +212,6 @@ def _ready_made(name: str) -> "ReadyMadeModel":
             f"--model {shown(name)}: there is no such ready-made model. {one_of(names, name)}"
         )
     return read_ready_made(name)
-
-
-def _check_bucket(plan: "FolderPlan", experiment: str | None) -> None:
-    """Refuse a bucket that cannot take the model, before anything is written.
-
-    A bucket on this machine that does not exist yet can: to ask would create it.
-
-    Raises:
-        DrError: It cannot be reached or written, or has a model of that name.
-    """
-    from drcli.config.loading import load_settings
-    from drcli.models.ready_made import place_of
-
-    here = f"experiments/{experiment}/" if experiment else ""
-    contents = {
-        file.name.removeprefix(here): file.data
-        for file in plan.files
-        if file.name in (f"{here}run.env", "system.env")
-    }
-    flags = {"DR_EXPERIMENT_NAME": ""}  # the file of the experiment stands for run.env
-    settings = load_settings(plan.folder, environ={}, flags=flags, contents=contents)
-    if settings.cloud != "local" or settings.storage.data_dir.exists():
-        with console.waiting("Looking at the bucket ...", only_live=True):
-            place_of(settings, settings.model_prefix)
-
-
-def _with_model(
-    report: "FolderReport", plan: "FolderPlan", experiment: str | None, model: "ReadyMadeModel"
-) -> "FolderReport":
-    """Put a ready-made model into the bucket of the new folder.
-
-    Raises:
-        DrError: It is not there; the folder is, and the command can be repeated.
-    """
-    from drcli.base.errors import DrError
-    from drcli.config.loading import load_settings
-    from drcli.models.ready_made import put_ready_made
-
-    try:
-        flags = {"DR_EXPERIMENT_NAME": experiment or ""}
-        settings = load_settings(plan.folder, environ={}, flags=flags)
-        prefix = settings.model_prefix
-        progress = partial(console.progress, unit="bytes")
-        put = put_ready_made(model, settings, prefix, progress)
-    except DrError as error:
-        error.args = (f"The files are written, but the model is not in the bucket: {error}",)
-        raise
-    return replace(report, model=put.target, checkpoint=put.checkpoint)
 
 
 def with_answers(

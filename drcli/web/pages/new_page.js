@@ -101,7 +101,11 @@ function build(main, [form, tracks, metadata, hyperparameters, reward, templates
 /** A folder without run.env: write the files that `dr-init` writes, then go on. */
 function offerFolder(main, folder, next, signal) {
   const name = h("input", { type: "text", id: "first-name", value: "first-model", autocomplete: "off", "aria-describedby": "first-help" });
-  const preset = h("select", { id: "preset" }, h("option", { value: "" }, "The usual start: stay near the middle of the road"), folder.presets.map((each) => h("option", { value: each.name }, `${each.name}: ${each.about}`)));
+  const option = (kind) => (each) => h("option", { value: `${kind}:${each.name}` }, `${each.name}: ${each.about}`);
+  const begin = h("select", { id: "begin" },
+    h("option", { value: "preset:" }, "The usual start: stay near the middle of the road"),
+    h("optgroup", { label: "Settings and files for a purpose" }, folder.presets.map(option("preset"))),
+    h("optgroup", { label: "A trained model, to drive at once or to train on" }, folder.models.map(option("model"))));
   const state = h("div", { role: "status" }), button = h("button", { type: "submit", class: "main" }, "Create the working folder");
   async function create(event) {
     event?.preventDefault();
@@ -110,9 +114,10 @@ function offerFolder(main, folder, next, signal) {
     button.disabled = false;
   }
   async function write(replace) {
+    const [kind, chosen] = begin.value.split(":");
     try {
-      const made = await post("/api/new-folder", { values: { DR_LOCAL_S3_MODEL_PREFIX: name.value.trim() }, preset: preset.value, replace }, signal);
-      notify(`${made.written.length} files written to ${made.folder}.`);
+      const made = await post("/api/new-folder", { values: { DR_LOCAL_S3_MODEL_PREFIX: name.value.trim() }, [kind]: chosen, replace }, signal);
+      notify(`${made.written.length} files written to ${made.folder}.${made.model ? ` ${made.model} is the trained model.` : ""}`);
       for (const warning of made.warnings) notify(warning, "bad");
       await next();
       main.focus({ preventScroll: true });
@@ -127,5 +132,5 @@ function offerFolder(main, folder, next, signal) {
   }
   fill(main, h("h1", {}, title), h("div", { class: "empty" }, h("p", {}, `${folder.directory} is not a working folder yet: it has no run.env.`), h("p", {}, prose("Create one here. It gets run.env, system.env, your three files in custom_files/, and bin/activate.sh, as `dr-init` writes them."))),
     h("form", { class: "fields", submit: create }, h("div", { class: "field" }, h("label", { for: "first-name" }, "Name of the first model"), name, h("p", { class: "help", id: "first-help" }, "Letters, digits and . _ - /. It can be changed in the next step.")),
-      h("div", { class: "field" }, h("label", { for: "preset" }, "Begin with"), preset), h("div", { class: "actions" }, button)), state);
+      h("div", { class: "field" }, h("label", { for: "begin" }, "Begin with"), begin), h("div", { class: "actions" }, button)), state);
 }

@@ -8,8 +8,12 @@ from typing import Any
 import pytest
 from starlette.testclient import TestClient
 
+from drcli.config.loading import load_settings
 from drcli.config.new_folder import plan_folder
 from drcli.config.write_folder import write
+from drcli.store.folder_bucket import FolderBucket
+from drcli.store.model_prefix import newest_checkpoint
+from drcli.store.server import server
 from drcli.web.console_app import build_app
 
 PAGE = "http://127.0.0.1:8100"
@@ -58,6 +62,25 @@ def test_an_empty_folder_is_made_as_dr_init_makes_it(client, folder):
     assert "DR_LOCAL_S3_MODEL_PREFIX=mine" in (folder / "run.env").read_text()
     assert "DR_TRAIN_BEST_MODEL_METRIC=laptime" in (folder / "run.env").read_text()
     assert client.get("/api/new-folder").json()["exists"] is True
+
+
+def test_an_empty_folder_gets_a_trained_model_as_from_dr_init(client, folder):
+    offered = [each["name"] for each in client.get("/api/new-folder").json()["models"]]
+    wanted = {"values": {"DR_LOCAL_S3_MODEL_PREFIX": "mine"}, "model": "safe"}
+
+    unknown = client.post("/api/new-folder", json={"values": {}, "model": "none"})
+    nothing = [path.name for path in folder.iterdir()]
+    answer = client.post("/api/new-folder", json=wanted)
+    server.stop_default(folder)
+
+    assert "safe" in offered
+    assert (unknown.status_code, nothing) == (422, [])
+    assert "There is no ready-made model called none" in unknown.json()["error"]["message"]
+    assert answer.status_code == 200, answer.text
+    assert answer.json()["model"] == "s3://bucket/mine"
+    bucket = FolderBucket(folder / "data" / "s3" / "bucket")
+    assert newest_checkpoint(bucket, "mine") is not None
+    assert load_settings(folder).model_prefix == "mine"
 
 
 def test_a_wrong_name_makes_no_folder(client, folder):
