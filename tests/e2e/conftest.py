@@ -183,6 +183,19 @@ class Workspace:
         server.stop(self.settings().storage)
 
 
+class EmptyWorkspace(Workspace):
+    """A folder in which nothing was written yet."""
+
+    def reset(self) -> None:
+        super().reset()
+        for path in sorted(self.folder.rglob("*"), reverse=True):
+            path.rmdir() if path.is_dir() else path.unlink()
+
+    def clean_up(self) -> None:
+        self.run("stop-viewer")
+        self.run("stop-all")
+
+
 @pytest.fixture(scope="session")
 def forks(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Forks]:
     """Runs commands in processes that start quickly."""
@@ -210,6 +223,13 @@ def new_workspace(
 @pytest.fixture
 def workspace(new_workspace: Callable[[], Workspace]) -> Workspace:
     return new_workspace()
+
+
+@pytest.fixture
+def empty_workspace(tmp_path: Path, forks: Forks) -> Iterator[EmptyWorkspace]:
+    space = EmptyWorkspace(tmp_path, forks)
+    yield space
+    space.clean_up()
 
 
 @pytest.fixture
