@@ -20,7 +20,7 @@ from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Snapshot
 
 MACHINE_S = 2.0
-
+"""Time between two looks at the machine."""
 
 NVIDIA_S = 5.0
 """How long nvidia-smi may take."""
@@ -63,13 +63,44 @@ class Machine:
     gpus: list[Gpu] = field(default_factory=list)
 
 
-def look(directory: Path) -> Machine:
-    """The machine as it is now; the first look at the processor covers no time and reads 0."""
+class ProcessorMeter:
+    """How busy all cores were since the last look, whichever thread looks.
+
+    psutil.cpu_percent remembers its last look for each thread, and the console reads in threads of
+    a pool: there it gives 0, or the mean of a long time.
+    """
+
+    def __init__(self) -> None:
+        self._total_s, self._idle_s = _processor_times()
+
+    def percent(self) -> float:
+        """Percent of all cores since the last call, or since this object was made."""
+        total_s, idle_s = _processor_times()
+        passed_s, unused_s = total_s - self._total_s, idle_s - self._idle_s
+        self._total_s, self._idle_s = total_s, idle_s
+        return min(100.0, max(0.0, 100.0 * (1.0 - unused_s / passed_s))) if passed_s > 0 else 0.0
+
+
+def _processor_times() -> tuple[float, float]:
+    """Seconds that all cores have had since the start of the machine, and those without work."""
+    times = psutil.cpu_times()
+    # Linux counts guests in user and nice already.
+    counted = {name: s for name, s in times._asdict().items() if not name.startswith("guest")}
+    return sum(counted.values()), times.idle + counted.get("iowait", 0.0)
+
+
+def look(directory: Path, processor: ProcessorMeter) -> Machine:
+    """The machine as it is now.
+
+    Args:
+        directory: The working folder, whose disk is measured.
+        processor: Measures the processor from one look to the next.
+    """
     memory, disk = read_memory(), psutil.disk_usage(str(directory))
     return Machine(
         name=_processor(),
         cores=os.cpu_count() or 1,
-        processor_percent=psutil.cpu_percent(),
+        processor_percent=processor.percent(),
         load=os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         memory_bytes=memory.total_bytes,
         memory_used_bytes=memory.total_bytes - memory.available_bytes,
@@ -124,9 +155,13 @@ def _number(text: str, factor: float = 1.0) -> float | None:
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     """Declare the topic; there is no route."""
+    processor = ProcessorMeter()
 
     def open_machine(topic: str, publish: Publish) -> Polled:
-        return Polled(topic, publish, lambda: Snapshot.of(topic, look(folder.directory)), MACHINE_S)
+        def read() -> Snapshot:
+            return Snapshot.of(topic, look(folder.directory, processor))
+
+        return Polled(topic, publish, read, MACHINE_S)
 
     folder.hub.add_kind("machine", open_machine)
     return []

@@ -114,7 +114,7 @@ export function runState(runId, signal) {
     const key = JSON.stringify(list);
     if (key === told) return;
     told = key;
-    fill(said, list.length ? h("ul", {}, list.map(([kind, text, remedy]) => h("li", {}, h("span", { class: `dot ${kind}` }), text, remedy ? h("span", { class: "remedy" }, ` ${remedy}`) : null))) : null);
+    fill(said, list.length ? h("ul", {}, list.map(([kind, text, remedy]) => h("li", {}, h("span", { class: `dot ${kind}` }), prose(text), remedy ? h("span", { class: "remedy" }, " ", prose(remedy)) : null))) : null);
   }
 
   return {

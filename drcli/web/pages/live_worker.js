@@ -111,7 +111,7 @@ export function workerCard(runId, name, signal) {
     map.setObjects((scene.shown?.objects ?? []).map((each) => [each.x, each.y, each.yaw_deg * Math.PI / 180]));
     legend.textContent = many ? scene.racers.map((racer) => `${racer.model}: ${racer.color}`).join(", ") : `${number(scene.cars.length)} ${scene.cars.length === 1 ? "car" : "cars"}, ${scene.world}${scene.reverse ? ", reversed" : ""}${scene.checkpoint ? `, ${scene.checkpoint.replace(".ckpt", "")}` : ""}. ${evaluation ? "" : laps?.iteration !== null && laps ? `Lines: iteration ${laps.iteration}, green where the lap was completed.` : ""}`;
     setFigures(shown ? [
-      `${number(shown.speed_mps, 2)} m/s, asked ${number(shown.asked_mps, 2)}`, `${number(shown.steering_deg, 0)}° ${Math.abs(shown.steering_deg) < 0.5 ? "straight" : shown.steering_deg > 0 ? "left" : "right"}`,
+      `${number(shown.speed_mps, 2)} m/s, asked ${number(shown.asked_mps, 2)}`, `${number(Math.abs(shown.steering_deg), 0)}° ${Math.abs(shown.steering_deg) < 0.5 ? "straight" : shown.steering_deg > 0 ? "left" : "right"}`,
       `${number(shown.progress, 1)} %${shown.laps ? `, lap ${shown.laps + 1}` : ""}`, number(shown.reward, 3), `${number(shown.total, 1)} in ${number(shown.steps)} steps`,
       `${lapTime(shown.lap_s)}${shown.resets ? `, ${shown.resets} resets` : ""}`,
     ] : ["–", "–", "–", "–", "–", "–"]);

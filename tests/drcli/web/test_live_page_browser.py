@@ -60,6 +60,8 @@ def test_a_worker_is_shown_while_it_runs(served, visit, driving):
         camera = card.get_by_role("img", name="What the car of sim-0 sees")
         assert float(camera.get_attribute("data-age-ms")) < 20_000
         card.get_by_text("2 cars, reinvent_base").wait_for()
+        # The word says the side, so the number has no sign.
+        card.get_by_text(re.compile(r"^\d+° right$")).wait_for()
 
 
 def test_the_log_follows_its_file_and_can_be_paused(served, visit):
@@ -78,3 +80,29 @@ def test_the_log_follows_its_file_and_can_be_paused(served, visit):
     page.get_by_role("button", name="Go on").press("Enter")
     panel.get_by_text("second line").wait_for()
     assert page.evaluate("document.documentElement.scrollWidth") <= 360
+
+
+def test_names_of_settings_in_advice_are_shown_as_code(served, visit):
+    page = visit(served.url).page
+    shown_codes = page.evaluate(
+        """async (run) => {
+            const { runState } = await import("/live_state.js");
+            const { element, setRun } = runState(0, new AbortController().signal);
+            setRun(run);
+            const list = element.querySelector(".live-said");
+            return [list.textContent, [...list.querySelectorAll("code")].map((e) => e.textContent)];
+        }""",
+        {
+            "state": "stopped",
+            "prefix": "first",
+            "world": "reinvent_base",
+            "iterations_left": None,
+            "warning": "the car zigzags",
+            "advice": ["Reward less steering, or lower `discount_factor`."],
+        },
+    )
+
+    assert shown_codes == [
+        "Learning curve: the car zigzags. Reward less steering, or lower discount_factor.",
+        ["discount_factor"],
+    ]

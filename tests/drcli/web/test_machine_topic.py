@@ -1,15 +1,17 @@
 """The figures of this machine."""
 
+import os
 import subprocess
+import threading
 
 import pytest
 
 from drcli.web import machine_topic
-from drcli.web.machine_topic import look
+from drcli.web.machine_topic import ProcessorMeter, look
 
 
 def test_figures_are_those_of_this_machine(tmp_path):
-    machine = look(tmp_path)
+    machine = look(tmp_path, ProcessorMeter())
 
     assert machine.cores >= 1
     assert 0 < machine.memory_used_bytes < machine.memory_bytes
@@ -32,7 +34,7 @@ def test_graphics_processors_are_read_from_their_program(monkeypatch, tmp_path, 
     monkeypatch.setattr(machine_topic.shutil, "which", lambda _: "/usr/bin/nvidia-smi")
     monkeypatch.setattr(machine_topic.subprocess, "run", lambda *_, **__: done)
 
-    gpus = look(tmp_path).gpus
+    gpus = look(tmp_path, ProcessorMeter()).gpus
 
     assert [(g.name, g.percent, g.memory_bytes, g.memory_used_bytes) for g in gpus] == found
 
@@ -45,4 +47,21 @@ def test_a_driver_that_does_not_answer_is_no_error(monkeypatch, tmp_path, error)
     monkeypatch.setattr(machine_topic.shutil, "which", lambda _: "/usr/bin/nvidia-smi")
     monkeypatch.setattr(machine_topic.subprocess, "run", fail)
 
-    assert look(tmp_path).gpus == []
+    assert look(tmp_path, ProcessorMeter()).gpus == []
+
+
+def test_the_processor_is_measured_from_look_to_look_in_whatever_thread(tmp_path):
+    processor, percents = ProcessorMeter(), []
+
+    def read():
+        percents.append(look(tmp_path, processor).processor_percent)
+
+    for _ in range(2):
+        begin_s = os.times().user
+        while os.times().user - begin_s < 0.1:
+            pass
+        thread = threading.Thread(target=read)
+        thread.start()
+        thread.join()
+
+    assert all(0.0 < percent <= 100.0 for percent in percents)
