@@ -30,6 +30,11 @@ GREW_BYTES, GREW_SHARE = 64e6, 0.1
 WARN_S = 24 * 3600.0
 """A worker that grows is named if it would fill the memory within this time."""
 
+FORESIGHT = 30.0
+"""How many times as far as it was seen growth is thought to go on. Episodes that become longer, and
+the first viewers of the live page, also make a worker grow, by 100 MB within a quarter of an hour.
+"""
+
 YOUNG_S = 600.0
 """In its first minutes a worker always grows; then it is named only if memory would be full within
 as much time."""
@@ -156,7 +161,7 @@ class MemoryWatch(Duty):
             return
         full_s = self._state.available_bytes / growth.per_s
         young = now_s - watched.since_s < YOUNG_S
-        if full_s > (YOUNG_S if young else WARN_S):
+        if full_s > min(YOUNG_S if young else WARN_S, FORESIGHT * growth.seconds):
             return
         watched.named_bytes = size
         self._board.warn(
