@@ -14,13 +14,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 from drcli.base.errors import OwnershipLost, SettingsError, StorageError
-from drcli.base.json_record import NewerFormat, RecordError
 from drcli.base.process_identity import started_s, this_machine
 from drcli.exchange.run_state import Lease
 from drcli.races.race_runs import NOBODY, Runner
 from drcli.store import race_keys
-from drcli.store.bucket import Bucket, ObjectMissing
-from drcli.store.lease import STALE_S, is_owner_alive
+from drcli.store.bucket import Bucket
+from drcli.store.lease import STALE_S, is_owner_alive, read_lease_at
 
 RENEW_S = 10.0
 
@@ -67,14 +66,7 @@ class QueueLease:
 
 def read_queue_lease(bucket: Bucket, race: str) -> Lease | None:
     """The lease of a queue, however old; None if there is none or it is damaged."""
-    try:
-        data, age_s = bucket.get_with_age(race_keys.lease(race))
-        lease = Lease.decode(data)
-    except NewerFormat:
-        return Lease.of_newer()
-    except (ObjectMissing, RecordError):
-        return None
-    return replace(lease, age_s=time.time() - lease.renewed if age_s is None else age_s)
+    return read_lease_at(bucket, race_keys.lease(race))
 
 
 def live_lease(bucket: Bucket, race: str) -> Lease | None:

@@ -11,6 +11,8 @@ from drcli.races.race_runs import moment
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; media-src data:; img-src data:"
 """The browser runs no script and loads nothing, whatever a name in the page contains."""
 
+_CAPTION = "Times in minutes:seconds, penalties included."
+
 _STYLE = """
 :root{color-scheme:light dark;--line:light-dark(#c9ced6,#4a515c);--card:light-dark(#fff,#1b1f26);
 --soft:light-dark(#5a6472,#a3adba);--first:light-dark(#8a5b00,#ffc94d)}
@@ -89,14 +91,12 @@ def _board(report: RaceReport) -> str:
                 words.lap_time(row.best_lap_s),
                 words.lap_time(row.best_average_s),
                 words.lap_time(row.total_s),
-                f"{row.complete_laps} of {row.laps}",
-                str(row.off_track),
-                str(row.crashes),
+                *_driven(row),
             ),
         )
         for row in report.leaderboard
     ]
-    return _table("Times in minutes:seconds, penalties included.", names, rows)
+    return _table(_CAPTION, names, rows)
 
 
 def _pair_board(report: RaceReport) -> str:
@@ -125,14 +125,17 @@ def _pair_board(report: RaceReport) -> str:
                 str(row.draws),
                 str(row.losses),
                 words.lap_time(row.best_lap_s),
-                f"{row.complete_laps} of {row.laps}",
-                str(row.off_track),
-                str(row.crashes),
+                *_driven(row),
             ),
         )
         for row in report.leaderboard
     ]
-    return _table("Times in minutes:seconds, penalties included.", names, rows)
+    return _table(_CAPTION, names, rows)
+
+
+def _driven(row: LeaderboardRow) -> tuple[str, str, str]:
+    """Laps, and how often the car left the track or crashed."""
+    return f"{row.complete_laps} of {row.laps}", str(row.off_track), str(row.crashes)
 
 
 def _rank(row: LeaderboardRow) -> str:

@@ -36,12 +36,17 @@ class ModelInUse(SettingsError):
 
 
 def read_lease(bucket: Bucket, prefix: str) -> Lease | None:
-    """The lease, however old; None if it does not exist or is damaged.
+    """The lease of the training on a prefix, as `read_lease_at`."""
+    return read_lease_at(bucket, keys.lease(prefix))
+
+
+def read_lease_at(bucket: Bucket, key: str) -> Lease | None:
+    """The lease of this key, however old; None if it does not exist or is damaged.
 
     Of the lease of a newer drcli, only `newer` is known.
     """
     try:
-        data, age_s = bucket.get_with_age(keys.lease(prefix))
+        data, age_s = bucket.get_with_age(key)
         lease = Lease.decode(data)
     except NewerFormat:
         return Lease.of_newer()

@@ -11,6 +11,7 @@ from typing import Any
 from urllib.parse import urlsplit, urlunsplit
 
 from drcli.tracking.figure_events import Ended, Event, Point, TrainingFacts
+from drcli.tracking.retried_sink import RetriedSink
 from drcli.tracking.server_requests import ServerError, ServerRequests, variable
 
 _MOST_KEPT = 20_000
@@ -26,7 +27,7 @@ _MODEL, _START = "drcli.model", "drcli.start"
 """Tags of a run: its model, and the start of a training that made it."""
 
 
-class MlflowRun:
+class MlflowRun(RetriedSink):
     """The run of a training. A training that is continued continues its run.
 
     Args:
@@ -43,7 +44,7 @@ class MlflowRun:
     ) -> None:
         self.name = f"DR_MLFLOW_URL={urlunsplit(urlsplit(url)._replace(query='', fragment=''))}"
         base = url.rstrip("/") + "/api/2.0/mlflow/"
-        self._server = ServerRequests(base, "MLflow", {"Authorization": _authorization()})
+        super().__init__(ServerRequests(base, "MLflow", {"Authorization": _authorization()}))
         self._experiment = experiment
         self._facts = facts
         self._parameters = dict(parameters)
@@ -51,33 +52,8 @@ class MlflowRun:
         self._start, self._may_exist = uuid.uuid4().hex, False
         self._waiting: list[dict[str, Any]] = []
         self._ended: Ended | None = None
-        self._newest: Event | None = None
-
-    def send(self, event: Event) -> None:
-        """Send the numbers of a point, and those that could not be sent before.
-
-        Raises:
-            ServerError: The server refuses, or cannot be reached.
-        """
-        self._keep(event)
-        self._flush()
-
-    def miss(self, event: Event) -> bool:
-        """Keep it for the next time; what `send` could not send is kept already."""
-        if event is not self._newest:
-            self._keep(event)
-        return True
-
-    def close(self) -> None:
-        """Send what was kept, and close the connection."""
-        try:
-            if self._waiting or self._ended is not None:
-                self._flush()
-        finally:
-            self._server.close()
 
     def _keep(self, event: Event) -> None:
-        self._newest = event
         if isinstance(event, Ended):
             self._ended = event
         elif isinstance(event, Point):
@@ -93,6 +69,8 @@ class MlflowRun:
             del self._waiting[:-_MOST_KEPT]
 
     def _flush(self) -> None:
+        if not (self._waiting or self._ended):
+            return
         if not self._run:
             self._open()
         while self._waiting:

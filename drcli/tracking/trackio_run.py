@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from drcli.tracking.figure_events import Event, Point, TrainingFacts
+from drcli.tracking.retried_sink import RetriedSink
 from drcli.tracking.server_requests import ServerError, ServerRequests, variable
 
 _MOST_KEPT = 5_000
@@ -17,7 +18,7 @@ _AT_A_TIME = 200
 """Points in a request."""
 
 
-class TrackioRun:
+class TrackioRun(RetriedSink):
     """The run of a training. A training that is continued continues its run.
 
     Args:
@@ -34,38 +35,14 @@ class TrackioRun:
     ) -> None:
         self.name = f"DR_TRACKIO_URL={url.partition('?')[0]}"
         token = {"X-Trackio-Write-Token": variable("TRACKIO_WRITE_TOKEN")}
-        self._server = ServerRequests(url.rstrip("/") + "/api/", "trackio", token)
+        super().__init__(ServerRequests(url.rstrip("/") + "/api/", "trackio", token))
         self._project, self._facts = project, facts
         self._parameters = dict(parameters)
         self._run = "" if facts.first_step else uuid.uuid4().hex
         self._waiting: list[dict[str, Any]] = []
-        self._newest: Event | None = None
-
-    def send(self, event: Event) -> None:
-        """Send the numbers of a point, and those that could not be sent before.
-
-        Raises:
-            ServerError: The server refuses, or cannot be reached.
-        """
-        self._keep(event)
-        self._flush()
-
-    def miss(self, event: Event) -> bool:
-        """Keep it for the next time; what `send` could not send is kept already."""
-        if event is not self._newest:
-            self._keep(event)
-        return True
-
-    def close(self) -> None:
-        """Send what was kept, and close the connection."""
-        try:
-            self._flush()
-        finally:
-            self._server.close()
 
     def _keep(self, event: Event) -> None:
         assert isinstance(event, Point)
-        self._newest = event
         # The server takes a point with the same log_id once: one may arrive without an answer.
         entry = {"metrics": dict(event.values), "step": event.step, "log_id": uuid.uuid4().hex}
         self._waiting.append(entry)
