@@ -35,6 +35,7 @@ from drcli.runs.cloud_watch import sent_to_cloud_watch
 from drcli.runs.evaluation_plan import CHECKPOINT, EvaluationPlan, prepare_evaluation
 from drcli.runs.evaluation_report import EvaluationReport, trial_reports
 from drcli.runs.evaluation_video import filmed
+from drcli.runs.failed_start import READY_TIMEOUT_S, failed_start, log_bytes
 from drcli.runs.run_logs import empty_logs
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import keys
@@ -42,8 +43,6 @@ from drcli.store.connect import open_bucket
 
 EXIT_S = 0.6
 """How long the worker may take to exit when its evaluation is stopped."""
-
-READY_TIMEOUT_S = 20.0
 
 LAUNCHED_EXIT_S = 5.0
 """The same for an evaluation that was not ready in time: it may already have a worker."""
@@ -117,6 +116,8 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
     Raises:
         WorkerDied: It exited at once or was not ready in time.
     """
+    path = log_file(plan.job.directory, plan.job.config.model.prefix, "evaluation")
+    earlier_bytes = log_bytes(path)
     process = start_process(
         plan.job, "evaluation", "drcli.runs.evaluation", plan.stamp, *plan.checkpoints
     )
@@ -130,10 +131,10 @@ def launch_evaluation(plan: EvaluationPlan) -> EvaluationRecord:
     wait_until(is_decided, patience_s=READY_TIMEOUT_S, last_s=0.05)
     if record is not None:
         return record
+    code = process.poll()
     end_process(process, LAUNCHED_EXIT_S)  # or it could drive later, and nobody would know
     shutil.rmtree(plan.job.folder, ignore_errors=True)
-    path = log_file(plan.job.directory, plan.job.config.model.prefix, "evaluation")
-    raise WorkerDied("The evaluation did not start.", remedy=f"Read the reason in {path}.")
+    raise failed_start("The evaluation", code, path, earlier_bytes)
 
 
 def _report(plan: EvaluationPlan, driven: EvaluationTrials) -> EvaluationReport:

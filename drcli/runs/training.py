@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from drcli.base import notices
 from drcli.base.backoff import wait_until
-from drcli.base.errors import DrError, WorkerDied
+from drcli.base.errors import DrError
 from drcli.base.file_lock import only_writer
 from drcli.base.json_log import JsonLog
 from drcli.base.log import LogFile, get_logger
@@ -22,6 +22,7 @@ from drcli.runs.daily_budget import DailyBudget
 from drcli.runs.duty import Duty
 from drcli.runs.end_command import EndCommand
 from drcli.runs.end_of_training import EndOfTraining
+from drcli.runs.failed_start import READY_TIMEOUT_S, failed_start, log_bytes
 from drcli.runs.interruption_watch import InterruptionWatch
 from drcli.runs.lease_renewal import Renewal
 from drcli.runs.plan import EndWorkPlan, RunPlan
@@ -50,8 +51,6 @@ READ_TIMEOUT_S = 5.0
 LEASE_PATIENCE_S = 1.0
 """How long the renewal of the lease repeats a request that failed, before the next step does."""
 
-READY_TIMEOUT_S = 20.0
-
 LOG_PATIENCE_S = 5.0
 """How long the upload of logs waits for a bucket that does not answer; it tries again later."""
 
@@ -71,6 +70,8 @@ def launch(plan: RunPlan | EndWorkPlan) -> int:
         WorkerDied: It exited at once or was not ready in time.
     """
     job = plan.job
+    path = log_file(job.directory, job.config.model.prefix, "supervisor")
+    earlier_bytes = log_bytes(path)
     process = start_process(job, "supervisor", "drcli.runs.training")
     wait_until(
         lambda: _is_ready(job) or process.poll() is not None,
@@ -79,12 +80,10 @@ def launch(plan: RunPlan | EndWorkPlan) -> int:
     )
     if _is_ready(job):
         return process.pid
+    code = process.poll()
     end_process(process, EXIT_S)  # or it could train later, and nobody would know
     refuse_second_run(job.config.run_id, job.folder)
-    path = log_file(job.directory, job.config.model.prefix, "supervisor")
-    raise WorkerDied(
-        "The supervisor of the training did not start.", remedy=f"Read the reason in {path}."
-    )
+    raise failed_start("The supervisor of the training", code, path, earlier_bytes)
 
 
 def supervise_job(job: Job) -> int:

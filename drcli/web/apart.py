@@ -14,6 +14,7 @@ from typing import Any
 
 from drcli.base.errors import DrError, WorkerDied
 from drcli.base.plain_json import plain
+from drcli.base.termination import Stopped, until_sigterm
 from drcli.config import secret_environment
 from drcli.web.tasks import Progress
 
@@ -22,7 +23,8 @@ MOST_HEAVY = 2
 
 _heavy = threading.Semaphore(MOST_HEAVY)
 
-_running: set[SpawnProcess] = set()
+_heavy_ones: set[SpawnProcess] = set()
+"""Processes that end with the console."""
 
 Work = Callable[..., Any]
 """A function of a module, whose first argument is a `Progress`; all others can be pickled."""
@@ -43,8 +45,8 @@ def run_apart(progress: Progress, work: Work, *arguments: Any, heavy: bool = Tru
         progress: Takes the sentences of the function.
         work: The function.
         arguments: Its arguments after the first.
-        heavy: Whether it computes, so that it gets a low priority; a training that it starts would
-            inherit that.
+        heavy: Whether it computes, so that it gets a low priority and ends with the console; a
+            training that it starts would inherit that.
 
     Raises:
         DrError: Its error.
@@ -53,9 +55,12 @@ def run_apart(progress: Progress, work: Work, *arguments: Any, heavy: bool = Tru
         return _run(progress, work, arguments, heavy=heavy)
 
 
-def end_all() -> None:
-    """End all of these processes, because the console ends; their tasks fail."""
-    for process in list(_running):
+def end_heavy() -> None:
+    """End the processes that compute, because the console ends; they clean up.
+
+    The others go on to their end: what they start or delete must not stay half.
+    """
+    for process in list(_heavy_ones):
         process.terminate()
 
 
@@ -68,7 +73,8 @@ def _run(progress: Progress, work: Work, arguments: tuple[Any, ...], *, heavy: b
         target=_work, args=(there, secrets, work, arguments, heavy), daemon=True
     )
     process.start()
-    _running.add(process)
+    if heavy:
+        _heavy_ones.add(process)
     there.close()
     try:
         while True:
@@ -87,7 +93,7 @@ def _run(progress: Progress, work: Work, arguments: tuple[Any, ...], *, heavy: b
         ) from None
     finally:
         here.close()
-        _running.discard(process)
+        _heavy_ones.discard(process)
         if process.is_alive():
             process.join(2.0)
         if process.is_alive():
@@ -112,11 +118,21 @@ def _work(
     if heavy:
         lower_priority()
 
+    def tell(kind: str, value: Any) -> None:
+        try:
+            there.send((kind, value))
+        except BrokenPipeError:  # the console has ended
+            if heavy:
+                raise Stopped("The console has ended.", remedy="") from None
+
     def progress(text: str) -> None:
-        there.send(("text", text))
+        tell("text", text)
 
     notices.show = notices.warn = progress
     try:
-        there.send(("done", plain(work(progress, *arguments))))
+        with until_sigterm("The console has ended.", "") if heavy else nullcontext():
+            tell("done", plain(work(progress, *arguments)))
+    except Stopped:
+        pass  # whoever stops it says so
     except Exception as error:
-        there.send(("failed", error_of(error)["error"]))
+        tell("failed", error_of(error)["error"])

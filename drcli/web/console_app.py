@@ -72,7 +72,7 @@ def build_app(directory: Path, token: str | None) -> ASGIApp:
         token: As for `Guard`.
     """
     hub = Hub()
-    tasks = Tasks(hub.publish)
+    tasks = Tasks(hub.publish, directory / "data" / "viewer" / "tasks.json")
     folder = ServedFolder(directory, hub, tasks)
     routes: list[BaseRoute] = [WebSocketRoute("/ws", SocketRoute(hub).serve)]
     for part in PARTS:
@@ -89,10 +89,11 @@ def build_app(directory: Path, token: str | None) -> ASGIApp:
         yield
         hub.close()
         await asyncio.to_thread(folder.live.close)
-        tasks.close()
+        tasks.closing.set()
+        apart.end_heavy()
         for end in folder.at_end:
             end()
-        apart.end_all()
+        await asyncio.to_thread(tasks.close)
 
     return Guard(Starlette(routes=routes, lifespan=lifespan), token)
 

@@ -71,7 +71,7 @@ def action_routes(
             )
 
         title = f"Continue the training of {prefix}"
-        return started(tasks.start("start-training", prefix, title, work))
+        return started(tasks.start("start-training", prefix, title, work, goes_on=True))
 
     def stop(_: Request, body: dict[str, Any]) -> Any:
         prefix = checked(body.get("prefix"))
@@ -92,7 +92,7 @@ def action_routes(
             progress(f"{began['checkpoint']} drives on {began['world']}.")
             return _driven(reader, prefix, began)
 
-        return started(tasks.start("evaluate", prefix, f"Evaluate {prefix}", work))
+        return started(tasks.start("evaluate", prefix, f"Evaluate {prefix}", work, goes_on=True))
 
     def stop_evaluation(_: Request, body: dict[str, Any]) -> Any:
         prefix = checked(body.get("prefix"))
@@ -176,7 +176,7 @@ def action_routes(
             arguments = directory, prefix, forget
             return run_apart(progress, model_work.delete_model, *arguments, heavy=False)
 
-        return started(tasks.start("delete", prefix, f"Delete {prefix}", work))
+        return started(tasks.start("delete", prefix, f"Delete {prefix}", work, goes_on=True))
 
     def choices(request: Request) -> Any:
         return evaluation_choices(reader, prefix_of(request))

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.store.bucket import Watch
+from drcli.web import start_work
 from drcli.web.model_reader import settings_for
 from drcli.web.tasks import Progress
 
@@ -96,23 +97,13 @@ def start_training(
     progress: Progress, directory: Path, prefix: str, max_minutes: float | None
 ) -> dict[str, Any]:
     """Continue the training of a model in the background, as dr-start-training --resume -q."""
-    from drcli.base.errors import WorkerDied
-    from drcli.runs.plan import StartOptions, prepare
-    from drcli.runs.status import inspect
+    from drcli.runs.plan import StartOptions
     from drcli.runs.track_fetch import fetch_allowed
-    from drcli.runs.training import launch
 
     settings = settings_for(directory, prefix)
     fetch_allowed(settings)
-    progress("Checks settings, files and reward function.")
-    plan = prepare(settings, StartOptions(resume=True, max_minutes=max_minutes))
-    progress("Starts the workers.")
-    pid = launch(plan)
-    if inspect(settings.run).pid != pid:
-        raise WorkerDied(
-            "The training did not start.", remedy="Read the reason with `dr-logs supervisor`."
-        )
-    return {"pid": pid, "warnings": plan.warnings, "ends": plan.ends, "resumes": plan.resumes}
+    options = StartOptions(resume=True, max_minutes=max_minutes)
+    return start_work.start_training(progress, settings, options, fetches=False)
 
 
 def start_evaluation(

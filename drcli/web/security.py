@@ -5,6 +5,7 @@ WebSocket): its Origin is not ours. A name of the attacker that suddenly leads t
 rebinding): its Host is not ours, and has no cookie of ours.
 """
 
+import asyncio
 import hashlib
 import hmac
 import re
@@ -16,6 +17,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from drcli.base.termination import Stopped
 from drcli.web.listen import ENTER
 
 LOOPBACK = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]{1,5})?")
@@ -56,6 +58,10 @@ _HEADERS = {
 _POLICY_VIOLATION = 1008
 """Code with which a WebSocket is closed. Source: RFC 6455, section 7.4.1."""
 
+_STOPPED = "The console was stopped before it could answer."
+
+_REMEDY = "Start it again with `dr-start-viewer`, then repeat what you did."
+
 
 class Guard:
     """ASGI middleware that refuses requests of strangers.
@@ -85,12 +91,21 @@ class Guard:
             await self._enter(scope, receive, send)
             return
 
+        answering = False
+
         async def send_guarded(message: Message) -> None:
+            nonlocal answering
+            answering = True
             if message["type"] == "http.response.start":
                 _add_headers(message)
             await send(message)
 
-        await self._app(scope, receive, send_guarded)
+        try:
+            await self._app(scope, receive, send_guarded)
+        except asyncio.CancelledError:  # only the end of the console cancels requests
+            if scope["type"] == "http" and not answering:
+                found = {"message": _STOPPED, "remedy": _REMEDY, "code": Stopped.code}
+                await JSONResponse({"error": found}, 503)(scope, receive, send_guarded)
 
     def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str] | None:
         """Status and sentence; None if the request may pass."""

@@ -1,5 +1,7 @@
 """The process of the console: `python -m drcli.web.serve FOLDER`, with a `Listen` as its input."""
 
+import asyncio
+import os
 import socket
 import sys
 from pathlib import Path
@@ -19,6 +21,9 @@ LOG_BYTES = 4 << 20
 IDLE_S = 15
 """After which an idle connection is closed, and a WebSocket is asked whether it still lives."""
 
+GRACE_S = 0.8
+"""How long requests may go on when the console is stopped; then they are answered that it is."""
+
 
 def main() -> None:
     """Serve until SIGTERM."""
@@ -33,11 +38,36 @@ def main() -> None:
             server_of(build_app(directory, listen.token or None)).run([bound])
     finally:
         log.end()
+    # Threads whose work was cut short may take minutes; `Tasks.close` has said what becomes of it.
+    os._exit(0)
+
+
+class ConsoleServer(uvicorn.Server):
+    """A server that ends requests itself: uvicorn reports those that it cancels as errors."""
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Close connections, and cancel requests that go on for too long."""
+        cancelling = asyncio.get_running_loop().call_later(GRACE_S, self._cancel_requests)
+        try:
+            await super().shutdown(sockets)
+        finally:
+            cancelling.cancel()
+
+    def _cancel_requests(self) -> None:
+        for connection in list(self.server_state.connections):
+            if (
+                isinstance(connection, TimedHttp)
+                and connection.cycle is not None
+                and connection.cycle.response_started
+            ):
+                connection.transport.abort()  # what receives it must not take a part for all
+        for task in self.server_state.tasks:
+            task.cancel()
 
 
 def server_of(app: ASGIApp) -> uvicorn.Server:
     """A server with the limits of the console; give it a bound socket."""
-    return uvicorn.Server(
+    return ConsoleServer(
         uvicorn.Config(
             app,
             http=TimedHttp,

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
-from drcli.base.errors import DrError, WorkerDied
+from drcli.base.errors import DrError
 from drcli.base.plain_json import plain
 from drcli.config.settings import Settings
-from drcli.config.track_names import to_fetch
 from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.runs.status import inspect
 from drcli.store.connect import open_running_bucket
 from drcli.store.model_prefix import is_used, newest_checkpoint
 from drcli.web.answers import BadRequest, accepts, answers, placed
+from drcli.web.apart import run_apart
 from drcli.web.served_folder import ServedFolder
+from drcli.web.start_work import start_training, tracks_to_fetch
 from drcli.web.tasks import Progress
 
 if TYPE_CHECKING:
@@ -28,17 +28,6 @@ LONGEST_MINUTES = 10_000_000
 MOST_LAPS = 100_000
 
 LARGEST_SEED = 2**32 - 1
-
-
-def tracks_to_fetch(settings: Settings) -> list[str]:
-    """Community tracks that a start needs and that are not installed."""
-    from drcli.checks.stage_rules import review_stages
-
-    staged = review_stages(settings, {})
-    run = settings.run
-    races = [race for stage in staged.stages for race in stage.settings.races]
-    second = run.second_race(run.race())
-    return to_fetch([*(races or settings.races), *([second] if second is not None else ())])
 
 
 def _bounded(body: dict[str, Any], key: str, low: float, high: float) -> float | None:
@@ -136,47 +125,14 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         fetches = body.get("fetch") is True or settings.tracks_fetch == "always"
 
         def run(progress: Progress) -> Any:
-            return _start(settings, options, progress, fetches=fetches)
+            # The simulation, which the checks load, takes seconds and a hundred megabytes.
+            return run_apart(progress, start_training, settings, options, fetches, heavy=False)
 
         title = f"Start the training of {settings.model_prefix}"
-        return folder.tasks.start("start-training", settings.model_prefix, title, run)
+        return folder.tasks.start("start-training", settings.model_prefix, title, run, goes_on=True)
 
     return [
         Route("/api/validate", accepts(check), methods=["POST"]),
         Route("/api/start", answers(about), methods=["GET"]),
         Route("/api/start", accepts(start), methods=["POST"]),
     ]
-
-
-def _start(
-    settings: Settings, options: "StartOptions", progress: Progress, *, fetches: bool
-) -> dict[str, Any]:
-    """What `dr-start-training -q` does.
-
-    Raises:
-        DrError: It cannot start.
-    """
-    # The simulation, which these load, takes seconds and a hundred megabytes.
-    from drcli.runs import plan, training
-    from drcli.tracks.community import fetch_track
-
-    missing = tracks_to_fetch(settings) if fetches and settings.tracks_fetch != "never" else []
-    for name in missing:
-        progress(f"Fetching the track {name} ...")
-        fetch_track(name, settings.tracks_url, settings.tracks_folder)
-    progress("Checking settings, files and reward function ...")
-    planned = plan.prepare(settings, options)
-    progress("Starting the workers ...")
-    pid = training.launch(planned)
-    if inspect(settings.run).pid != pid:
-        raise WorkerDied(
-            "The training did not start.", remedy="Read the reason with `dr-logs supervisor`."
-        )
-    return {
-        "model": settings.model_prefix,
-        "bucket": settings.bucket,
-        "pid": pid,
-        "warnings": planned.warnings,
-        "resumes": planned.resumes,
-        "ends": planned.ends,
-    }

@@ -1,19 +1,27 @@
 """What was started on the page and takes longer than an answer may: start, evaluate, export, film.
 
 A task calls the same function as the command. The page shows the newest tasks with their sentences.
+Tasks that the end of a console cuts short are in its log, and in the list of the next console.
 """
 
 import itertools
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any, Literal
 
+from drcli.base.atomic_file import load_record, write_private_json
+from drcli.base.log import get_logger
 from drcli.base.plain_json import plain
+from drcli.base.termination import Stopped
 from drcli.web.answers import BadRequest, error_of
 from drcli.web.topics import Snapshot
+
+_logger = get_logger(__name__)
 
 MOST_KEPT = 50
 """Tasks in the list; the oldest that have ended are forgotten."""
@@ -23,6 +31,13 @@ MOST_AT_ONCE = 12
 
 MOST_WAITING = 40
 """More are refused: nobody waits for that many."""
+
+CLOSING_S = 1.0
+"""How long the end of the console waits for tasks."""
+
+_STOPPED = "The console was stopped before this was done."
+
+_GOES_ON = "The console was stopped while this was under way; it goes on without it."
 
 TaskState = Literal["waiting", "running", "done", "failed"]
 
@@ -43,6 +58,7 @@ class Task:
         error: As of an answer that failed; null otherwise.
         began: Unix seconds.
         ended: Unix seconds; null while it runs.
+        goes_on: Whether what has begun is completed even if the console ends.
     """
 
     id: int
@@ -55,23 +71,55 @@ class Task:
     error: dict[str, Any] | None = None
     began: float = 0.0
     ended: float | None = None
+    goes_on: bool = False
+
+
+@dataclass(frozen=True)
+class _CutShort:
+    """A task that the end of a console cut short, for the next one."""
+
+    kind: str
+    subject: str
+    title: str
+    began: float
+    ended: float
+    goes_on: bool
+
+
+@dataclass(frozen=True)
+class _AllCutShort:
+    tasks: list[_CutShort]
 
 
 class Tasks:
     """The tasks of a console, in threads. Any thread may call its methods."""
 
-    def __init__(self, publish: Callable[[str, Snapshot], None]) -> None:
-        """Args: publish: Gives the list to the page."""
+    def __init__(self, publish: Callable[[str, Snapshot], None], kept: Path | None = None) -> None:
+        """Take over the tasks that the end of the console before has cut short.
+
+        Args:
+            publish: Gives the list to the page.
+            kept: File for the tasks that the end of the console cuts short; None for none.
+        """
         self._publish = publish
+        self._kept = kept
         self.closing = threading.Event()
-        """Set when the console ends: its process waits for the threads of its tasks."""
+        """Set when the console ends: no more tasks begin, and those that only wait end."""
         self._numbers = itertools.count(1)
         self._tasks: dict[int, Task] = {}
         self._lock = threading.Lock()
+        self._futures: set[Future[None]] = set()
         self._pool = ThreadPoolExecutor(MOST_AT_ONCE, thread_name_prefix="task")
+        self._take_over()
 
     def start(
-        self, kind: str, subject: str, title: str, function: Callable[[Progress], Any]
+        self,
+        kind: str,
+        subject: str,
+        title: str,
+        function: Callable[[Progress], Any],
+        *,
+        goes_on: bool = False,
     ) -> Task:
         """Run a function in a thread.
 
@@ -80,23 +128,30 @@ class Tasks:
             subject: Prefix of the model that it is about; empty for none.
             title: One line for people.
             function: Its result is a dataclass or plain data; a `DrError` becomes the task's error.
+            goes_on: Whether what has begun is completed even if the console ends.
 
         Raises:
-            BadRequest: The same is under way, or too much is.
+            BadRequest: The same is under way, or too much is, or the console ends.
         """
         with self._lock:
+            if self.closing.is_set():
+                raise BadRequest("The console is being stopped.", 503)
             open_tasks = [task for task in self._tasks.values() if task.ended is None]
             if any((task.kind, task.subject) == (kind, subject) for task in open_tasks):
                 raise BadRequest(f"{title}: this is already under way.", 409)
             if len(open_tasks) >= MOST_WAITING:
                 raise BadRequest("Too many tasks are under way; wait for one to end.", 429)
-            task = Task(next(self._numbers), kind, subject, title, began=time.time())
+            task = Task(
+                next(self._numbers), kind, subject, title, began=time.time(), goes_on=goes_on
+            )
             self._tasks[task.id] = task
             for old in [each.id for each in self._tasks.values() if each.ended is not None]:
                 if len(self._tasks) > MOST_KEPT:
                     del self._tasks[old]
         self._show()
-        self._pool.submit(self._run, task.id, function)
+        future = self._pool.submit(self._run, task.id, function)
+        self._futures.add(future)
+        future.add_done_callback(self._futures.discard)
         return task
 
     def find(self, number: int) -> Task:
@@ -118,15 +173,61 @@ class Tasks:
         return Snapshot.of("tasks", {"tasks": tasks})
 
     def close(self) -> None:
-        """Start no more tasks, and let those that only wait end."""
-        self.closing.set()
+        """Wait a moment for the tasks that run, and note those that are cut short.
+
+        Call it after setting `closing` and ending the processes of tasks.
+        """
+        with self._lock:
+            self.closing.set()
+            begun = [task for task in self._tasks.values() if task.ended is None]
         self._pool.shutdown(wait=False, cancel_futures=True)
+        wait(list(self._futures), timeout=CLOSING_S)
+        with self._lock:
+            after = [self._tasks[task.id] for task in begun]
+        now = time.time()
+        left = [
+            # What did not begin does not go on.
+            _CutShort(
+                *(task.kind, task.subject, task.title, task.began, now),
+                task.goes_on and before.state == "running",
+            )
+            for before, task in zip(begun, after, strict=True)
+            if task.state != "done" or task.goes_on
+        ]
+        for each in left:
+            _logger.warning("%s: %s", each.title, _GOES_ON if each.goes_on else _STOPPED)
+        if left and self._kept is not None:
+            with suppress(OSError):  # the log has them
+                write_private_json(self._kept, asdict(_AllCutShort(left)))
+
+    def _take_over(self) -> None:
+        if self._kept is None:
+            return
+        kept = load_record(_AllCutShort, self._kept)
+        with suppress(OSError):
+            self._kept.unlink(missing_ok=True)
+        for each in [] if kept is None else kept.tasks[-MOST_KEPT:]:
+            said = _GOES_ON if each.goes_on else _STOPPED
+            remedy = "" if each.goes_on else "Start it again if you need its result."
+            task = Task(
+                next(self._numbers),
+                *(each.kind, each.subject, each.title),
+                state="failed",
+                text=said,
+                error={"message": said, "remedy": remedy, "code": Stopped.code},
+                began=each.began,
+                ended=each.ended,
+                goes_on=each.goes_on,
+            )
+            self._tasks[task.id] = task
 
     def _run(self, number: int, function: Callable[[Progress], Any]) -> None:
         self._change(number, state="running")
         try:
             result = plain(function(lambda text: self._change(number, text=text)))
         except Exception as error:
+            if self.closing.is_set():
+                return  # `close` says what becomes of it
             found = error_of(error)["error"]
             self._change(
                 number, state="failed", text=found["message"], error=found, ended=time.time()

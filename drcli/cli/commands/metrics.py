@@ -1,27 +1,14 @@
 """`dr start-metrics` and `dr stop-metrics`."""
 
-from dataclasses import dataclass
 from typing import Annotated
 
 import typer
 
 from drcli.cli import console
 from drcli.cli.options import AsJson, models_argument
+from drcli.cli.stopped_process import show_stopped
 from drcli.cli.views import metrics_view
 from drcli.cli.working_folder import settings, working_folder
-
-
-@dataclass(frozen=True)
-class StoppedMetrics:
-    """What stop-metrics did.
-
-    Attributes:
-        stopped: Whether TensorBoard ran.
-        pid: Its process, which has ended; null if it did not run.
-    """
-
-    stopped: bool
-    pid: int | None
 
 
 def start_metrics(
@@ -80,8 +67,5 @@ def stop_metrics(as_json: AsJson = False) -> None:
     from drcli.runs.tensorboard_server import stop_tensorboard
 
     record = stop_tensorboard(working_folder())
-    if record is None:
-        console.emit(StoppedMetrics(False, None), "No TensorBoard is running.", as_json=as_json)
-        return
-    said = f"Stopped TensorBoard (process {record.pid})."
-    console.emit(StoppedMetrics(True, record.pid), said, as_json=as_json)
+    pid = None if record is None else record.pid
+    show_stopped("TensorBoard", pid, none="No TensorBoard is running.", as_json=as_json)

@@ -9,6 +9,7 @@ import typer
 from drcli.cli import console
 from drcli.cli.open_page import open_page
 from drcli.cli.options import AsJson
+from drcli.cli.stopped_process import show_stopped
 from drcli.cli.working_folder import settings_or_defaults, working_folder
 
 if TYPE_CHECKING:
@@ -17,19 +18,6 @@ if TYPE_CHECKING:
     from drcli.web.viewer_process import ViewerReport
 
 USUAL_TOPIC = "/racecar/deepracer/kvs_stream"
-
-
-@dataclass(frozen=True)
-class StoppedViewer:
-    """What stop-viewer did.
-
-    Attributes:
-        stopped: Whether the console ran.
-        pid: Its process, which has ended; null if it did not run.
-    """
-
-    stopped: bool
-    pid: int | None
 
 
 @dataclass(frozen=True)
@@ -94,8 +82,7 @@ def start_viewer(
 
     Example: dr-start-viewer
     """
-    loaded = settings_or_defaults()
-    _show(_started(loaded, port), as_json=as_json, browser=browser, program=program)
+    _start(port, as_json=as_json, browser=browser, program=program)
 
 
 def console_page(
@@ -107,7 +94,7 @@ def console_page(
 
     Example: dr console
     """
-    start_viewer(port=port, program=program, browser=browser, as_json=as_json)
+    _start(port, as_json=as_json, browser=browser, program=program)
 
 
 def update_viewer(
@@ -121,31 +108,28 @@ def update_viewer(
 ) -> None:
     """Start the console again, with the settings of now.
 
-    It does not need this to show new trainings or workers. Pages that are open connect again. What
-    was started on the page and has not ended, such as an evaluation, ends with the old console;
-    trainings go on.
+    It does not need this to show new trainings or workers. Pages that are open connect again.
+    Trainings and evaluations go on; a film, an export or an analysis that the page is making ends
+    with the old console, and the new one says so.
 
     Example: dr-update-viewer
     """
-    report = _started(settings_or_defaults(), port, again=True)
-    _show(report, as_json=as_json, browser=False, program=program)
+    _start(port, again=True, as_json=as_json, browser=False, program=program)
 
 
 def stop_viewer(as_json: AsJson = False) -> None:
     """Stop the console of this folder.
 
-    Does nothing when none is running. Trainings go on, and evaluations that a command started.
+    Does nothing when none is running. Trainings and evaluations go on; a film, an export or an
+    analysis that the page is making ends, and the next console says so.
 
     Example: dr-stop-viewer
     """
     from drcli.web.viewer_process import stop_viewer
 
     record = stop_viewer(working_folder())
-    if record is None:
-        console.emit(StoppedViewer(False, None), "No console is running.", as_json=as_json)
-        return
-    said = f"Stopped the console (process {record.pid})."
-    console.emit(StoppedViewer(True, record.pid), said, as_json=as_json)
+    pid = None if record is None else record.pid
+    show_stopped("the console", pid, none="No console is running.", as_json=as_json)
 
 
 def view_stream(
@@ -186,6 +170,19 @@ def view_stream(
         open_page(urls[0], program)
 
 
+def _start(
+    port: int | None, *, again: bool = False, as_json: bool, browser: bool, program: str
+) -> None:
+    """Start the console, or start it again, and show its address."""
+    report = _started(settings_or_defaults(), port, again=again)
+    url = report.url or ""
+    console.emit(report, url, as_json=as_json, folded=False)
+    if report.needs_token:
+        console.say("Everybody who has this address can start trainings here. Keep it to yourself.")
+    if (browser or program) and not as_json:
+        open_page(url, program)
+
+
 def _started(loaded: "Settings", port: int | None = None, *, again: bool = False) -> "ViewerReport":
     """The console of these settings, or of another port, running."""
     from drcli.web.viewer_process import start_viewer
@@ -206,12 +203,3 @@ def _warn_of_old(report: "ViewerReport", config: "WebConfig") -> None:
             f"The console runs already, on {report.host} port {report.port}. "
             "`dr-update-viewer` starts it again with the settings of now."
         )
-
-
-def _show(report: "ViewerReport", *, as_json: bool, browser: bool, program: str) -> None:
-    url = report.url or ""
-    console.emit(report, url, as_json=as_json, folded=False)
-    if report.needs_token:
-        console.say("Everybody who has this address can start trainings here. Keep it to yourself.")
-    if (browser or program) and not as_json:
-        open_page(url, program)

@@ -15,6 +15,7 @@ from drcli.runs import evaluation, training, worker_processes
 from drcli.runs.evaluation_plan import EvaluationPlan
 from drcli.runs.plan import RunPlan
 
+SOON_S = 30.0
 SLEEPS = "import time; time.sleep(600)"
 STUBBORN = (
     f"import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(flush=True); {SLEEPS}"
@@ -33,7 +34,7 @@ def started(monkeypatch):
     """Puts small programs in the place of workers, and tells which were started."""
     processes: list[subprocess.Popen[bytes]] = []
 
-    def run(program: str) -> list[subprocess.Popen[bytes]]:
+    def run(program: str, ready_s: float = 0.0) -> list[subprocess.Popen[bytes]]:
         def start(*_: object, **__: object) -> subprocess.Popen[bytes]:
             process = subprocess.Popen([sys.executable, "-c", program])
             processes.append(process)
@@ -41,7 +42,7 @@ def started(monkeypatch):
 
         for module in (training, evaluation):
             monkeypatch.setattr(module, "start_process", start)
-            monkeypatch.setattr(module, "READY_TIMEOUT_S", 0.0)
+            monkeypatch.setattr(module, "READY_TIMEOUT_S", ready_s)
         return processes
 
     yield run
@@ -63,11 +64,47 @@ def test_a_supervisor_that_is_not_ready_in_time_is_ended(job, started):
 def test_an_evaluation_that_is_not_ready_in_time_is_ended(job, started):
     processes = started(SLEEPS)
 
-    with pytest.raises(WorkerDied, match="did not start"):
+    with pytest.raises(WorkerDied, match="did not start: it was not ready within") as late:
         evaluation.launch_evaluation(EvaluationPlan(job, ["0_Step-0.ckpt"], "20260102030405"))
 
     assert [process.returncode for process in processes] == [-15]
     assert not job.folder.exists()
+    assert "less busy" in late.value.remedy
+
+
+def _launch_training(job: Job) -> None:
+    files = (InputFile(name, b"", "") for name in ("reward", "hyperparameters", "metadata"))
+    training.launch(RunPlan(job, Inputs(*files), [], None, ""))
+
+
+def _launch_evaluation(job: Job) -> None:
+    evaluation.launch_evaluation(EvaluationPlan(job, ["0_Step-0.ckpt"], "20260102030405"))
+
+
+@pytest.mark.parametrize(
+    ("launch", "name"), [(_launch_training, "supervisor"), (_launch_evaluation, "evaluation")]
+)
+@pytest.mark.parametrize(
+    ("written", "said"),
+    [("The bucket is full.\n\n", "The bucket is full."), ("", "(nothing)")],
+)
+def test_a_process_that_exits_at_once_is_told_from_a_late_one(
+    job, started, launch, name, written, said
+):
+    path = log_file(job.directory, job.config.model.prefix, name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("Of an earlier start.\n")
+    started(f"import sys; open({str(path)!r}, 'a').write({written!r}); sys.exit(3)", ready_s=SOON_S)
+
+    with pytest.raises(WorkerDied) as died:
+        launch(job)
+
+    assert f"exited (exit code 3). The last line of its log is: {said}" in str(died.value)
+    assert str(path) in died.value.remedy
+
+
+def test_a_start_may_take_a_minute_on_a_busy_machine():
+    assert training.READY_TIMEOUT_S == evaluation.READY_TIMEOUT_S == 60.0
 
 
 def test_a_process_that_does_not_leave_is_killed():

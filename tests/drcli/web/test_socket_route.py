@@ -4,6 +4,8 @@ import contextlib
 import json
 
 import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
 from starlette.websockets import WebSocketDisconnect
 
 from drcli.web import socket_route
@@ -118,3 +120,33 @@ def test_a_quiet_connection_gives_signs_of_life(client, monkeypatch):
         opened.send_text(json.dumps({"watch": ["tasks"]}))
         assert next_of(opened, "tasks") == {"tasks": []}
         assert next_of(opened, "alive") is None
+
+
+KINDS = ("run", "machine", "tasks", "model", "models", "races", "race", "log", "live", "episode")
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(st.characters()),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=6,
+)
+
+TOPICS = st.builds(
+    lambda kind, rest: f"{kind}:{rest}", st.sampled_from(KINDS), st.text(st.characters())
+)
+
+
+@settings(
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(watched=JSON | st.lists(TOPICS, max_size=4))
+@example(watched=["run:\ud800"])
+@example(watched=["log:../../etc/passwd", "live:\x00", "model:/", "race:.."])
+def test_no_message_of_any_shape_is_a_fault_of_the_server(client, watched):
+    with contextlib.suppress(WebSocketDisconnect), client.websocket_connect(WS) as opened:
+        opened.send_text(json.dumps({"watch": watched}))
+        opened.send_text("the end")  # is refused after the first one is done
+        while True:
+            assert "fault in the program" not in opened.receive_text()
+    with client.websocket_connect(WS) as opened:
+        opened.send_text(json.dumps({"watch": ["tasks"]}))
+        assert "tasks" in next_of(opened, "tasks")

@@ -14,9 +14,9 @@ SOON_S = 20.0
 class Board:
     """What a page is shown, and the end of tasks."""
 
-    def __init__(self):
+    def __init__(self, kept=None):
         self.shown, self.changed = [], threading.Condition()
-        self.tasks = Tasks(self.publish)
+        self.tasks = Tasks(self.publish, kept)
 
     def publish(self, topic, snapshot):
         assert topic == "tasks"
@@ -124,3 +124,76 @@ def test_a_task_is_found_by_its_number(client):
     assert client.get("/api/tasks/1").status_code == 404
     assert client.get("/api/tasks/x").status_code == 404
     assert client.get("/api/tasks/-1").json()["error"]["message"] == "There is no task -1."
+
+
+def test_the_next_console_tells_which_tasks_the_end_of_one_has_cut_short(tmp_path, logged):
+    kept = tmp_path / "tasks.json"
+    first = Board(kept)
+    ready, end = threading.Semaphore(0), threading.Event()
+
+    def work(_):
+        ready.release()
+        end.wait(SOON_S)
+        raise SettingsError("Its process was ended.", remedy="")
+
+    def drive(_):
+        ready.release()
+        first.tasks.closing.wait(SOON_S)
+        return {"stopped": False}
+
+    first.tasks.start("video", "model", "Film model", work)
+    first.tasks.start("evaluate", "model", "Evaluate model", drive, goes_on=True)
+    done = first.tasks.start("x", "", "X", lambda _: None)
+    first.until_ended(done.id)
+    assert ready.acquire(timeout=SOON_S)
+    assert ready.acquire(timeout=SOON_S)
+    first.tasks.closing.set()
+    end.set()
+    first.tasks.close()
+    with pytest.raises(BadRequest, match="being stopped") as refused:
+        first.tasks.start("x", "", "X", lambda _: None)
+    assert refused.value.status == 503
+
+    second = Board(kept)
+    film, evaluation = second.tasks.find(1), second.tasks.find(2)
+    assert (film.title, film.state) == ("Film model", "failed")
+    assert film.text == "The console was stopped before this was done."
+    assert film.error["remedy"]
+    assert "goes on" in evaluation.text
+    assert evaluation.ended
+    with pytest.raises(BadRequest, match="no task 3"):
+        second.tasks.find(3)
+    assert "Film model: The console was stopped" in logged()
+    second.tasks.close()
+    third = Board(kept)
+    assert '"tasks":[]' in third.tasks.snapshot().text.replace(" ", "")
+    third.tasks.close()
+
+
+def test_the_end_does_not_wait_long_for_a_task(tmp_path, monkeypatch):
+    monkeypatch.setattr("drcli.web.tasks.CLOSING_S", 0.05)
+    board, go = Board(tmp_path / "tasks.json"), threading.Event()
+    began = threading.Event()
+
+    def work(_):
+        began.set()
+        go.wait(SOON_S)
+
+    board.tasks.start("x", "", "Long work", work)
+    assert began.wait(SOON_S)
+    board.tasks.close()
+    try:
+        assert "Long work" in (tmp_path / "tasks.json").read_text()
+    finally:
+        go.set()
+
+
+@pytest.mark.parametrize("content", ["", "{", '{"tasks": 1}', '{"tasks": [{"kind": 1}]}', "[]"])
+def test_damaged_notes_of_the_console_before_are_none(tmp_path, content):
+    (tmp_path / "tasks.json").write_text(content)
+
+    board = Board(tmp_path / "tasks.json")
+
+    with pytest.raises(BadRequest):
+        board.tasks.find(1)
+    board.tasks.close()

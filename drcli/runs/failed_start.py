@@ -1,0 +1,53 @@
+"""Says why a process that was started in the background is not there: late, or exited, and why."""
+
+from pathlib import Path
+
+from drcli.base.errors import WorkerDied
+from drcli.runs.text_tail import text_tail
+
+READY_TIMEOUT_S = 60.0
+"""How long a process may take until it is ready, on a machine whose cores are busy."""
+
+_TAIL_BYTES = 4000
+
+_LONGEST_LINE = 300
+
+
+def log_bytes(log: Path) -> int:
+    """The size of a log before a start, for `failed_start`; 0 if there is none."""
+    try:
+        return log.stat().st_size
+    except OSError:
+        return 0
+
+
+def failed_start(what: str, code: int | None, log: Path, earlier_bytes: int) -> WorkerDied:
+    """The error of a process that was not ready in time, or exited before it was.
+
+    Args:
+        what: The process as the subject of a sentence, such as "The evaluation".
+        code: Its exit code; None if it ran until it was ended for being late.
+        log: Its log.
+        earlier_bytes: What `log_bytes` returned before the start: earlier lines are not its own.
+    """
+    if code is None:
+        return WorkerDied(
+            f"{what} did not start: it was not ready within {READY_TIMEOUT_S:g} seconds.",
+            remedy=f"Try again when the machine is less busy. Its log is {log}.",
+        )
+    return WorkerDied(
+        f"{what} did not start: its process exited (exit code {code}). "
+        f"The last line of its log is: {_last_line(log, earlier_bytes)}",
+        remedy=f"Read the reason in {log}.",
+    )
+
+
+def _last_line(log: Path, earlier_bytes: int) -> str:
+    try:
+        # A log that got shorter was begun anew.
+        if log.stat().st_size == earlier_bytes:
+            return "(nothing)"
+        lines = [line for line in text_tail(log, _TAIL_BYTES).splitlines() if line.strip()]
+    except OSError:
+        return "(nothing)"
+    return lines[-1].strip()[:_LONGEST_LINE] if lines else "(nothing)"
