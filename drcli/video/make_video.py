@@ -1,6 +1,7 @@
 """Makes a video of a trace: chooses the episodes, films them, and writes the files."""
 
 import contextlib
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +31,9 @@ RendererName = Literal["raycast", "mujoco"]
 
 ENDINGS = (".mp4", ".gif")
 
+USUAL_SECONDS = 300
+"""Where a film that somebody waits for ends: a lap with many resets can take much longer."""
+
 
 @dataclass(frozen=True)
 class Wish:
@@ -44,6 +48,7 @@ class Wish:
         color: As DR_CAR_COLOR.
         racer: The racer's name.
         explain: Lay over the camera which pixels moved the action.
+        most_seconds: Where the film ends, however long the episodes are; None for no limit.
     """
 
     episode: str = "best"
@@ -54,6 +59,12 @@ class Wish:
     color: str = "Red"
     racer: str = ""
     explain: bool = False
+    most_seconds: int | None = None
+
+    @property
+    def most_frames(self) -> float:
+        """As many as the film may have."""
+        return math.inf if self.most_seconds is None else self.most_seconds * self.fps
 
 
 def film_trace(
@@ -115,7 +126,7 @@ def film_trace(
                 for writer, frame in zip(writers, frames, strict=True):
                     writer.add(frame)
                 total += 1
-                if all(writer.full for writer in writers):
+                if total >= wish.most_frames or all(writer.full for writer in writers):
                     break
     finally:
         renderer.close()
@@ -133,14 +144,30 @@ def film_trace(
         checkpoint=driver if subject is not None else "",
         renderer=wish.renderer,
         episodes=filmed,
-        notes=list(trace.notes),
+        notes=[*trace.notes, *_cut(laps, wish)],
     )
 
 
 def frames_of(trace: FoundTrace, wish: Wish) -> int:
     """How many frames the film will have."""
     laps = chosen_laps(trace.laps, wish.episode, trace.origin)
+    return int(min(_frames(laps, wish), wish.most_frames))
+
+
+def _frames(laps: Sequence[RecordedLap], wish: Wish) -> int:
     return sum(frame_count(lap, wish.fps) for lap in laps)
+
+
+def _cut(laps: Sequence[RecordedLap], wish: Wish) -> list[str]:
+    """A sentence if the film ends before the episodes do."""
+    frames = _frames(laps, wish)
+    if frames <= wish.most_frames:
+        return []
+    what = "the episode takes" if len(laps) == 1 else "the episodes take"
+    return [
+        f"The film ends after {wish.most_seconds} s; {what} {math.ceil(frames / wish.fps)} s "
+        "(`dr-video --seconds` moves the end)."
+    ]
 
 
 def chosen_laps(laps: Sequence[RecordedLap], episode: str, origin: str) -> list[RecordedLap]:

@@ -13,6 +13,9 @@ from drcli.video.recorded_lap import RecordedLap, read_laps
 
 _EVALUATION = re.compile(r"evaluation-(\d{14})/evaluation-simtrace/0-iteration\.csv")
 
+OPPONENT = "opponent"
+"""Names the last race of a model as an opponent, in place of the stamp of an evaluation."""
+
 MOST_BYTES = 512 * 2**20
 """Of a trace on disk; a larger file is none."""
 
@@ -66,12 +69,27 @@ def trace_of_file(path: Path) -> FoundTrace:
 
 
 def trace_of_evaluation(bucket: Bucket, prefix: str, stamp: str | None) -> FoundTrace:
-    """The trace of a stand-alone evaluation; the newest one without a stamp.
+    """The trace of a stand-alone evaluation, or of the last race of a model as an opponent.
+
+    Args:
+        bucket: Where it is.
+        prefix: Of the model.
+        stamp: Of the evaluation, or `OPPONENT`. None for the newest evaluation; without any, for
+            the race as an opponent.
 
     Raises:
         SettingsError: The model has no such evaluation.
     """
     stamps = stored_evaluations(bucket, prefix)
+    if stamp == OPPONENT or (stamp is None and not stamps):
+        key = keys.opponent_trace(prefix)
+        if bucket.exists(key):
+            return trace_of_key(bucket, prefix, key, "the last race as the opponent", OPPONENT)
+    if stamp == OPPONENT and stamps:
+        raise SettingsError(
+            f"s3://{bucket.name}/{prefix} has not raced as an opponent.",
+            remedy="Leave out --evaluation to film its newest evaluation.",
+        )
     if not stamps:
         if next(iter(bucket.list(keys.folder(prefix))), None) is None:
             raise SettingsError(

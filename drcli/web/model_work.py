@@ -152,7 +152,7 @@ def make_lap_video(
     from drcli.store import keys
     from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
     from drcli.video.encode import require_encoder
-    from drcli.video.make_video import Wish, frames_of
+    from drcli.video.make_video import USUAL_SECONDS, Wish, frames_of
     from drcli.video.trace_source import trace_of_evaluation
     from drcli.video.video_job import Defaults, make_video
 
@@ -163,7 +163,7 @@ def make_lap_video(
     defaults = Defaults.of(settings.model, settings.race)
 
     def film(target: Path) -> Any:
-        wanted = Wish(**{"racer": "", "color": "", **wish})
+        wanted = Wish(**{"racer": "", "color": "", "most_seconds": USUAL_SECONDS, **wish})
         progress(f"Filming {frames_of(trace, wanted)} frames ...")
         return make_video(defaults, lambda: bucket, trace, wanted, [("film", target)])
 

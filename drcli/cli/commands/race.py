@@ -1,7 +1,7 @@
 """`dr race`: races at home over the models of the bucket."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -11,9 +11,6 @@ from drcli.cli.options import AsJson, DryRun, Force, checkpoint_option, prefix_o
 from drcli.cli.race_access import Closes, Race, found_race, print_race, races_to_look_at
 from drcli.cli.views import race_view
 from drcli.cli.working_folder import settings
-
-if TYPE_CHECKING:
-    pass
 
 app = typer.Typer(
     no_args_is_help=True,

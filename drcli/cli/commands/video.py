@@ -37,7 +37,7 @@ def video(
         typer.Option(
             "--evaluation",
             metavar="STAMP",
-            help="Film this stored evaluation, fourteen digits or last.",
+            help="Film this stored evaluation: fourteen digits, last, or opponent.",
             rich_help_panel=_WHICH,
         ),
     ] = None,
@@ -118,6 +118,16 @@ def video(
             rich_help_panel=_HOW,
         ),
     ] = 15,
+    seconds: Annotated[
+        int | None,
+        typer.Option(
+            "--seconds",
+            metavar="S",
+            min=0,
+            help="End the film after so many seconds, 300 if left out; 0 for no limit.",
+            rich_help_panel=_HOW,
+        ),
+    ] = None,
     policy: Annotated[
         str | None,
         typer.Option(
@@ -171,9 +181,11 @@ def video(
 ) -> None:
     """Make a video of a lap: the view from behind, what the car sees, map, time, probabilities.
 
-    Films the newest stored evaluation of the model, its best lap. --checkpoint drives a new lap
-    with a checkpoint first, --iteration takes a lap of the training, and a file is any simtrace of
-    drcli, DeepRacer-for-Cloud or a console. The track is found by its length if nothing names it.
+    Films the newest stored evaluation of the model, its best lap; of a model without any, its last
+    race as an opponent, which --evaluation opponent names for any model. --checkpoint drives a new
+    lap with a checkpoint first, --iteration takes a lap of the training, and a file is any simtrace
+    of drcli, DeepRacer-for-Cloud or a console. The track is found by its length if nothing names
+    it.
 
     The film is computed from the recorded poses, so the same lap can be filmed again at another
     size, with ghosts of other laps, or with --explain, which colours the pixels that moved the
@@ -193,7 +205,7 @@ def video(
     from drcli.base.replaceable import refuse_new_file
     from drcli.config.value_types import colour
     from drcli.video.encode import GIF_FPS, require_encoder
-    from drcli.video.make_video import Wish, frames_of, refuse_file
+    from drcli.video.make_video import USUAL_SECONDS, Wish, frames_of, refuse_file
     from drcli.video.video_job import Defaults, PolicyWish, make_video
 
     if color is not None:
@@ -233,6 +245,7 @@ def video(
         color=color or "",
         racer=racer or "",
         explain=explain,
+        most_seconds=(USUAL_SECONDS if seconds is None else seconds) or None,
     )
     refuse_file(path)
     doing = f"Filming {frames_of(trace, wish)} frames of {trace.origin} ..."

@@ -14,7 +14,7 @@ from drcli.config.shell_colors import shell_color
 from drcli.exchange.race_recording import RaceRecording, RecordedObjects
 from drcli.store import keys
 from drcli.video import encode
-from drcli.video.make_video import Wish, chosen_laps, refuse_file
+from drcli.video.make_video import Wish, chosen_laps, frames_of, refuse_file
 from drcli.video.recorded_lap import read_laps
 from drcli.video.trace_source import (
     trace_of_evaluation,
@@ -79,6 +79,28 @@ def test_an_unknown_model_is_no_model_without_an_evaluation(bucket):
     with pytest.raises(SettingsError, match="There is no model another in s3://") as refused:
         trace_of_evaluation(bucket, "another", None)
     assert "dr-list-models" in refused.value.remedy
+
+
+def test_the_last_race_as_an_opponent_is_found(bucket):
+    rival = keys.opponent_trace("rival")
+    bucket.put(rival, trace_csv(trace_rows(TRACK, rows=6)))
+    bucket.put(keys.recording_of(rival), recording().encode())
+    bucket.put(keys.opponent_trace("m"), trace_csv(trace_rows(TRACK, rows=9)))
+
+    only = trace_of_evaluation(bucket, "rival", None)
+    named = trace_of_evaluation(bucket, "m", "opponent")
+
+    assert (only.origin, only.stem) == ("the last race as the opponent", "rival-opponent")
+    assert only.recording == recording()
+    assert (len(only.laps[0].time_s), len(named.laps[0].time_s)) == (6, 9)
+    assert STAMPS[1] in trace_of_evaluation(bucket, "m", None).origin
+
+
+def test_a_model_that_was_no_opponent_is_told_so(bucket):
+    with pytest.raises(SettingsError, match="has not raced as an opponent"):
+        trace_of_evaluation(bucket, "m", "opponent")
+    with pytest.raises(SettingsError, match="There is no model another"):
+        trace_of_evaluation(bucket, "another", "opponent")
 
 
 def test_a_film_of_a_file_in_a_parent_folder_has_no_dots_in_its_name(tmp_path, monkeypatch):
@@ -254,6 +276,23 @@ def test_nothing_is_filmed_for_a_gif_that_takes_no_more(tmp_path, defaults, monk
 
     assert (report.frames, report.seconds, len(made)) == (3, 0.3, 3)
     assert [episode.episode for episode in report.episodes] == [0]
+
+
+@pytest.mark.parametrize(("most", "frames"), [(1, 10), (2, 20), (9, 36), (None, 36)])
+def test_a_film_ends_at_its_limit_and_says_so(tmp_path, defaults, monkeypatch, most, frames):
+    path = tmp_path / "0-iteration.csv"
+    path.write_bytes(trace_csv(*(trace_rows(TRACK, episode=n, rows=16) for n in range(3))))
+    monkeypatch.setattr(WorldView, "frame", lambda *_: np.zeros((480, 640, 3), "u1"))
+    wish = Wish(episode="all", fps=10, color="", most_seconds=most)
+    trace = trace_of_file(path)
+
+    report = make_video(defaults, no_bucket, trace, wish, [("film", tmp_path / "lap.gif")])
+
+    assert report.frames == frames_of(trace, wish) == frames
+    said = [note for note in report.notes if "film ends" in note]
+    assert [f"after {most} s; the episodes take 4 s" in note for note in said] == (
+        [True] if frames < 36 else []
+    )
 
 
 def test_an_explanation_needs_a_policy(bucket, defaults, tmp_path):
