@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from moto.server import ThreadedMotoServer
 
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
+from drcli.models.ready_made import put_ready_made, read_ready_made
 from drcli.store.connect import open_bucket
 from drcli.store.endpoint import Endpoint
 from drcli.store.s3_bucket import S3Bucket
@@ -90,6 +92,16 @@ class Workspace:
         """Lay down the bucket and the logs of a training as this folder's."""
         self.put_bucket(trained.bucket)
         shutil.copytree(trained.logs, self.folder / "data" / "logs")
+
+    def put_ready_made(self, *names: str) -> None:
+        """Put ready-made models into the bucket, each under its own name."""
+        for name in names:
+            put_ready_made(
+                read_ready_made(name),
+                self.settings(),
+                name,
+                lambda *_: nullcontext(lambda _: None),
+            )
 
     def start(self, command: str, *options: str) -> "subprocess.Popen[str]":
         """Start the installed program of a command."""
@@ -176,6 +188,8 @@ class Workspace:
 
     def clean_up(self) -> None:
         self.write_run_env()
+        if (self.folder / "data" / "viewer").exists():
+            self.run("stop-viewer")
         record = self.record()
         if record and psutil.pid_exists(record["pid"]) and record["state"] == "running":
             os.kill(record["pid"], signal.SIGTERM)

@@ -1,9 +1,11 @@
 """A racer who never types a command but the first: everything from an empty folder on in a page."""
 
+import csv
 import json
 import socket
 import tarfile
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -47,11 +49,29 @@ def free_port() -> int:
         return port
 
 
-def test_from_an_empty_folder_to_an_archive_for_the_car(empty_workspace, page, tmp_path_factory):
-    folder = empty_workspace
-    started = folder.run("start-viewer", "-p", str(free_port()), "--json")
+def opened(space: Any, page: Any, path: str = "") -> None:
+    """Start the console of a folder with its command, and open a page of it."""
+    started = space.run("start-viewer", "-p", str(free_port()), "--json")
     assert started.returncode == 0, started.stderr
-    page.goto(json.loads(started.stdout.splitlines()[-1])["url"])
+    page.goto(json.loads(started.stdout.splitlines()[-1])["url"] + path)
+
+
+def plays(film: Any) -> bool:
+    """Whether a film plays."""
+    return bool(film.evaluate(SOME_OF_IT) > 0.2)
+
+
+def saved(page: Any, button: str, folder: Path) -> Path:
+    """The file that a button gives."""
+    with page.expect_download() as downloading:
+        page.get_by_role("button", name=button).click()
+    path = folder / downloading.value.suggested_filename
+    downloading.value.save_as(path)
+    return path
+
+
+def test_from_an_empty_folder_to_an_archive_for_the_car(empty_workspace, page, tmp_path_factory):
+    opened(empty_workspace, page)
 
     page.get_by_role("link", name="New training").first.click()
     page.get_by_label("Name of the first model").fill("first")
@@ -73,7 +93,7 @@ def test_from_an_empty_folder_to_an_archive_for_the_car(empty_workspace, page, t
     page.locator("article[data-worker=sim-0]").get_by_text("reinvent_base").first.wait_for()
     page.get_by_role("button", name="Stop the training").click()
     run.get_by_text("The training of second on reinvent_base was stopped.").wait_for()
-    assert folder.run("status").returncode == 0
+    assert empty_workspace.run("status").returncode == 0
 
     page.get_by_role("link", name="Open the model").click()
     page.get_by_role("button", name="Evaluate").click()
@@ -83,12 +103,40 @@ def test_from_an_empty_folder_to_an_archive_for_the_car(empty_workspace, page, t
     page.get_by_text("Lap complete").wait_for()
     film = page.locator("video")
     film.wait_for()
-    assert film.evaluate(SOME_OF_IT) > 0.2
+    assert plays(film)
 
     page.get_by_role("button", name="Download", exact=True).click()
-    with page.expect_download() as downloading:
-        page.get_by_role("button", name="Prepare the file").click()
-    archive = tmp_path_factory.mktemp("downloads") / "car.tar.gz"
-    downloading.value.save_as(archive)
-    with tarfile.open(archive) as opened:
-        assert {"model_metadata.json", "agent/model.pb"} <= set(opened.getnames())
+    archive = saved(page, "Prepare the file", tmp_path_factory.mktemp("downloads"))
+    with tarfile.open(archive) as packed:
+        assert {"model_metadata.json", "agent/model.pb"} <= set(packed.getnames())
+
+
+def test_a_race_is_driven_from_the_page_and_taken_home(workspace, page, tmp_path):
+    workspace.write_run_env(DR_WORLD_NAME="bean", DR_EVAL_MAX_RESETS=100)
+    workspace.put_ready_made("safe", "fast")
+    opened(workspace, page, "#/races")
+
+    page.get_by_role("button", name="Make the first race").click()
+    page.get_by_label("Name", exact=True).fill("Friday Cup")
+    page.get_by_label("Laps", exact=True).fill("1")
+    page.get_by_role("button", name="Make this race").click()
+    for racer, model in (("Ann", "safe"), ("Bob", "fast")):
+        page.get_by_role("button", name="Submit a model").click()
+        page.get_by_label("Model", exact=True).select_option(model)
+        page.get_by_label("Racer", exact=True).fill(racer)
+        page.get_by_role("button", name="Submit", exact=True).click()
+        page.get_by_text(f"{racer}").first.wait_for()
+    page.get_by_role("button", name="Drive the queue").click()
+    page.get_by_role("dialog").get_by_role("button").last.click()
+    board = page.get_by_role("region", name="Leaderboard")
+    board.locator("tbody tr").nth(1).wait_for()
+    page.get_by_role("button", name="Close for submissions").click()
+    page.get_by_role("dialog").get_by_role("button").last.click()
+    page.get_by_text("Winner: Bob.").wait_for()
+
+    assert "Bob" in board.locator("tbody tr").first.inner_text()
+    board.get_by_role("button", name="Watch").first.click()
+    assert plays(page.locator("video"))
+    page.keyboard.press("Escape")
+    with saved(page, "Save as CSV", tmp_path).open() as table:
+        assert [row["racer"] for row in csv.DictReader(table)] == ["Bob", "Ann"]

@@ -4,11 +4,9 @@ import csv
 import json
 import os
 import signal
-from contextlib import nullcontext
 
 import pytest
 
-from drcli.models.ready_made import put_ready_made, read_ready_made
 from drcli.store import race_keys
 
 pytestmark = pytest.mark.slow
@@ -16,13 +14,7 @@ pytestmark = pytest.mark.slow
 
 def test_a_race_survives_the_death_of_its_queue_and_has_a_winner(workspace):
     workspace.write_run_env(DR_WORLD_NAME="bean", DR_EVAL_MAX_RESETS=100)
-    for name in ("safe", "fast"):
-        put_ready_made(
-            read_ready_made(name),
-            workspace.settings(),
-            name,
-            lambda *_: nullcontext(lambda _: None),
-        )
+    workspace.put_ready_made("safe", "fast")
     bucket = workspace.bucket()
 
     def dr(*words: str) -> dict:
