@@ -2,6 +2,7 @@
 
 import csv
 import io
+import itertools
 import os
 import platform
 import shutil
@@ -43,7 +44,7 @@ class Machine:
     Attributes:
         name: Of the processor; empty if unknown.
         cores: Logical processors.
-        processor_percent: Of all cores, since the last look.
+        processor_percent: Of all cores, since the last look; null at the first one.
         load: Mean number of processes that run or wait, over a minute; null where unknown.
         memory_bytes: RAM, or the limit of the container.
         memory_used_bytes: What of it is in use.
@@ -54,7 +55,7 @@ class Machine:
 
     name: str
     cores: int
-    processor_percent: float
+    processor_percent: float | None
     load: float | None
     memory_bytes: int
     memory_used_bytes: int
@@ -63,13 +64,18 @@ class Machine:
     gpus: list[Gpu] = field(default_factory=list)
 
 
-def look(directory: Path) -> Machine:
-    """The machine as it is now; the first look at the processor covers no time and reads 0."""
+def look(directory: Path, processor_percent: float | None = None) -> Machine:
+    """The machine as it is now.
+
+    Args:
+        directory: The disk of this folder is shown.
+        processor_percent: How busy the processor was; None if nobody has looked before.
+    """
     memory, disk = read_memory(), psutil.disk_usage(str(directory))
     return Machine(
         name=_processor(),
         cores=os.cpu_count() or 1,
-        processor_percent=psutil.cpu_percent(),
+        processor_percent=processor_percent,
         load=os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
         memory_bytes=memory.total_bytes,
         memory_used_bytes=memory.total_bytes - memory.available_bytes,
@@ -126,7 +132,14 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
     """Declare the topic; there is no route."""
 
     def open_machine(topic: str, publish: Publish) -> Polled:
-        return Polled(topic, publish, lambda: Snapshot.of(topic, look(folder.directory)), MACHINE_S)
+        looks = itertools.count()
+
+        def snapshot() -> Snapshot:
+            percent = psutil.cpu_percent()  # since the last call, so the first says nothing
+            known = percent if next(looks) else None
+            return Snapshot.of(topic, look(folder.directory, known))
+
+        return Polled(topic, publish, snapshot, MACHINE_S)
 
     folder.hub.add_kind("machine", open_machine)
     return []
