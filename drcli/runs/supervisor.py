@@ -157,15 +157,14 @@ class Supervisor:
 
     def _stopped_by(self, number: signal.Signals) -> Outcome:
         """How a run ends after a signal: a person sent it, or a scheduler takes the machine."""
-        message = f"Stopped by {number.name}."
         if number == signal.SIGINT:
-            return Outcome(CTRL_C, message, stays_ended=True)
+            return Outcome(CTRL_C, "Stopped by Ctrl-C.", stays_ended=True)
         if StopRequest.is_for(self._job.session, self._job.folder):
-            return Outcome(TERMINATED, message, stays_ended=True)
+            return Outcome(TERMINATED, "Stopped on request.", stays_ended=True)
         unattended = self._job.config.unattended
         save_s = unattended.sigterm_grace_seconds - SIGTERM_MARGIN_S
         if not self._job.whole_run:
-            return Outcome(TERMINATED, message, save_within_s=save_s)
+            return Outcome(TERMINATED, f"Stopped by {number.name}.", save_within_s=save_s)
         self._journal.note("notice", "SIGTERM came.", source="signal", what="interruption")
         return interrupted(
             f"Interrupted by {number.name}.",

@@ -1,4 +1,4 @@
-"""The files of the page: modules, style sheet, and the plots of uPlot."""
+"""The files of the page: modules, style sheets, and what the report of dr-analyze has too."""
 
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -30,8 +30,9 @@ def _collect(folder: Traversable, at: str) -> dict[str, Traversable]:
 def page_routes() -> list[Route]:
     """Routes of all files: only those that the package has, whatever the path says."""
     known = _collect(files("drcli.web") / "pages", "/")
-    uplot = files("drcli.analysis.report") / "assets" / "uplot"
-    known.update(_collect(uplot, "/vendor/uplot/"))
+    shared = files("drcli.analysis.report") / "assets"
+    known.update({f"/{name}": shared / name for name in ("colors.css", "graph_parts.js")})
+    known.update(_collect(shared / "uplot", "/vendor/uplot/"))
 
     async def serve(request: Request) -> Response:
         path = request.url.path

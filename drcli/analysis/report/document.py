@@ -15,6 +15,7 @@ from drcli.analysis.report.section import Section
 _SCRIPTS = (
     "uplot/uPlot.iife.min.js",
     "page.js",
+    "graph_parts.js",
     "graphs.js",
     "track_map.js",
     "lap_player.js",
@@ -22,7 +23,7 @@ _SCRIPTS = (
 )
 """In the order in which they run; all but the first share one scope."""
 
-_STYLES = ("uplot/uPlot.min.css", "page.css")
+_STYLES = ("uplot/uPlot.min.css", "colors.css", "page.css")
 
 
 def html_document(
@@ -74,7 +75,7 @@ def _whole(title: str, body: Html, data: str) -> str:
     from a racer's files could do no harm even if it were not escaped.
     """
     styles = [_asset(name) for name in _STYLES]
-    library, *parts = (_asset(name) for name in _SCRIPTS)
+    library, *parts = (_asset(name).replace("\nexport ", "\n") for name in _SCRIPTS)
     own = '(() => {\n"use strict";\n' + "\n".join(parts) + "})();\n"
     scripts = [library, own]
     policy = (

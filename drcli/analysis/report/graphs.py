@@ -27,7 +27,7 @@ class Series:
         name: What it shows, in the legend.
         x: Positions. Shape (n,).
         y: Values; NaN where there is none. Shape (n,).
-        color: A colour of page.css, such as "--c1".
+        color: A colour of colors.css, such as "--c1".
         kind: "line"; "dots" for many small dots; "marks" for few large ones.
         axis: Side of its axis.
         decimals: Digits after the point where numbers are shown; None: four significant digits.

@@ -19,7 +19,7 @@ async function answerOf(method, path, body, signal) {
     return await fetch(path, options);
   } catch (error) {
     if (error.name === "AbortError") throw error;
-    throw new ApiError(0, { message: "The console does not answer.", remedy: "Start it with `dr-start-viewer`; this page goes on by itself." });
+    throw new ApiError(0, { message: "The console does not answer.", remedy: "Start it with `dr-start-viewer`; the page connects again by itself." });
   }
 }
 

@@ -1,6 +1,7 @@
 // The frame of the console: pages by the part of the address after #, connection, tasks, theme.
 
-import { fill, h, notify } from "/dom.js";
+import { get } from "/api.js";
+import { empty, fill, h, notify } from "/dom.js";
 import { follow, onConnection } from "/socket.js";
 
 const PAGES = [
@@ -11,11 +12,11 @@ const PAGES = [
   { path: "/races", name: "Races", module: "/races_page.js" },
   { path: "/settings", name: "Settings", module: "/settings_page.js" },
 ];
-// Pages without an entry in the menu: [pattern of the path, module].
+// Pages below an entry of the menu: pattern of the path, module, path of the entry.
 const MORE = [
-  [/^\/model$/, "/model_page.js"],
-  [/^\/race\/([a-z0-9-]+)$/, "/race_page.js"],
-  [/^\/night\/([a-z0-9-]+)$/, "/night_page.js"],
+  [/^\/model$/, "/model_page.js", "/models"],
+  [/^\/race\/([a-z0-9-]+)$/, "/race_page.js", "/races"],
+  [/^\/night\/([a-z0-9-]+)$/, "/night_page.js", "/races"],
 ];
 
 const main = document.getElementById("main");
@@ -45,6 +46,7 @@ async function show() {
     return;
   }
   try {
+    if (path !== "/new" && !(await folderExists(mine.signal))) return;
     const page = await import(module);
     if (mine.signal.aborted) return;
     document.title = `${page.title} – DeepRacer console`;
@@ -59,9 +61,23 @@ async function show() {
   if (!mine.signal.aborted && mine.moved) main.focus({ preventScroll: true });
 }
 
+let known = false;
+/** Whether the folder of the console has settings; otherwise the page says how to make them. */
+async function folderExists(signal) {
+  if (known) return true;
+  const folder = await get("/api/new-folder", signal).catch((error) => { if (error.name === "AbortError") throw error; return { exists: true }; }); // the page says what is wrong
+  known = folder.exists;
+  if (!known) {
+    document.title = "DeepRacer console";
+    fill(main, h("h1", {}, "Welcome"), empty(`${folder.directory} is not a working folder yet: it has no run.env.`, h("a", { class: "button main", href: "#/new" }, "Create a working folder")));
+  }
+  return known;
+}
+
 function menu(path) {
+  const above = MORE.find(([pattern]) => pattern.test(path))?.[2];
   fill(document.getElementById("pages"), h("ul", {}, PAGES.map((page) =>
-    h("li", {}, h("a", { href: `#${page.path}`, "aria-current": (page.path === "/" ? path === "/" : path.startsWith(page.path) || (page.path === "/models" && path === "/model")) ? "page" : null }, page.name)))));
+    h("li", {}, h("a", { href: `#${page.path}`, "aria-current": page.path === path ? "page" : page.path === above ? "true" : null }, page.name)))));
 }
 
 /** Use the style sheets of a page only: two pages may give one class different looks. */

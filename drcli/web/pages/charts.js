@@ -1,11 +1,8 @@
 // Curves by uPlot: sizes are reserved, colours follow the theme, values are read below the curve.
 
 import { h, number } from "/dom.js";
-
-/** Steps of an axis that counts. */
-const WHOLE = [1, 2, 5].flatMap((each) => [1, 10, 100, 1000, 10000, 100000].map((factor) => each * factor)).sort((a, b) => a - b);
-
-const color = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+import { WHOLE_STEPS, drawMark } from "/graph_parts.js";
+import { ink } from "/theme_colors.js";
 
 /**
  * A chart that can be updated.
@@ -34,46 +31,26 @@ export function chart(spec, signal) {
     readout.textContent = `${spec.x} ${number(data[0][at])}: ` + spec.series.map((each, k) => `${each.name} ${number(data[k + 1][at], each.digits ?? 2, each.unit)}`).join(", ");
   };
 
-  function drawMark(self) {
+  function markOf(self) {
     const mark = spec.mark?.();
-    if (!mark) return;
-    const { ctx, bbox } = self, x = Math.round(self.valToPos(mark.x, "x", true));
-    if (x < bbox.left || x > bbox.left + bbox.width) return;
-    ctx.save();
-    ctx.strokeStyle = ctx.fillStyle = color("good");
-    ctx.lineWidth = 2 * devicePixelRatio;
-    ctx.setLineDash([5 * devicePixelRatio, 4 * devicePixelRatio]);
-    ctx.beginPath();
-    ctx.moveTo(x, bbox.top);
-    ctx.lineTo(x, bbox.top + bbox.height);
-    ctx.stroke();
-    ctx.font = `${12 * devicePixelRatio}px system-ui`;
-    const right = x + ctx.measureText(mark.text).width + 12 * devicePixelRatio < bbox.left + bbox.width;
-    ctx.textAlign = right ? "left" : "right";
-    ctx.textBaseline = "top";
-    const width = ctx.measureText(mark.text).width, left = right ? x + 3 * devicePixelRatio : x - width - 7 * devicePixelRatio;
-    ctx.fillStyle = color("paper");
-    ctx.fillRect(left, bbox.top, width + 4 * devicePixelRatio, 17 * devicePixelRatio);
-    ctx.fillStyle = color("good");
-    ctx.fillText(mark.text, x + (right ? 5 : -5) * devicePixelRatio, bbox.top + 3 * devicePixelRatio);
-    ctx.restore();
+    if (mark) drawMark(self, mark.x, mark.text, { ink: ink("good"), paper: ink("paper") });
   }
 
   function build() {
     plot?.destroy();
-    const axis = { stroke: color("quiet"), grid: { stroke: color("line"), width: 1 }, ticks: { stroke: color("line") }, font: "12px system-ui" };
+    const axis = { stroke: ink("quiet"), grid: { stroke: ink("line"), width: 1 }, ticks: { stroke: ink("line") }, font: "12px system-ui" };
     const right = spec.series.some((each) => each.axis === "right");
     plot = new uPlot({
       width: Math.max(place.clientWidth, 200), height: spec.height ?? 240,
       legend: { show: false }, cursor: { drag: { x: true, y: false } },
       scales: { x: { time: false }, y: spec.limits?.y ? { range: spec.limits.y } : {}, right: { range: spec.limits?.right ?? null } },
-      axes: [spec.x === "Iteration" ? { ...axis, incrs: WHOLE } : axis, { ...axis, size: 56, label: spec.axes?.left, labelSize: 18, labelFont: axis.font }, ...(right ? [{ ...axis, scale: "right", side: 1, grid: { show: false }, size: 48, label: spec.axes?.right, labelSize: 18, labelFont: axis.font }] : [])],
+      axes: [spec.x === "Iteration" ? { ...axis, incrs: WHOLE_STEPS } : axis, { ...axis, size: 56, label: spec.axes?.left, labelSize: 18, labelFont: axis.font }, ...(right ? [{ ...axis, scale: "right", side: 1, grid: { show: false }, size: 48, label: spec.axes?.right, labelSize: 18, labelFont: axis.font }] : [])],
       series: [{}, ...spec.series.map((each, k) => ({
         label: each.name, scale: each.axis === "right" ? "right" : "y", show: shown[k], spanGaps: true,
-        stroke: color(each.color), width: each.dots ? 0 : 2, dash: each.dash,
-        points: { show: each.dots ? true : (self) => self.data[0].length < 2, size: each.dots ? 5 : 8, fill: color(each.faint ? each.color.replace("c", "dots") : each.color), stroke: color(each.faint ? each.color.replace("c", "dots") : each.color) },
+        stroke: ink(each.color), width: each.dots ? 0 : 2, dash: each.dash,
+        points: { show: each.dots ? true : (self) => self.data[0].length < 2, size: each.dots ? 5 : 8, fill: ink(each.faint ? each.color.replace("c", "dots") : each.color), stroke: ink(each.faint ? each.color.replace("c", "dots") : each.color) },
       }))],
-      hooks: { setCursor: [(self) => read(self.cursor.idx)], draw: [drawMark] },
+      hooks: { setCursor: [(self) => read(self.cursor.idx)], draw: [markOf] },
     }, data, place);
   }
 

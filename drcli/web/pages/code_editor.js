@@ -42,7 +42,7 @@ export function codeEditor({ label, change }) {
   }
   function tell() {
     const line = lineAt(area.selectionStart), mark = marks.get(line);
-    place.textContent = `Line ${line} of ${lines}` + (mark ? `: ${mark.message}` : "");
+    place.textContent = mark ? `Line ${line}: ${mark.message}` : `The cursor is in line ${line}; the file has ${lines}.`;
   }
   function insert(text) {
     // As typed, so that it can be undone.

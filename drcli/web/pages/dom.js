@@ -19,6 +19,15 @@ export function fill(element, ...children) {
   return element;
 }
 
+/** The same for buttons: the focus stays on them, on the same one or else on the first, if it was there. */
+export function fillButtons(element, ...children) {
+  const focused = element.contains(document.activeElement) ? document.activeElement : null;
+  fill(element, ...children);
+  if (!focused || document.activeElement === focused) return;
+  const next = element.contains(focused) ? focused : element.querySelector("button:not(:disabled), a[href]");
+  (next ?? document.getElementById("main")).focus({ preventScroll: true });
+}
+
 /** A number with digits behind the point; a dash for nothing. */
 export function number(value, digits = 0, unit = "") {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
@@ -32,6 +41,12 @@ export function duration(seconds) {
   const whole = Math.round(seconds), hours = Math.floor(whole / 3600), minutes = Math.floor(whole / 60) % 60;
   if (hours) return `${hours} h ${String(minutes).padStart(2, "0")} min`;
   return minutes ? `${minutes} min ${String(whole % 60).padStart(2, "0")} s` : `${whole} s`;
+}
+
+/** The name of an evaluation, fourteen digits of its local time, as a time; other names stay as they are. */
+export function stampText(stamp) {
+  const found = /^(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)$/.exec(stamp);
+  return found ? `${found[1]}-${found[2]}-${found[3]} ${found[4]}:${found[5]}:${found[6]}` : stamp;
 }
 
 /** A lap time as the console writes it: MM:SS.mmm. */

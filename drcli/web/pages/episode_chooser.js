@@ -1,6 +1,6 @@
 // Chooses a stored episode: model, training or evaluation, iteration, worker, episode; all with numbers.
 
-import { duration, empty, failure, fill, h, lapTime, moment, number } from "/dom.js";
+import { duration, empty, failure, fill, h, lapTime, moment, number, stampText } from "/dom.js";
 import { openTrace, storedModels, storedTraces } from "/episode_data.js";
 
 export const STATUS = {
@@ -9,12 +9,6 @@ export const STATUS = {
 };
 
 const KINDS = { training: "Training", evaluation: "Evaluations", opponent: "Race as the opponent" };
-
-/** The fourteen digits of an evaluation as a time; other names stay as they are. */
-export function stampText(stamp) {
-  const found = /^(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)$/.exec(stamp);
-  return found ? `${found[1]}-${found[2]}-${found[3]} ${found[4]}:${found[5]}:${found[6]} UTC` : stamp;
-}
 
 /** What a trace is called on the page. */
 export function traceTitle({ kind, iteration, worker, stamp }, workers = 1) {
@@ -95,7 +89,7 @@ export function episodeChooser({ chosen, link, action }, signal) {
     if (!found) return;
     state.traces = found.traces;
     if (!found.traces.length) {
-      fill(list, empty(`${state.model} has no stored episodes: it was neither trained nor evaluated here, or its traces were deleted (DR_TRAIN_TRACES_MAX_MB).`, h("code", {}, "dr-evaluate")));
+      fill(list, empty(`${state.model} has no stored episodes: it was neither trained nor evaluated here, or its traces were deleted (DR_TRAIN_TRACES_MAX_MB).`, h("a", { class: "button", href: `#/model?${new URLSearchParams({ prefix: state.model })}` }, "Open the model"), "to evaluate it, or run ", h("code", {}, "dr-evaluate")));
       return;
     }
     const training = found.traces.filter((each) => each.kind === "training");
@@ -141,5 +135,5 @@ function episodeTable(facts, link, action, current) {
     h("td", { class: "number" }, each.steps)));
   return h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Episodes" }, h("table", {},
     h("caption", {}, `${traceTitle(facts)}${facts.world ? ` on ${facts.world}` : ""}`),
-    h("thead", {}, h("tr", {}, heads.map((head) => h("th", { scope: "col" }, head || h("span", { class: "sr" }, "Action"))))), h("tbody", {}, rows)));
+    h("thead", {}, h("tr", {}, heads.map((head) => h("th", { scope: "col" }, head || h("span", { class: "unseen" }, "Action"))))), h("tbody", {}, rows)));
 }

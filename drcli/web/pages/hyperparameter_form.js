@@ -44,7 +44,7 @@ export function hyperparameterStep(facts, { algorithm, saved }, signal) {
     const limits = key.low !== null && key.high !== null ? `From ${key.low} to ${key.high}.` : key.low !== null ? `${key.low} or more.` : "";
     const element = h("div", { class: "field" }, h("label", { for: id }, h("code", {}, key.key)), control,
       h("p", { class: "help", id: `${id}-help` }, `${key.meaning} ${limits} ${key.shipped ? `Shipped: ${key.shipped}. ` : ""}${key.effect ? "" : "No effect."}`), problem,
-      key.higher || key.advice ? h("details", { class: "small" }, h("summary", {}, `What a change of ${key.key} costs`),
+      key.higher || key.advice ? h("details", { class: "small" }, h("summary", {}, `What a change of ${key.key} does`),
         h("dl", {}, [[key.lower ? "Higher" : "Effect", key.higher], ["Lower", key.lower], ["Advice", key.advice]].filter(([, text]) => text).map(([name, text]) => [h("dt", {}, name), h("dd", {}, text)]))) : null);
     return { key, control, element, problem };
   }

@@ -1,8 +1,8 @@
 // Curves along one or two laps, over time or progress, with a cursor at the step that is shown.
 
 import { h, number } from "/dom.js";
+import { ink } from "/theme_colors.js";
 
-const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 const HEIGHT = 150;
 
 /**
@@ -22,13 +22,13 @@ export function lapCurve({ title, unit, digits = 2, seek }, signal) {
     if (!laps.length || !place.isConnected) return;
     const tables = laps.map((lap) => [lap.x, ...lap.lines.map((line) => line.values)]);
     const data = tables.length > 1 ? uPlot.join(tables) : tables[0];
-    const axis = { stroke: css("quiet"), grid: { stroke: css("line"), width: 1 }, ticks: { stroke: css("line") }, font: "12px system-ui" };
+    const axis = { stroke: ink("quiet"), grid: { stroke: ink("line"), width: 1 }, ticks: { stroke: ink("line") }, font: "12px system-ui" };
     plot = new uPlot({
       width: Math.max(place.clientWidth, 200), height: HEIGHT, legend: { show: false },
       cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
       scales: { x: { time: false } },
       axes: [{ ...axis, size: 30, values: (_, ticks) => ticks.map((tick) => `${number(tick, tick % 1 ? 1 : 0)} ${xName === "time" ? "s" : "%"}`) }, { ...axis, size: 52 }],
-      series: [{}, ...laps.flatMap((lap) => lap.lines.map((line) => ({ label: line.name, spanGaps: true, stroke: css(lap.color), width: line.dash ? 1 : 2, dash: line.dash, points: { show: false } })))],
+      series: [{}, ...laps.flatMap((lap) => lap.lines.map((line) => ({ label: line.name, spanGaps: true, stroke: ink(lap.color), width: line.dash ? 1 : 2, dash: line.dash, points: { show: false } })))],
     }, data, place);
     plot.over.append(cursor);
     plot.over.addEventListener("click", (event) => seek(plot.posToVal(event.offsetX, "x")));

@@ -32,8 +32,8 @@ export function actionBars() {
       });
       const texts = [];
       if (shown?.mean) texts.push(`Steering ${number(shown.mean[0], 1)}° (${number(shown.low?.[0], 1)} to ${number(shown.high?.[0], 1)}), speed ${number(shown.mean[1], 2)} m/s (${number(shown.low?.[1], 2)} to ${number(shown.high?.[1], 2)}).`);
-      else if (shown && !shown.probabilities && actions.length) texts.push("The policy tells no probabilities now.");
-      if (shown && shown.value !== null && shown.value !== undefined) texts.push(`The critic expects ${number(shown.value, 2)} from here on.`);
+      else if (shown && !shown.probabilities && actions.length) texts.push("The policy gives no probabilities now.");
+      if (shown && shown.value !== null && shown.value !== undefined) texts.push(`The critic expects a return of ${number(shown.value, 2)} from here on.`);
       note.textContent = texts.join(" ") || " ";
     },
   };

@@ -22,12 +22,12 @@ export function machinePanel(signal) {
     fill(problem);
     const text = `${now.name || "Processor"}, ${number(now.cores)} cores${now.load === null ? "" : `, load ${number(now.load, 1)}`}`;
     if (name.textContent !== text) name.textContent = text;
-    processor.set(`${number(now.processor_percent)} %`, now.processor_percent / 100);
+    processor.set(number(now.processor_percent, 0, "%"), now.processor_percent / 100);
     memory.set(`${bytes(now.memory_used_bytes)} of ${bytes(now.memory_bytes)}`, now.memory_used_bytes / now.memory_bytes);
     disk.set(`${bytes(now.disk_used_bytes)} of ${bytes(now.disk_bytes)}`, now.disk_used_bytes / now.disk_bytes);
     now.gpus.forEach((gpu, k) => {
       if (!gpus[k]) { gpus[k] = meter(gpu.name || `GPU ${k}`); list.append(gpus[k].element); }
-      gpus[k].set(`${number(gpu.percent)} %, ${bytes(gpu.memory_used_bytes)} of ${bytes(gpu.memory_bytes)}`, gpu.percent === null ? 0 : gpu.percent / 100);
+      gpus[k].set(`${number(gpu.percent, 0, "%")}, ${bytes(gpu.memory_used_bytes)} of ${bytes(gpu.memory_bytes)}`, gpu.percent === null ? 0 : gpu.percent / 100);
     });
   }, signal);
   return h("section", { "aria-labelledby": "live-machine" }, h("h2", { id: "live-machine" }, "This machine"), name, list, problem);

@@ -6,7 +6,7 @@ import { h, number } from "/dom.js";
 export function livePicture(name, label, [width, height]) {
   const canvas = h("canvas", { role: "img", "aria-label": label, width: String(width), height: String(height) });
   const note = h("figcaption", {}, name);
-  const over = h("p", { class: "live-over" }, "Waits for the first picture.");
+  const over = h("p", { class: "live-over" }, "Waiting for the first picture.");
   const element = h("figure", { class: "live-picture" }, h("div", { class: "live-frame" }, canvas, over), note);
   element.querySelector(".live-frame").style.setProperty("aspect-ratio", `${width} / ${height}`);
   const pen = canvas.getContext("2d");

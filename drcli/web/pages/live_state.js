@@ -1,10 +1,10 @@
 // The run in a sentence, what to do next, its figures, and what its watches say.
 
-import { failure, fill, h, duration, number, prose, tiles } from "/dom.js";
+import { failure, fill, fillButtons, h, duration, number, prose, tiles } from "/dom.js";
 import { act } from "/model_tasks.js";
 import { get } from "/api.js";
 
-const WORDS = { starting: "starts", running: "runs", finished: "has finished", stopped: "was stopped", interrupted: "was interrupted", failed: "failed", lost: "has ended without a reason" };
+const WORDS = { starting: "starts", running: "runs", finished: "has finished", stopped: "was stopped", interrupted: "was interrupted", failed: "failed", lost: "ended without saying why" };
 const DOTS = { starting: "warn", running: "good", finished: "good", failed: "bad", lost: "bad", interrupted: "warn" };
 
 const modelLink = (prefix) => `#/model?prefix=${encodeURIComponent(prefix)}`;
@@ -15,7 +15,7 @@ export function runState(runId, signal) {
   const next = h("p", { class: "quiet" }, " ");
   const actions = h("p", { class: "actions" });
   const said = h("div", { class: "live-said" });
-  const [figures, setFigures] = tiles(["Iteration", "Steps", "Steps a second", "Time of training", "Money", "Requests to the bucket", "Best checkpoint", "Newest evaluation"]);
+  const [figures, setFigures] = tiles(["Iteration", "Steps", "Steps a second", "Time of training", "Cost", "Requests to the bucket", "Best checkpoint", "Newest evaluation"]);
   const element = h("section", { class: "live-state", "aria-label": "State of the run" }, h("div", { role: "status" }, sentence, next), actions, figures, said);
   const stop = h("button", { type: "button", class: "danger", click: () => stopRun() }, "Stop the training");
   const resume = h("button", { type: "button", class: "main", click: () => resumeRun() }, "Resume the training");
@@ -43,7 +43,7 @@ export function runState(runId, signal) {
       shown = key;
       fill(sentence, h("span", { class: `dot ${elsewhere?.host ? "good" : DOTS[run.state] ?? ""}` }), text);
       fill(next, prose(hint || " "));
-      fill(actions, buttons);
+      fillButtons(actions, buttons);
     }
     drawFigures();
     drawSaid();
@@ -63,8 +63,8 @@ export function runState(runId, signal) {
     if (run.state === "starting") return [`${head} The workers load and check everything; the first pictures come in some seconds.`, busy ? "It is being stopped." : "", [stop, open]];
     if (run.state === "running") return [`${head} ${progress()}`, busy ? "It is being stopped: it saves the checkpoint of this moment first." : ends(), [stop, open]];
     const own = about && about.run_id === runId;
-    const hint = [run.message, run.remedy, own || !about ? "" : `Resume it with \`DR_RUN_ID=${runId} dr-start-training --resume\`: the settings have run ${about.run_id}.`].filter(Boolean).join(" ");
-    return [`${head} ${rows.length ? rows.length === 1 ? "1 iteration was driven." : `${number(rows.length)} iterations were driven.` : ""}`, busy ? "It is being started." : hint, [own ? resume : null, open, link("New training", "#/new")].filter(Boolean)];
+    const hint = [run.message, run.remedy, own || !about ? "" : `Resume it with \`DR_RUN_ID=${runId} dr-start-training --resume\`: in the settings, DR_RUN_ID is ${about.run_id}.`].filter(Boolean).join(" ");
+    return [`${head} ${rows.length ? rows.length === 1 ? "1 iteration is done." : `${number(rows.length)} iterations are done.` : ""}`, busy ? "It is being started." : hint, [own ? resume : null, open, link("New training", "#/new")].filter(Boolean)];
   }
 
   function progress() {
@@ -79,7 +79,7 @@ export function runState(runId, signal) {
     if (run.iterations_left !== null) left.push(`${number(run.iterations_left)} iterations`);
     if (run.time_left_s !== null) left.push(duration(run.time_left_s));
     if (run.money_left !== null) left.push(number(run.money_left, 2, "USD"));
-    return left.length ? `It stops by itself after ${left.join(", or ")} more at the latest.` : "It has no limit: it runs until you stop it.";
+    return left.length ? `It stops by itself after ${left.join(", or ")} more, or earlier.` : "It has no limit: it runs until you stop it.";
   }
 
   function drawFigures() {
@@ -91,7 +91,7 @@ export function runState(runId, signal) {
       number(last?.total_steps),
       last ? `${number(last.steps_per_s)} (${number(last.real_time_factor, 0)}× real time)` : "–",
       rows.length ? duration(run.elapsed_s || last.elapsed_s) : "–",
-      spending ? (spending.usd !== null ? `${number(spending.usd, 2, "USD")}` : "no price known") + `, ${number(spending.hours, 2, "h")}` : "–",
+      spending ? `${spending.usd !== null ? number(spending.usd, 2, "USD") : "no price set"}, ${number(spending.hours, 2, "h")}` : "–",
       requests ? `${number((requests.puts + requests.gets) / Math.max(requests.hours, 1e-9))} an hour` : "–",
       run.best ? run.best.name.replace(".ckpt", "") : "–",
       evaluated ? `${number(mean(evaluated.evaluation_progress), 0, "%")}, ${number(evaluated.evaluation_lap_s.length)} of ${number(evaluated.evaluation_progress.length)} laps` : "–",
@@ -105,10 +105,10 @@ export function runState(runId, signal) {
       ...(run.watches ?? []).map((text) => ["bad", text, ""]),
       ...(run.damaged ?? []).map((text) => ["bad", text, ""]),
       ...(run.warning ? [["warn", `Learning curve: ${run.warning}.`, (run.advice ?? []).join(" ")]] : []),
-      ...(errors?.failed ? [["bad", `The reward function failed in ${number(errors.failed)} of ${number(errors.calls)} calls: ${errors.errors.at(-1)?.message ?? "see the log"}`, "Read the log of the rewards below, and correct the function."]] : []),
-      ...(errors?.discarded ? [["warn", `The reward function declared ${number(errors.discarded)} episodes broken.`, ""]] : []),
-      ...(run.budget?.damaged ? [["warn", "Files of the daily budget cannot be read, so that hours are missing.", ""]] : []),
-      ...(run.convergence?.reached ? [["good", `Training (${number(run.convergence.training)} %) and evaluations (${number(run.convergence.evaluation)} %) have met: there is little left to learn here.`, "Stop, or go on with a harder track or reward."]] : []),
+      ...(errors?.failed ? [["bad", `The reward function failed in ${number(errors.failed)} of ${number(errors.calls)} calls: ${errors.errors.at(-1)?.message ?? "see the log"}`, "Read the prints of the reward function in the log below, and correct it."]] : []),
+      ...(errors?.discarded ? [["warn", `The reward function discarded ${number(errors.discarded)} episodes.`, ""]] : []),
+      ...(run.budget?.damaged ? [["warn", "Some files of the daily budget cannot be read, so hours may be missing.", ""]] : []),
+      ...(run.convergence?.reached ? [["good", `Training (${number(run.convergence.training)} %) and evaluations (${number(run.convergence.evaluation)} %) have converged: there is little left to learn here.`, "Stop, or go on with a harder track or reward."]] : []),
       ...(run.milestones ?? []).map((each) => ["good", `Milestone ${each.word}: ${each.checkpoint.replace(".ckpt", "")}, ${number(each.laps)} of ${number(each.episodes)} evaluation laps, best ${number(each.best_lap_s, 2, "s")}.`, ""]),
     ];
     const key = JSON.stringify(list);
@@ -126,7 +126,7 @@ export function runState(runId, signal) {
         broken = true;
         fill(sentence, h("span", { class: "dot bad" }), "The state of the run cannot be read. The page goes on by itself when it can.");
         next.textContent = " ";
-        fill(actions);
+        fillButtons(actions);
         fill(said, failure(value.error));
         return;
       }

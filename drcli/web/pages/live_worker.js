@@ -26,7 +26,7 @@ export function workerCard(runId, name, signal) {
   const evaluation = name.startsWith("evaluation");
   const heading = `live-${name}`;
   const does = h("p", { class: "live-does", role: "status" }, " "), hint = h("p", { class: "live-hint quiet" }, " ");
-  const car = h("select", { id: `${heading}-car`, change: chooseCar }, h("option", { value: "" }, "that has come furthest"));
+  const car = h("select", { id: `${heading}-car`, change: chooseCar }, h("option", { value: "" }, "the one that has come furthest"));
   const carRow = h("p", { class: "live-car" }, h("label", { for: `${heading}-car` }, "Car "), car);
   const camera = livePicture("Camera", `What the car of ${name} sees`, [160, 120]);
   const chase = livePicture("View from behind", `The car of ${name} from behind`, [320, 240]);
@@ -90,7 +90,7 @@ export function workerCard(runId, name, signal) {
   }
 
   function takeState(data) {
-    if (data.gone) { does.textContent = "The connection to the worker has ended. It is looked for again by itself."; return; }
+    if (data.gone) { does.textContent = "The connection to the worker was lost. The page connects again by itself."; return; }
     const { state } = data;
     if (!state) return;
     const age = Date.now() / 1000 - state.since_s;
@@ -143,7 +143,7 @@ export function workerCard(runId, name, signal) {
   }
 
   function takeLaps(value) {
-    if (value.error) { hint.textContent = `${value.error.message} The lines on the map are of before.`; return; }
+    if (value.error) { hint.textContent = `${value.error.message} The lines on the map are older.`; return; }
     laps = value;
     const lines = [...value.lines].reverse(), step = 0.65 / Math.max(lines.length, 1);
     map.setPaths(lines.map((line, k) => ({ x: line.x, y: line.y, color: line.progress >= 100 ? "c3" : "faint", alpha: Math.max(0.12, 0.8 - step * k) })));
@@ -163,14 +163,14 @@ export function workerCard(runId, name, signal) {
         for (const part of [pictures, carRow, figures, details]) part.hidden = value.place === "bucket";
         hint.textContent = " ";
         if (!live) { map.setCars([]); map.setObjects([]); }
-        for (const picture of [camera, chase]) picture.wait(live ? "Waits for the first picture." : "No picture.");
+        for (const picture of [camera, chase]) picture.wait(live ? "Waiting for the first picture." : "No picture.");
       }
       if (value.place === "bucket") {
         does.textContent = `${value.activity}.`.replace(/^./, (letter) => letter.toUpperCase());
         hint.textContent = `Runs on ${value.host}. Live pictures are shown on that machine only; the map shows the last finished iteration.`;
       } else if (!live) {
         does.textContent = `${value.activity || "starts"}.`.replace(/^./, (letter) => letter.toUpperCase());
-        hint.textContent = value.alive ? "It shows no live pictures: it is just starting, or DR_LIVE_VIEW is off." : "It does not run. Its pictures come back by themselves.";
+        hint.textContent = value.alive ? "It shows no live pictures: it is just starting, or DR_LIVE_VIEW is off." : "It is not running. Its pictures come back when it is started again.";
       }
       const chosen = value.car === null || value.car === undefined ? "" : String(value.car);
       if (live && car.value !== chosen && document.activeElement !== car) { setCars(Number(chosen || -1) + 1); car.value = chosen; }

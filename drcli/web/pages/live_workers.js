@@ -56,7 +56,7 @@ export function workerCards(runId, signal) {
     }
     others.textContent = lines.join(" ") || " ";
     if (found.size || !run) { if (note.firstChild && found.size) fill(note); return; }
-    const text = active ? "The simulation workers are starting." : "No worker runs now. Its cameras and maps appear here by themselves when a training or an evaluation starts.";
+    const text = active ? "The simulation workers are starting." : "No worker runs now. Cameras and maps appear here as soon as a training or an evaluation starts.";
     if (note.textContent !== text) fill(note, empty(text));
   }
 

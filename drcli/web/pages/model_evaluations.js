@@ -1,14 +1,8 @@
 // Stored evaluations: their trials, two side by side, and their videos.
 
-import { empty, fill, h, lapTime, number, table } from "/dom.js";
+import { empty, fill, fillButtons, h, lapTime, number, stampText, table } from "/dom.js";
 import { ask, check, field, select } from "/form_dialog.js";
 import { act, save } from "/model_tasks.js";
-
-/** The name of an evaluation is its local time: 20261123071820. */
-export function stampText(stamp) {
-  const found = /^(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)$/.exec(stamp);
-  return found ? `${found[1]}-${found[2]}-${found[3]} ${found[4]}:${found[5]}:${found[6]}` : stamp;
-}
 
 const label = (each) => [stampText(each.stamp), each.world, each.reverse ? "reverse" : "", each.checkpoint ? `checkpoint ${each.checkpoint.split("_")[0]}` : "", each.best_lap_s == null ? "no lap" : lapTime(each.best_lap_s)].filter(Boolean).join(" · ");
 const sum = (each, name) => each.trials.reduce((total, trial) => total + trial[name], 0);
@@ -116,11 +110,11 @@ export function evaluationPart(prefix, { signal, evaluate }) {
 
   async function filming(one, button) {
     const values = await ask({
-      title: `Film the evaluation of ${stampText(one.stamp)}`, action: "Make the video",
-      intro: h("p", {}, "The film is computed from the stored steps; a minute of driving takes some minutes."),
+      title: `Make a video of the evaluation of ${stampText(one.stamp)}`, action: "Make the video",
+      intro: h("p", {}, "The video is drawn from the stored steps; a minute of driving takes some minutes."),
       fields: [field("What", select("episode", [["best", "the best lap"], ["all", "all laps"], ...one.trials.slice(0, 100).map((trial, k) => [String(k), `trial ${trial.trial}`])], "best")),
         field("Size", select("size", ["640x480", "1280x720"], "640x480")), field("Ghosts of other laps", select("ghosts", ["0", "1", "2", "3", "4"], "0")),
-        h("p", {}, check("Colour the pixels that moved the action", "explain")), h("p", {}, check("Only download it, and keep the stored video", "download"))],
+        h("p", {}, check("Show which pixels move the action", "explain")), h("p", {}, check("Only download it; the stored video stays", "download"))],
     });
     if (!values) return;
     const made = await act("film", { prefix, stamp: one.stamp, ...values, ghosts: Number(values.ghosts) }, { button, signal });
@@ -128,7 +122,7 @@ export function evaluationPart(prefix, { signal, evaluate }) {
   }
 
   return { element, update, running(evaluations, stop) {
-    fill(running, evaluations.map((each) => h("p", { class: "empty" }, `An evaluation runs since ${new Date(each.started_at * 1000).toLocaleTimeString("en-GB")}: ${each.checkpoint} on ${each.world}. Its result appears here. `,
+    fillButtons(running, evaluations.map((each) => h("p", { class: "empty" }, `An evaluation has been running since ${new Date(each.started_at * 1000).toLocaleTimeString("en-GB")}: ${each.checkpoint} on ${each.world}. Its result appears here. `,
       h("button", { type: "button", click: (event) => stop(event.currentTarget) }, "Stop it"))));
   } };
 }

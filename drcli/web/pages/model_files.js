@@ -26,7 +26,7 @@ export function filesPart(prefix, { signal, names }) {
     const all = [...new Set([...(parent ? [parent] : []), ...names()])].filter((name) => name !== prefix);
     const control = select("other", [["", "no other model"], ...all.map((name) => [name, name === parent ? `${name} (its parent)` : name])], other);
     control.addEventListener("change", () => { other = control.value; compare(); });
-    fill(place, all.length ? field("Differences to", control) : null);
+    fill(place, all.length ? field("Compare with", control) : null);
   }
 
   async function compare() {
@@ -45,9 +45,9 @@ export function filesPart(prefix, { signal, names }) {
       h("p", {}, h("button", { type: "button", class: "fine", click: () => keep(name, content) }, `Download ${name}`))))
       : empty("The model has no files of its own."),
       h("h2", {}, "Settings of the training"), named.length ? [
-        table("Settings that were given", ["Setting", "Value"], named.filter(([name]) => own.has(name)).map(([name, value]) => [name, text(value)])),
-        h("details", {}, h("summary", {}, `${named.length - own.size} settings had their default`), table("Defaults", ["Setting", "Value"], named.filter(([name]) => !own.has(name)).map(([name, value]) => [name, text(value)])))]
-        : empty("Nobody recorded the settings of this training; version 0.1.0 and other programs did not."),
+        table("Settings that were set", ["Setting", "Value"], named.filter(([name]) => own.has(name)).map(([name, value]) => [name, text(value)])),
+        h("details", {}, h("summary", {}, `${named.length - own.size} settings at their default`), table("Defaults", ["Setting", "Value"], named.filter(([name]) => !own.has(name)).map(([name, value]) => [name, text(value)])))]
+        : empty("The settings of this training were not recorded (version 0.1.0 and other programs do not record them)."),
       Object.keys(machine).length ? h("details", {}, h("summary", {}, "Machine and versions"), table("Machine and versions", ["What", "Value"], [...Object.entries(machine), ...Object.entries(versions)].map(([name, value]) => [name, text(value)]))) : null);
   }
   return { element, update };
@@ -64,12 +64,12 @@ function differences(found, other, prefix) {
   const groups = [["Hyperparameters", found.hyperparameters], ["Settings", found.settings], ["Settings of other workers", found.worker_settings], ["Model", found.model], ["Start", found.start]];
   const shown = groups.filter(([, rows]) => rows.length);
   const rows = (list) => list.map((each) => [each.name, text(each.before), text(each.after)]);
-  return h("section", { "aria-label": `Differences to ${other}` }, h("h2", {}, `Differences to ${other}`),
+  return h("section", { "aria-label": `Differences from ${other}` }, h("h2", {}, `Differences from ${other}`),
     shown.length || found.files.length ? null : h("p", {}, "Settings, hyperparameters and files are the same."),
     shown.map(([name, list]) => table(name, [name, other, prefix], rows(list))),
     found.files.map((file) => h("details", { open: true }, h("summary", {}, `${file.name} differs`), file.diff.length
       ? h("pre", { class: "file-text file-diff", tabindex: "0" }, file.diff.map((line) => h("span", { class: line.startsWith("+") ? "diff-added" : line.startsWith("-") ? "diff-removed" : null }, `${line}\n`))) : h("p", { class: "quiet" }, "Its text was not kept."))),
-    table("What they came to", ["Result", other, prefix], found.results.map((each) => [RESULTS[each.name] ?? each.name.replaceAll("_", " "), figure(each.before), figure(each.after)])),
+    table("Results", ["Result", other, prefix], found.results.map((each) => [RESULTS[each.name] ?? each.name.replaceAll("_", " "), figure(each.before), figure(each.after)])),
     found.versions.length || found.machine.length ? h("details", {}, h("summary", {}, "Versions and machine differ"), table("Versions and machine", ["What", other, prefix], rows([...found.versions, ...found.machine]))) : null);
 }
 

@@ -1,7 +1,7 @@
 // One model: numbers, reward graph, checkpoints, evaluations, files, notes, and what can be done with it.
 
 import { get, post, put, remove } from "/api.js";
-import { bytes, confirmed, duration, empty, failure, fill, h, lapTime, moment, notify, number, table, tiles } from "/dom.js";
+import { bytes, confirmed, duration, empty, failure, fill, fillButtons, h, lapTime, moment, notify, number, table, tiles } from "/dom.js";
 import { ask, check, field, select, tabs } from "/form_dialog.js";
 import { evaluationPart } from "/model_evaluations.js";
 import { filesPart } from "/model_files.js";
@@ -13,7 +13,7 @@ import { follow } from "/socket.js";
 export const title = "Model";
 
 const WORDS = { "last": "the newest", "best": "the best", "first-lap": "of the first lap", "three-laps": "of three laps in a row", "best-lap": "of the best lap" };
-const STATES = { running: "is being trained", finished: "has finished its training", stopped: "was stopped", interrupted: "was interrupted", failed: "failed", lost: "ended without a reason", unknown: "" };
+const STATES = { running: "is being trained", finished: "has finished its training", stopped: "was stopped", interrupted: "was interrupted", failed: "failed", lost: "ended without saying why", unknown: "" };
 
 export async function show(main, params, { signal, query }) {
   const prefix = query.get("prefix") ?? "";
@@ -87,7 +87,7 @@ export async function show(main, params, { signal, query }) {
       delete heading.dataset.state;
       delete buttons.dataset.state;
       fill(heading, h("div", { class: "problem" }, h("p", {}, "This model was deleted."), h("p", {}, h("a", { href: "#/models" }, "All models"))));
-      fill(buttons);
+      fillButtons(buttons);
       return;
     }
     evaluations.running(value.evaluations, (button) => act("stop-evaluation", { prefix }, { button, signal }));
@@ -104,7 +104,7 @@ export async function show(main, params, { signal, query }) {
     const facts = training ? [training.world, training.race_type.toLowerCase().replaceAll("_", " "), training.algorithm, training.action_space?.replace(/^discrete, (\d+)$/, "discrete, $1 actions")].filter(Boolean).join(", ") : "";
     const line = [
       training ? [facts ? `${facts}. ` : "Track and algorithm of its training are not recorded. ",
-        trains ? "It is being trained. " : [STATES[training.state] ? `It ${STATES[training.state]}${training.ended_at ? ` (${moment(Date.parse(training.ended_at) / 1000)})` : ""}. ` : "", training.message ? `${training.message} ` : ""]] : "Nobody recorded its training. ",
+        trains ? "It is being trained. " : [STATES[training.state] ? `It ${STATES[training.state]}${training.ended_at ? ` (${moment(Date.parse(training.ended_at) / 1000)})` : ""}. ` : "", training.message ? `${training.message} ` : ""]] : "There is no record of its training. ",
       parent ? ["It began with the weights of ", page.models.models.some((each) => each.model.prefix === parent) ? h("a", { href: modelLink(parent) }, parent) : parent, `, checkpoint ${training.parent_checkpoint.split("_")[0]}. `] : null,
       model?.note ? h("q", {}, model.note) : null, model?.damaged?.length ? h("span", { class: "model-badge bad" }, model.damaged.join(" ")) : null,
     ];
@@ -116,7 +116,7 @@ export async function show(main, params, { signal, query }) {
     if (buttons.dataset.state === key) return;
     buttons.dataset.state = key;
     const button = (text, click, kind = null) => h("button", { type: "button", class: kind, click: (event) => click(event.currentTarget) }, text);
-    fill(buttons,
+    fillButtons(buttons,
       trains ? button("Stop the training", stop, "danger") : button("Continue the training", resume),
       button("Evaluate", evaluate, "main"),
       now?.evaluations.length ? button("Stop the evaluation", (it) => act("stop-evaluation", { prefix }, { button: it, signal })) : null,
@@ -165,22 +165,22 @@ export async function show(main, params, { signal, query }) {
   }
 
   async function clone() {
-    const values = await ask({ title: `Clone ${prefix}`, action: "Prepare the new model",
+    const values = await ask({ title: `Clone ${prefix}`, action: "Clone",
       intro: h("p", {}, "The next training starts a new model with these weights: run.env is changed as by ", h("code", {}, "dr-increment-training"), ", and a copy is kept as run.env.bak."),
       fields: [field("Name of the new model", h("input", { name: "to", required: true, autocomplete: "off", value: page.about.next_name })), field("Start with checkpoint", select("checkpoint", checkpointChoices(), "last")),
         field("What is it for?", h("input", { name: "description", autocomplete: "off", maxlength: "250" }), "A note that stays with the new model.")] });
     if (!values) return;
     try {
       const step = await post(path("clone").split("?")[0], { prefix, ...values }, signal);
-      notify(`The next training makes ${step.after} from ${prefix}. ${step.file} was changed.`);
+      notify(`Your next training is ${step.after}; it begins with the weights of ${prefix}. ${step.file} was changed.`);
       location.hash = "#/new";
     } catch (error) { if (error.name !== "AbortError") notify(error.message, "bad", error.remedy); }
   }
 
   async function download(button) {
-    const values = await ask({ title: `Download ${prefix}`, action: "Prepare the file", fields: [
+    const values = await ask({ title: `Download ${prefix}`, action: "Download", fields: [
       field("What", select("kind", [["car", "Archive for the physical car (.tar.gz)"], ["onnx", "Policy as ONNX with its metadata (.zip)"], ["model", "Model: checkpoints, files and metrics (.tar.gz)"], ["everything", "Model with traces and videos (.tar.gz)"], ["logs", "Logs (.tar.gz)"]], "car")),
-      field("Checkpoint", select("checkpoint", checkpointChoices(), "best"), "For the car and for ONNX; each is compared with the weights before it is given out.")] });
+      field("Checkpoint", select("checkpoint", checkpointChoices(), "best"), "For the car and for ONNX; the file is checked against the weights first.")] });
     if (!values) return;
     const made = await act("download", { prefix, ...values }, { button, signal });
     if (!made) return;
@@ -191,7 +191,7 @@ export async function show(main, params, { signal, query }) {
   async function upload(button) {
     const { upload_bucket: target, upload_to: to } = page.about;
     const values = await ask({ title: `Upload ${prefix}`, action: "Upload",
-      intro: h("p", {}, target ? `A checkpoint and all files that belong to it are copied to s3://${target}, as by dr-upload-model.` : "There is no upload bucket: DR_UPLOAD_S3_BUCKET in system.env names none. A copy in the local bucket is possible."),
+      intro: h("p", {}, target ? `A checkpoint and all files that belong to it are copied to s3://${target}, as by dr-upload-model.` : "No upload bucket is set (DR_UPLOAD_S3_BUCKET in system.env). You can still make a copy in the local bucket."),
       fields: [field("Checkpoint", select("checkpoint", checkpointChoices(), "last")), field("Name at the target", h("input", { name: "to", required: true, autocomplete: "off", value: target ? to : page.about.next_name })),
         h("p", {}, check("Copy to the local bucket instead", "local", !target))] });
     if (!values) return;
@@ -216,7 +216,7 @@ export async function show(main, params, { signal, query }) {
       table("Checkpoints", ["Number", "Marks", "Evaluation laps", "Progress", "Best lap", "Size", ...(found.checkpoints.some((each) => each.problem) ? ["Problem"] : [])], found.checkpoints.slice().reverse().map((each) => [
         String(each.number), [each.words.map((word) => h("span", { class: "model-badge", title: `Checkpoint ${WORDS[word] ?? word}` }, word)), each.every ? h("span", { class: "model-badge" }, "kept every n") : null].flat().reduce((cell, mark) => (mark && cell.append(mark, " "), cell), h("span")),
         each.episodes ? `${each.laps} of ${each.episodes}` : "–", each.progress == null ? "–" : number(each.progress, 1, "%"), lapTime(each.best_lap_s), bytes(each.size_bytes), ...(each.problem ? [each.problem] : [])])),
-      h("p", { class: "quiet fine" }, `Together ${bytes(found.size_bytes)}. A training keeps the newest four, the best and the milestones.`,
+      h("p", { class: "quiet fine" }, `Together ${bytes(found.size_bytes)}. A training keeps the newest four checkpoints, the best one and the milestones.`,
         found.not_reached.length ? ` Not reached yet: ${found.not_reached.join(", ")}.` : ""),
       found.milestones.some((each) => !each.kept) ? h("p", { class: "quiet fine" }, `Milestones whose checkpoints are gone: ${found.milestones.filter((each) => !each.kept).map((each) => `${each.word} (${each.checkpoint})`).join(", ")}.`) : null);
   }

@@ -18,9 +18,10 @@ export function taskEnd(number, signal) {
   });
 }
 
-/** Start an action on a model; the button is switched off meanwhile. Null if it was refused or failed. */
+/** Start an action on a model; its button is off meanwhile, and keeps the focus. Null if it was refused or failed. */
 export async function act(name, body, { button, signal, ended } = {}) {
-  if (button) button.disabled = true;
+  if (button?.ariaDisabled === "true") return null;
+  if (button) button.ariaDisabled = "true";
   try {
     const { task } = await post(`/api/model/${name}`, body);
     const result = await taskEnd(task, signal);
@@ -31,7 +32,7 @@ export async function act(name, body, { button, signal, ended } = {}) {
     if (error.name !== "AbortError" && !error.ofTask) notify(error.message, "bad", error.remedy);
     return null;
   } finally {
-    if (button) button.disabled = false;
+    if (button) button.ariaDisabled = null;
   }
 }
 

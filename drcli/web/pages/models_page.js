@@ -49,7 +49,7 @@ export function show(main, params, { signal }) {
   async function draw() {
     if (!data) return;
     if (!data.models.length) {
-      fill(list, empty(`The bucket ${data.bucket} has no model yet.`, h("a", { class: "button main", href: "#/new" }, "Start a training"),
+      fill(list, empty(`There is no model in s3://${data.bucket} yet.`, h("a", { class: "button main", href: "#/new" }, "Start a training"),
         "or drop the archive of a model on “Import a model”."));
       count.textContent = "";
       return;
@@ -60,7 +60,7 @@ export function show(main, params, { signal }) {
     }
     const found = rows();
     const state = JSON.stringify([found, data.trainings, data.evaluations, data.current, kept.family ? tree : null]);
-    count.textContent = `${number(found.length)} of ${number(data.models.length)} models in ${data.bucket}` + (data.gone ? `; the records of ${number(data.gone)} earlier trainings are kept, too.` : ".");
+    count.textContent = `${number(found.length)} of ${number(data.models.length)} models in s3://${data.bucket}` + (data.gone ? `. Records of ${number(data.gone)} trainings whose models were deleted are kept, too.` : ".");
     if (state === drawn) return;
     drawn = state;
     const focused = document.activeElement?.dataset?.key;

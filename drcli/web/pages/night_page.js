@@ -149,7 +149,7 @@ export function show(main, [id], { signal }) {
   function drawNow() {
     const driving = race.moments.driving;
     if (!driving) {
-      const said = race.state === "finished" ? "The race is over." : race.queue.length ? (race.runner ? "The next one comes to the start." : `${waitText(race.queue.length)}. The queue is not driven now.`) : "Nobody drives.";
+      const said = race.state === "finished" ? "The race is over." : race.queue.length ? (race.runner ? "The next car goes to the start." : `${waitText(race.queue.length)}. Nobody is driving the queue.`) : "Nobody is driving.";
       fill(now, h("h2", {}, "Now"), h("p", { class: "quiet" }, said));
       return;
     }

@@ -227,7 +227,7 @@ function controls(state, laps, { seek, toggle, move, setOver, restart }) {
     h("button", { type: "button", "aria-label": "To the beginning", click: restart }, "|◀"),
     h("button", { type: "button", "aria-label": "One step back", click: () => move(-1) }, "◀"), start,
     h("button", { type: "button", "aria-label": "One step on", click: () => move(1) }, "▶"),
-    h("label", { class: "pick inline" }, h("span", { class: "sr" }, "Speed"), speed), over, slider, position);
+    h("label", { class: "pick inline" }, h("span", { class: "unseen" }, "Speed"), speed), over, slider, position);
   return {
     element,
     faster(by) {

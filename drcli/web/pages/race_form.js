@@ -6,6 +6,7 @@ import { check, field, select } from "/form_dialog.js";
 import { KINDS, PAIRINGS, RANKINGS } from "/race_words.js";
 
 const CHECK_MS = 350;
+const SLOW_MS = 2000;
 
 // Options of `dr-race create` in messages of the server, and the fields that they mean.
 const OPTIONS = {
@@ -16,7 +17,7 @@ const OPTIONS = {
 };
 const LABELS = {
   name: "Name", world: "Track", reverse: "Opposite direction", race_type: "Kind of race", ranking: "What decides", pairing: "Who meets whom",
-  max_laps: "Laps", min_laps: "Complete laps that are needed", average_laps: "Laps of the best average",
+  max_laps: "Laps", min_laps: "Complete laps needed", average_laps: "Laps in the best average",
   off_track_penalty_s: "Penalty for leaving the track, seconds", collision_penalty_s: "Penalty for a collision, seconds",
   max_submissions: "Submissions of each racer", obstacles: "Obstacles", bots: "Bot cars", opens: "Opens", closes: "Closes", seed: "Seed", sensors: "Sensors",
 };
@@ -47,15 +48,15 @@ export function raceForm({ usual, wish = null, action, send, cancel, signal }) {
     field(LABELS[name], h("input", { type: "number", name, min, max, step, value: value ?? "", placeholder, inputmode: step === 1 ? "numeric" : "decimal" }), hint);
   const time = (name, value, hint) => field(LABELS[name], h("input", { type: "datetime-local", name, value: localTime(value) }), hint);
   const tracks = usual.tracks.includes(now.world ?? usual.world) ? usual.tracks : [now.world ?? usual.world, ...usual.tracks];
-  const laps = digits("max_laps", { min: 1, max: 100, value: now.max_laps ?? 3, hint: "That each submission drives, one after the other." });
+  const laps = digits("max_laps", { min: 1, max: 100, value: now.max_laps ?? 3, hint: "Each submission drives this many, one after the other." });
   const ranking = field(LABELS.ranking, select("ranking", Object.entries(RANKINGS), now.ranking ?? "best-lap"));
   const pairing = field(LABELS.pairing, select("pairing", Object.entries(PAIRINGS), now.pairing ?? "round-robin"));
-  const least = digits("min_laps", { min: 1, max: 100, placeholder: "usual", hint: "A submission with fewer is not qualified. Empty: 1 for the best lap, all for the total time." });
-  const average = digits("average_laps", { min: 1, max: 100, placeholder: "usual", hint: "Complete laps in a row. Empty: 3, or all if there are fewer." });
+  const least = digits("min_laps", { min: 1, max: 100, placeholder: "default", hint: "A submission with fewer complete laps is not ranked. Empty: 1 for the best lap, all for the total time." });
+  const average = digits("average_laps", { min: 1, max: 100, placeholder: "default", hint: "Complete laps in a row. Empty: 3, or all if there are fewer." });
   const obstacles = digits("obstacles", { max: 50, value: now.obstacles ?? "", placeholder: String(usual.obstacles), hint: "Boxes on the track. Empty: as in run.env." });
-  const bots = digits("bots", { max: 20, value: now.bots ?? "", placeholder: String(usual.bots), hint: "Cars that drive by themselves. Empty: as in run.env." });
+  const bots = digits("bots", { max: 20, value: now.bots ?? "", placeholder: String(usual.bots), hint: "Cars that drive at a constant speed. Empty: as in run.env." });
   const name = field(LABELS.name, h("input", { name: "name", required: true, maxlength: "64", autocomplete: "off", value: now.name ?? "" }), wish ? "The id of the race stays." : "What racers see, such as Friday Cup.");
-  const outcome = h("div", { class: "race-outcome", role: "status" }, h("p", { class: "quiet" }, "The rules in one sentence appear here."));
+  const outcome = h("div", { class: "race-outcome", role: "status" }, h("p", { class: "quiet" }, "Your rules appear here as a sentence."));
   const button = h("button", { class: "main" }, action);
   const form = h("form", { class: "race-form", novalidate: true, "aria-label": action },
     h("fieldset", {}, h("legend", {}, "Race"), h("div", { class: "race-fields" }, name,
@@ -65,9 +66,9 @@ export function raceForm({ usual, wish = null, action, send, cancel, signal }) {
       digits("off_track_penalty_s", { max: 600, step: "any", value: now.off_track_penalty_s ?? usual.off_track_penalty_s }),
       digits("collision_penalty_s", { max: 600, step: "any", value: now.collision_penalty_s ?? usual.collision_penalty_s }))),
     h("fieldset", {}, h("legend", {}, "Who and when"), h("div", { class: "race-fields" },
-      digits("max_submissions", { max: 1000, placeholder: "usual", hint: "0 for any number. Empty: 1 in pairs, else any number." }),
-      time("opens", now.opens_at, "Empty: at once."), time("closes", now.closes_at, "Empty: when somebody closes it."),
-      digits("seed", { max: 4294967295, placeholder: "drawn", hint: "The same chance for everybody. Empty: drawn now." })),
+      digits("max_submissions", { max: 1000, placeholder: "default", hint: "0 for any number. Empty: 1 in pairs, else any number." }),
+      time("opens", now.opens_at, "Empty: at once."), time("closes", now.closes_at, "Empty: stays open until somebody closes it."),
+      digits("seed", { max: 4294967295, placeholder: "random", hint: "All submissions drive with this seed. Empty: a random one." })),
       h("div", { role: "group", "aria-label": "Allowed sensors" }, h("p", { class: "race-label" }, "Allowed sensors (none chosen: any)"),
         h("div", { class: "race-checks" }, usual.sensors.map((sensor) => h("label", { class: "check" }, h("input", { type: "checkbox", name: "sensors", value: sensor, checked: now.sensors?.includes(sensor) }), ` ${sensor}`))))),
     outcome, h("p", { class: "actions" }, button, h("button", { type: "button", click: cancel }, "Cancel")));
@@ -116,7 +117,7 @@ export function raceForm({ usual, wish = null, action, send, cancel, signal }) {
       for (const each of form.elements) each.removeAttribute?.("aria-invalid");
       const { rules, words } = found;
       fill(outcome, h("p", {}, h("strong", {}, `${rules.name}: `), `${rules.world}${rules.reverse ? ", opposite direction" : ""}, ${words.kind}. ${words.decides} ${words.penalties}`),
-        h("p", { class: "quiet" }, `Its id will be ${wish ? "the same as before" : found.race || "drawn"}. `, words.conditions ? `Settings of run.env that it keeps: ${words.conditions}.` : ""));
+        h("p", { class: "quiet" }, `Its id will be ${wish ? "the same as before" : found.race || "drawn"}. `, words.conditions ? `Settings of run.env that the race keeps: ${words.conditions}.` : ""));
     } catch (error) {
       if (error.name === "AbortError" || mine !== turn) return;
       problem(error);
@@ -131,6 +132,7 @@ export function raceForm({ usual, wish = null, action, send, cancel, signal }) {
     const wrong = unreadable();
     if (wrong) { fill(outcome, failure(wrong)); form.querySelector(":invalid")?.focus(); return; }
     button.disabled = true;
+    const slow = setTimeout(() => fill(outcome, h("p", { class: "quiet" }, "The bucket is being opened. This can take a minute if another command is starting or stopping its server; the form stays filled in.")), SLOW_MS);
     try {
       await send(values());
     } catch (error) {
@@ -138,6 +140,7 @@ export function raceForm({ usual, wish = null, action, send, cancel, signal }) {
       const named = problem(error);
       if (named) form.querySelector(`[name="${named}"]`)?.focus();
     } finally {
+      clearTimeout(slow);
       button.disabled = false;
     }
   });

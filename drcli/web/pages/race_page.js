@@ -74,7 +74,7 @@ export function show(main, [id], { signal }) {
   function standing() {
     const first = { scheduled: "Not open yet.", open: "Open for submissions.", closed: "Closed for submissions.", finished: "Finished; nobody is ranked." }[race.state];
     const drives = race.moments.driving ? ` ${race.moments.driving.cars.map((car) => car.racer).join(" against ")} ${race.moments.driving.cars.length > 1 ? "drive" : "drives"} now.` : "";
-    const waits = race.queue.length ? ` ${waitText(race.queue.length)} in the queue${race.runner ? "." : ", and nobody drives it."}` : "";
+    const waits = race.queue.length ? ` ${waitText(race.queue.length)} in the queue${race.runner ? "." : ", but nobody is driving it."}` : "";
     return first + drives + waits;
   }
 
@@ -265,8 +265,8 @@ export function show(main, [id], { signal }) {
     const driving = race.moments.driving;
     fill(queue, h("h2", {}, "Queue"),
       driving ? h("p", { class: "race-driving" }, h("span", { class: "dot good" }), `${driving.cars.map((car) => car.racer).join(" against ")}, driven since ${moment(driving.began_at)}`) : null,
-      movable.length ? [h("p", { class: "quiet" }, inPairs ? "In this order the pairs are made. " : "Driven from the first on. ", "The arrows move a submission; so do Alt and the arrow keys."), h("ol", { class: "race-queue" }, movable.map(item))]
-        : h("p", { class: "quiet" }, race.drawn ? `The bracket is drawn; ${waitText(race.queue.length)}.` : "Nothing waits."));
+      movable.length ? [h("p", { class: "quiet" }, inPairs ? "Pairs are made in this order. " : "The first one drives first. ", "The arrows move a submission; so do Alt and the arrow keys."), h("ol", { class: "race-queue" }, movable.map(item))]
+        : h("p", { class: "quiet" }, race.drawn ? `The bracket is drawn; ${waitText(race.queue.length)}.` : "The queue is empty."));
   }
 
   async function withdraw(entry) {

@@ -41,7 +41,7 @@ export function show(main, params, { signal, query }) {
     if (found.error) { fill(list, failure(found.error)); return; }
     const focused = document.activeElement?.dataset?.race;
     fill(list, found.races.length ? table(found.races) : place.firstChild ? null
-      : empty(`The bucket ${found.bucket} has no race yet. Make one, let racers submit their models, and run its queue.`, h("button", { type: "button", click: open }, "Make the first race")),
+      : empty(`There is no race in s3://${found.bucket} yet. Make one, let racers submit their models, and drive its queue.`, h("button", { type: "button", click: open }, "Make the first race")),
     found.damaged.map((message) => failure({ message, remedy: "" })));
     if (focused) list.querySelector(`[data-race="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
   }, signal);
@@ -59,6 +59,6 @@ function table(races) {
       cell(1, null, stateBadge(race.state)), cell(2, null, race.world), cell(3, null, KINDS[race.race_type]),
       cell(4, null, race.leader ?? "nobody yet", race.leader_s === null ? null : ` ${lapTime(race.leader_s)}`),
       cell(5, "number", number(race.submissions)),
-      cell(6, null, race.queued ? waitText(race.queued) : "empty", race.runner ? ", driven now" : "", " ", h("a", { href: nightLink(race.race), "aria-label": `Race night of ${race.name}` }, "Race night")),
+      cell(6, null, race.queued ? waitText(race.queued) : "empty", race.runner ? ", being driven" : "", " ", h("a", { href: nightLink(race.race), "aria-label": `Race night of ${race.name}` }, "Race night")),
       cell(7, null, dateText(race.created_at)))))));
 }

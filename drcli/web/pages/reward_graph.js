@@ -1,10 +1,11 @@
 // The reward graph as consoles draw it: episodes as dots, means of the iterations as lines.
 
 import { h, number } from "/dom.js";
+import { WHOLE_STEPS, drawMark } from "/graph_parts.js";
+import { ink } from "/theme_colors.js";
 
 const MOST_DOTS = 6000;
 const HEIGHT = 320;
-const WHOLE = [1, 2, 5].flatMap((each) => [1, 10, 100, 1000, 10000, 100000].map((factor) => each * factor)).sort((a, b) => a - b);
 
 // Series of the plot after x, and the toggle of each.
 const SERIES = [
@@ -14,19 +15,18 @@ const SERIES = [
 ];
 const GROUPS = [["Reward", "c1"], ["Progress in training", "c2"], ["Progress in evaluations", "c3"], ["Episodes as dots", null]];
 
-const color = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 const known = (value) => (Number.isFinite(value) ? value : null);
 
 /** The element, and functions that take iterations, episodes (rows of four numbers) and the name of the best checkpoint. */
 export function rewardGraph(signal) {
   const shown = GROUPS.map(() => true);
-  const toggles = h("div", { class: "toggles", role: "group", "aria-label": "Curves of the reward graph" }, GROUPS.map(([name, ink], k) =>
+  const toggles = h("div", { class: "toggles", role: "group", "aria-label": "Curves of the reward graph" }, GROUPS.map(([name, swatch], k) =>
     h("button", { type: "button", class: "toggle", "aria-pressed": "true", click: (event) => {
       shown[k] = !shown[k];
       event.currentTarget.setAttribute("aria-pressed", String(shown[k]));
       SERIES.forEach((each, at) => plot?.setSeries(at + 1, { show: isShown(each) }, false));
       plot?.redraw(true, true);
-    } }, ink ? h("span", { class: `swatch ink-${ink}` }) : null, name)));
+    } }, swatch ? h("span", { class: `swatch ink-${swatch}` }) : null, name)));
   const place = h("div", { class: "plot live-reward-plot" });
   const readout = h("p", { class: "readout live-reward-readout", role: "status", "aria-live": "off" }, "The graph begins with the first finished iteration."), note = h("p", { class: "quiet live-reward-note" }, " ");
   const element = h("figure", { class: "chart" }, h("figcaption", {}, h("strong", {}, "Reward graph"), " Dots are episodes, lines are means of an iteration. Drag to enlarge, double-click for all."), toggles, place, readout, note);
@@ -86,33 +86,20 @@ export function rewardGraph(signal) {
   function drawBest(self) {
     const found = /^(\d+)_/.exec(best ?? "");
     if (!found) return;
-    const { ctx, bbox } = self, ratio = devicePixelRatio || 1, x = Math.round(self.valToPos(Number(found[1]), "x", true));
-    if (x < bbox.left || x > bbox.left + bbox.width) return;
-    const text = `best checkpoint ${found[1]}`;
-    ctx.save();
-    ctx.strokeStyle = ctx.fillStyle = color("good");
-    ctx.lineWidth = 2 * ratio;
-    ctx.setLineDash([5 * ratio, 4 * ratio]);
-    ctx.beginPath(); ctx.moveTo(x, bbox.top); ctx.lineTo(x, bbox.top + bbox.height); ctx.stroke();
-    ctx.font = `${12 * ratio}px system-ui`;
-    const fits = x + ctx.measureText(text).width + 12 * ratio < bbox.left + bbox.width;
-    ctx.textAlign = fits ? "left" : "right";
-    ctx.textBaseline = "top";
-    ctx.fillText(text, x + (fits ? 5 : -5) * ratio, bbox.top + 3 * ratio);
-    ctx.restore();
+    drawMark(self, Number(found[1]), `best checkpoint ${found[1]}`, { ink: ink("good"), paper: ink("paper") });
   }
 
   function build(columns) {
     plot?.destroy();
-    const axis = { stroke: color("quiet"), grid: { stroke: color("line"), width: 1 }, ticks: { stroke: color("line") }, font: "12px system-ui", labelFont: "12px system-ui", labelSize: 18 };
+    const axis = { stroke: ink("quiet"), grid: { stroke: ink("line"), width: 1 }, ticks: { stroke: ink("line") }, font: "12px system-ui", labelFont: "12px system-ui", labelSize: 18 };
     zoom = null;
     plot = new uPlot({
       width: Math.max(place.clientWidth, 200), height: HEIGHT, legend: { show: false }, cursor: { drag: { x: true, y: false } },
       scales: { x: { time: false, range: (self, low, high) => (low === high ? [low - 1, high + 1] : [low, high]) }, right: { range: [0, 105] } },
-      axes: [{ ...axis, incrs: WHOLE }, { ...axis, size: 50, label: "Reward" }, { ...axis, scale: "right", side: 1, grid: { show: false }, size: 44, label: "Progress, % of a lap" }],
+      axes: [{ ...axis, incrs: WHOLE_STEPS }, { ...axis, size: 50, label: "Reward" }, { ...axis, scale: "right", side: 1, grid: { show: false }, size: 44, label: "Progress, % of a lap" }],
       series: [{}, ...SERIES.map((each) => ({
-        scale: each.right ? "right" : "y", show: isShown(each), spanGaps: true, stroke: color(each.color), width: each.dots ? 0 : 2, dash: each.dash, paths: each.dots ? () => null : undefined,
-        points: { show: each.dots ? true : (self) => iterations.length < 2, size: each.dots ? 4 : 8, width: 0, fill: color(each.dots ?? each.color), stroke: color(each.dots ?? each.color) },
+        scale: each.right ? "right" : "y", show: isShown(each), spanGaps: true, stroke: ink(each.color), width: each.dots ? 0 : 2, dash: each.dash, paths: each.dots ? () => null : undefined,
+        points: { show: each.dots ? true : (self) => iterations.length < 2, size: each.dots ? 4 : 8, width: 0, fill: ink(each.dots ?? each.color), stroke: ink(each.dots ?? each.color) },
       }))],
       hooks: {
         setCursor: [(self) => read(self.cursor.left < 0 ? null : self.cursor.idx)], draw: [drawBest],
@@ -129,7 +116,7 @@ export function rewardGraph(signal) {
   return {
     element,
     setIterations(rows) { iterations = rows; schedule(); },
-    setEpisodes(rows, error) { if (error) { note.textContent = `${error.message} The dots are of before.`; return; } episodes = rows; schedule(); },
+    setEpisodes(rows, error) { if (error) { note.textContent = `${error.message} The dots are older.`; return; } episodes = rows; schedule(); },
     setBest(name) { if (name !== best) { best = name; schedule(); } },
   };
 }

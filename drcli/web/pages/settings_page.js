@@ -10,11 +10,6 @@ export const title = "Settings";
 
 export async function show(main, params, { signal, query }) {
   fill(main, h("h1", {}, title), h("p", { role: "status" }, "Reading the settings ..."));
-  const folder = await get("/api/new-folder", signal);
-  if (!folder.exists) {
-    fill(main, h("h1", {}, title), h("div", { class: "empty" }, h("p", {}, `${folder.directory} is not a working folder yet: it has no run.env.`), h("p", { class: "actions" }, h("a", { class: "button main", href: "#/new" }, "Create one"))));
-    return;
-  }
   build(main, await get("/api/settings", signal), { signal, query });
 }
 

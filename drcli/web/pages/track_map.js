@@ -1,13 +1,14 @@
 // A map of a track on a canvas: road, waypoints, paths coloured by a value, cars with their heading.
 
 import { h, number } from "/dom.js";
+import { ink } from "/theme_colors.js";
 
 const STOPS = ["#2c5fd6", "#3f8fbf", "#7fa37a", "#d1a53c", "#f26a1b"].map((text) => [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16)));
 const SHADES = 24;
 const MARGIN_PX = 14;
 
 /** A colour of the theme by its name; others, such as rgb(…), are taken as they are. */
-const css = (name) => (name.includes("(") ? name : getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+const css = (name) => (name.includes("(") ? name : ink(name));
 
 /** The colour of a share from 0 to 1. */
 export function shade(share) {

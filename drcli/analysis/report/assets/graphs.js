@@ -60,28 +60,6 @@ function seriesOptions(one) {
   };
 }
 
-function drawMarks(u, marks) {
-  const { ctx, bbox } = u;
-  ctx.save();
-  ctx.font = `${12 * devicePixelRatio}px sans-serif`;
-  ctx.textBaseline = "top";
-  for (const mark of marks) {
-    const at = u.valToPos(mark.x, "x", true);
-    if (at < bbox.left - 1 || at > bbox.left + bbox.width + 1) continue;
-    ctx.strokeStyle = ctx.fillStyle = color("--good");
-    ctx.lineWidth = 1.5 * devicePixelRatio;
-    ctx.setLineDash([5 * devicePixelRatio, 4 * devicePixelRatio]);
-    ctx.beginPath();
-    ctx.moveTo(at, bbox.top);
-    ctx.lineTo(at, bbox.top + bbox.height);
-    ctx.stroke();
-    const left = at > bbox.left + bbox.width * 0.6;
-    ctx.textAlign = left ? "right" : "left";
-    ctx.fillText(mark.label, at + (left ? -5 : 5) * devicePixelRatio, bbox.top + 3);
-  }
-  ctx.restore();
-}
-
 function readoutText(u, graph, row) {
   const parts = [];
   graph.series.forEach((one, i) => {
@@ -115,8 +93,7 @@ function buildGraph(figure, graph) {
   });
   const used = new Set(graph.series.map((one) => one.axis));
   const axes = [axis("x", 2, {
-    size: 30, space: 56, incrs: graph.whole_x
-      ? [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000, 100000] : undefined,
+    size: 30, space: 56, incrs: graph.whole_x ? WHOLE_STEPS : undefined,
   })];
   const scales = { x: { time: false } };
   for (const name of ["left", "right"]) {
@@ -138,7 +115,10 @@ function buildGraph(figure, graph) {
     },
     series: [{}, ...graph.series.map(seriesOptions)],
     hooks: {
-      draw: [(plot) => drawMarks(plot, graph.marks)],
+      draw: [(plot) => {
+        const inks = { ink: color("--good"), paper: color("--paper") };
+        graph.marks.forEach((mark) => drawMark(plot, mark.x, mark.label, inks));
+      }],
       setCursor: [(plot) => {
         if (plot.cursor.idx === null || plot.cursor.left < 0) return;
         readout.textContent = readoutText(plot, graph, plot.cursor.idx);
