@@ -61,10 +61,10 @@ def plays(film: Any) -> bool:
     return bool(film.evaluate(SOME_OF_IT) > 0.2)
 
 
-def saved(page: Any, button: str, folder: Path) -> Path:
+def saved(page: Any, button: Any, folder: Path) -> Path:
     """The file that a button gives."""
     with page.expect_download() as downloading:
-        page.get_by_role("button", name=button).click()
+        button.click()
     path = folder / downloading.value.suggested_filename
     downloading.value.save_as(path)
     return path
@@ -83,7 +83,7 @@ def test_from_an_empty_folder_to_an_archive_for_the_car(empty_workspace, page, t
     page.get_by_role("link", name="first").click()
     page.get_by_role("button", name="Clone").click()
     page.get_by_label("Name of the new model").fill("second")
-    page.get_by_role("button", name="Prepare the new model").click()
+    page.get_by_role("dialog").get_by_role("button", name="Clone").click()
     page.locator("#step-start").get_by_text("It begins with the weights of first.").wait_for()
     page.get_by_role("button", name="Start the training").click()
 
@@ -106,7 +106,11 @@ def test_from_an_empty_folder_to_an_archive_for_the_car(empty_workspace, page, t
     assert plays(film)
 
     page.get_by_role("button", name="Download", exact=True).click()
-    archive = saved(page, "Prepare the file", tmp_path_factory.mktemp("downloads"))
+    archive = saved(
+        page,
+        page.get_by_role("dialog").get_by_role("button", name="Download"),
+        tmp_path_factory.mktemp("downloads"),
+    )
     with tarfile.open(archive) as packed:
         assert {"model_metadata.json", "agent/model.pb"} <= set(packed.getnames())
 
@@ -138,5 +142,5 @@ def test_a_race_is_driven_from_the_page_and_taken_home(workspace, page, tmp_path
     board.get_by_role("button", name="Watch").first.click()
     assert plays(page.locator("video"))
     page.keyboard.press("Escape")
-    with saved(page, "Save as CSV", tmp_path).open() as table:
+    with saved(page, page.get_by_role("button", name="Save as CSV"), tmp_path).open() as table:
         assert [row["racer"] for row in csv.DictReader(table)] == ["Bob", "Ann"]

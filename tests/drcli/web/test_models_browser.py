@@ -21,7 +21,7 @@ def test_an_empty_bucket_says_what_to_do_next(served, visit, working_folder):
 
     page = visit(f"{served.url}/#/models").page
 
-    page.get_by_text("has no model yet").wait_for()
+    page.get_by_text("There is no model in s3://bucket yet").wait_for()
     assert page.get_by_role("link", name="Start a training").is_visible()
 
 
@@ -100,6 +100,6 @@ def test_an_action_that_is_refused_says_why(served, visit, models):
     page = visited.page
     page.get_by_role("button", name="Download").click()
     page.get_by_label("What", exact=True).select_option("logs")
-    page.get_by_role("button", name="Prepare the file").click()
+    page.get_by_role("dialog").get_by_role("button", name="Download").click()
 
     page.get_by_text("has no logs").wait_for()
