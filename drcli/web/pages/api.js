@@ -19,15 +19,29 @@ async function answerOf(method, path, body, signal) {
     return await fetch(path, options);
   } catch (error) {
     if (error.name === "AbortError") throw error;
-    throw new ApiError(0, { message: "The console does not answer.", remedy: "Start it with `dr-start-viewer`; the page connects again by itself." });
+    throw new ApiError(0, {
+      message: "The console does not answer.",
+      remedy: "Start it with `dr-start-viewer`; the page connects again by itself.",
+    });
   }
 }
 
 async function request(method, path, body, signal) {
   const answer = await answerOf(method, path, body, signal);
   let value = null;
-  try { value = await answer.json(); } catch { /* not JSON: an answer of something between */ }
-  if (!answer.ok || value === null) throw Object.assign(new ApiError(answer.status, value?.error ?? { message: `The console answered ${answer.status}.` }), { answer: value });
+  try {
+    value = await answer.json();
+  } catch {
+    /* not JSON: an answer of something between */
+  }
+  if (!answer.ok || value === null)
+    throw Object.assign(
+      new ApiError(
+        answer.status,
+        value?.error ?? { message: `The console answered ${answer.status}.` },
+      ),
+      { answer: value },
+    );
   return value;
 }
 
@@ -41,14 +55,23 @@ export async function getPacked(path, signal, type = "image/jpeg") {
   const answer = await answerOf("GET", path, undefined, signal);
   if (!answer.ok) {
     let value = null;
-    try { value = await answer.json(); } catch { /* not JSON */ }
-    throw new ApiError(answer.status, value?.error ?? { message: `The console answered ${answer.status}.` });
+    try {
+      value = await answer.json();
+    } catch {
+      /* not JSON */
+    }
+    throw new ApiError(
+      answer.status,
+      value?.error ?? { message: `The console answered ${answer.status}.` },
+    );
   }
   const buffer = await answer.arrayBuffer();
   const end = 4 + new DataView(buffer).getUint32(0);
   const facts = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, end - 4)));
   let at = end;
-  const pictures = facts.lengths.map((length) => new Blob([new Uint8Array(buffer, (at += length) - length, length)], { type }));
+  const pictures = facts.lengths.map(
+    (length) => new Blob([new Uint8Array(buffer, (at += length) - length, length)], { type }),
+  );
   return { facts, pictures };
 }
 

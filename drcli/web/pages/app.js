@@ -35,14 +35,22 @@ function find(path) {
 async function show() {
   const [path, query = ""] = (location.hash.slice(1) || "/").split("?");
   current?.abort();
-  const mine = current = new AbortController();
+  const mine = (current = new AbortController());
   menu(path);
   styles(path.split("/")[1] || "live");
   let found;
-  try { found = find(path); } catch { found = [null, []]; }
+  try {
+    found = find(path);
+  } catch {
+    found = [null, []];
+  }
   const [module, params] = found;
   if (!module) {
-    fill(main, h("h1", {}, "There is no such page"), h("p", {}, h("a", { href: "#/" }, "Open the live page")));
+    fill(
+      main,
+      h("h1", {}, "There is no such page"),
+      h("p", {}, h("a", { href: "#/" }, "Open the live page")),
+    );
     return;
   }
   try {
@@ -55,8 +63,13 @@ async function show() {
   } catch (error) {
     if (mine.signal.aborted || error.name === "AbortError") return;
     console.error(error);
-    fill(main, h("h1", {}, "This page cannot be shown"), h("p", {}, error.message), error.remedy ? h("p", {}, error.remedy) : null,
-      h("p", {}, h("button", { type: "button", click: show }, "Try again")));
+    fill(
+      main,
+      h("h1", {}, "This page cannot be shown"),
+      h("p", {}, error.message),
+      error.remedy ? h("p", {}, error.remedy) : null,
+      h("p", {}, h("button", { type: "button", click: show }, "Try again")),
+    );
   }
   if (!mine.signal.aborted && mine.moved) main.focus({ preventScroll: true });
 }
@@ -65,32 +78,69 @@ let known = false;
 /** Whether the folder of the console has settings; otherwise the page says how to make them. */
 async function folderExists(signal) {
   if (known) return true;
-  const folder = await get("/api/new-folder", signal).catch((error) => { if (error.name === "AbortError") throw error; return { exists: true }; }); // the page says what is wrong
+  const folder = await get("/api/new-folder", signal).catch((error) => {
+    if (error.name === "AbortError") throw error;
+    return { exists: true };
+  }); // the page says what is wrong
   known = folder.exists;
   if (!known) {
     document.title = "DeepRacer console";
-    fill(main, h("h1", {}, "Welcome"), empty(`${folder.directory} is not a working folder yet: it has no run.env.`, h("a", { class: "button main", href: "#/new" }, "Create a working folder")));
+    fill(
+      main,
+      h("h1", {}, "Welcome"),
+      empty(
+        `${folder.directory} is not a working folder yet: it has no run.env.`,
+        h("a", { class: "button main", href: "#/new" }, "Create a working folder"),
+      ),
+    );
   }
   return known;
 }
 
 function menu(path) {
   const above = MORE.find(([pattern]) => pattern.test(path))?.[2];
-  fill(document.getElementById("pages"), h("ul", {}, PAGES.map((page) =>
-    h("li", {}, h("a", { href: `#${page.path}`, "aria-current": page.path === path ? "page" : page.path === above ? "true" : null }, page.name)))));
+  fill(
+    document.getElementById("pages"),
+    h(
+      "ul",
+      {},
+      PAGES.map((page) =>
+        h(
+          "li",
+          {},
+          h(
+            "a",
+            {
+              href: `#${page.path}`,
+              "aria-current": page.path === path ? "page" : page.path === above ? "true" : null,
+            },
+            page.name,
+          ),
+        ),
+      ),
+    ),
+  );
 }
 
 /** Use the style sheets of a page only: two pages may give one class different looks. */
 function styles(name) {
-  for (const link of document.querySelectorAll("link[data-pages]")) link.disabled = !link.dataset.pages.split(" ").includes(name);
+  for (const link of document.querySelectorAll("link[data-pages]"))
+    link.disabled = !link.dataset.pages.split(" ").includes(name);
 }
 
 function theme() {
-  const button = document.getElementById("theme"), root = document.documentElement;
-  const label = () => { button.textContent = root.dataset.theme === "dark" ? "Light" : "Dark"; };
+  const button = document.getElementById("theme"),
+    root = document.documentElement;
+  const label = () => {
+    button.textContent = root.dataset.theme === "dark" ? "Light" : "Dark";
+  };
   button.addEventListener("click", () => {
     root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
-    try { localStorage.setItem("dr-theme", root.dataset.theme); } catch { /* storage is switched off */ }
+    try {
+      localStorage.setItem("dr-theme", root.dataset.theme);
+    } catch {
+      /* storage is switched off */
+    }
     label();
     dispatchEvent(new Event("themechange"));
   });
@@ -99,13 +149,25 @@ function theme() {
 
 function connection() {
   const place = document.getElementById("connection");
-  let timer = 0, connected = false;
+  let timer = 0,
+    connected = false;
   const away = async () => {
-    const refused = await fetch("/api/folder").then((answer) => answer.status === 401, () => false);
+    const refused = await fetch("/api/folder").then(
+      (answer) => answer.status === 401,
+      () => false,
+    );
     if (connected) return;
-    fill(place, h("span", { class: "dot bad" }), refused
-      ? ["This console needs its token. ", h("a", { href: "/enter" }, "Enter the token")]
-      : ["No connection. The page tries again by itself; if the console was stopped, start it with ", h("code", {}, "dr-start-viewer"), "."]);
+    fill(
+      place,
+      h("span", { class: "dot bad" }),
+      refused
+        ? ["This console needs its token. ", h("a", { href: "/enter" }, "Enter the token")]
+        : [
+            "No connection. The page tries again by itself; if the console was stopped, start it with ",
+            h("code", {}, "dr-start-viewer"),
+            ".",
+          ],
+    );
   };
   onConnection((open) => {
     clearTimeout(timer);
@@ -122,17 +184,28 @@ function tasks() {
   follow("tasks", ({ tasks: list = [] }) => {
     for (const task of list) {
       const before = seen.get(task.id);
-      if (before && before !== task.state && task.state === "failed") notify(`${task.title}: ${task.error.message}`, "bad", task.error.remedy);
+      if (before && before !== task.state && task.state === "failed")
+        notify(`${task.title}: ${task.error.message}`, "bad", task.error.remedy);
       if (before && before !== task.state && task.state === "done") notify(`${task.title}: done.`);
       seen.set(task.id, task.state);
     }
     const open = list.filter((task) => task.ended === null);
     place.hidden = !open.length;
-    fill(place, open.map((task) => h("p", {}, h("strong", {}, task.title), task.text ? ` ${task.text}` : " …")));
+    fill(
+      place,
+      open.map((task) =>
+        h("p", {}, h("strong", {}, task.title), task.text ? ` ${task.text}` : " …"),
+      ),
+    );
   });
 }
 
-addEventListener("hashchange", () => { show().then(() => { if (!main.contains(document.activeElement)) main.focus({ preventScroll: true }); }); scrollTo(0, 0); });
+addEventListener("hashchange", () => {
+  show().then(() => {
+    if (!main.contains(document.activeElement)) main.focus({ preventScroll: true });
+  });
+  scrollTo(0, 0);
+});
 theme();
 connection();
 tasks();

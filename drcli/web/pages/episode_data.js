@@ -24,7 +24,9 @@ export class EpisodeData {
   constructor(query, facts, lap, changed, signal) {
     Object.assign(this, { query, facts, lap, changed, signal });
     this.rows = lap.time_s.length;
-    this.checkpoint = facts.policy.available.includes(facts.policy.checkpoint) ? facts.policy.checkpoint : null;
+    this.checkpoint = facts.policy.available.includes(facts.policy.checkpoint)
+      ? facts.policy.checkpoint
+      : null;
     this.explains = false;
     this.problem = null; // of the pictures
     this.policyProblem = null;
@@ -66,8 +68,14 @@ export class EpisodeData {
 
   /** Picture of a row as a blob, with the map over it if that is wanted and there. */
   picture(row) {
-    const explained = this.explains && this.checkpoint !== null ? this.#part("explained", row)?.pictures[row % EXPLAINED] : null;
-    return { blob: explained ?? this.#part("steps", row)?.pictures[row % WINDOW] ?? null, explained: Boolean(explained) };
+    const explained =
+      this.explains && this.checkpoint !== null
+        ? this.#part("explained", row)?.pictures[row % EXPLAINED]
+        : null;
+    return {
+      blob: explained ?? this.#part("steps", row)?.pictures[row % WINDOW] ?? null,
+      explained: Boolean(explained),
+    };
   }
 
   /** Reward parameters of a row: columns of its window and the row in them; null while they are not there. */
@@ -85,7 +93,10 @@ export class EpisodeData {
   /** What the critic expects at every row; null where it is not known yet. */
   values() {
     const found = new Array(this.rows).fill(null);
-    for (const part of this.parts.policy.values()) part.value?.forEach((value, k) => { found[part.first + k] = value; });
+    for (const part of this.parts.policy.values())
+      part.value?.forEach((value, k) => {
+        found[part.first + k] = value;
+      });
     return found;
   }
 
@@ -101,7 +112,8 @@ export class EpisodeData {
 
   /** What is to be fetched next: [kind, number of the window]; null if nothing is missing. */
   #missing() {
-    const here = Math.floor(this.wanted / WINDOW), last = Math.floor((this.rows - 1) / WINDOW);
+    const here = Math.floor(this.wanted / WINDOW),
+      last = Math.floor((this.rows - 1) / WINDOW);
     const looks = this.checkpoint !== null && this.facts.outline && !this.policyProblem;
     const draws = this.facts.outline && !this.problem;
     const list = [];
@@ -114,7 +126,8 @@ export class EpisodeData {
     }
     if (draws && here < last) list.push(["steps", here + 1]);
     if (looks && here < last) list.push(["policy", here + 1]);
-    if (looks) for (let k = 0; k <= last && k * WINDOW < MOST_CURVE; k += 1) list.push(["policy", k]);
+    if (looks)
+      for (let k = 0; k <= last && k * WINDOW < MOST_CURVE; k += 1) list.push(["policy", k]);
     return list.find(([kind, place]) => !this.parts[kind].has(place)) ?? null;
   }
 
@@ -122,17 +135,23 @@ export class EpisodeData {
     if (this.busy || this.signal.aborted) return;
     const missing = this.#missing();
     if (!missing) return;
-    const [kind, place] = missing, size = kind === "explained" ? EXPLAINED : WINDOW, checkpoint = this.checkpoint;
+    const [kind, place] = missing,
+      size = kind === "explained" ? EXPLAINED : WINDOW,
+      checkpoint = this.checkpoint;
     const query = { ...this.query, first: place * size, count: size };
     this.busy = true;
     try {
-      const part = kind === "steps" ? await getPacked(address(kind, query), this.signal)
-        : kind === "policy" ? await get(address(kind, { ...query, checkpoint }), this.signal)
-          : await getPacked(address(kind, { ...query, checkpoint }), this.signal);
+      const part =
+        kind === "steps"
+          ? await getPacked(address(kind, query), this.signal)
+          : kind === "policy"
+            ? await get(address(kind, { ...query, checkpoint }), this.signal)
+            : await getPacked(address(kind, { ...query, checkpoint }), this.signal);
       if (kind === "steps" || checkpoint === this.checkpoint) this.#keep(kind, place, part);
     } catch (error) {
       if (this.signal.aborted || error.name === "AbortError") return;
-      if (kind === "steps") this.problem = error; else if (checkpoint === this.checkpoint) this.policyProblem = error;
+      if (kind === "steps") this.problem = error;
+      else if (checkpoint === this.checkpoint) this.policyProblem = error;
     } finally {
       this.busy = false;
     }
@@ -154,10 +173,12 @@ export class EpisodeData {
 
 /** The index of the last value that is at most `x`; 0 if none is. The values rise. */
 export function lastAt(values, x) {
-  let low = 0, high = values.length - 1;
+  let low = 0,
+    high = values.length - 1;
   while (low < high) {
     const middle = Math.ceil((low + high) / 2);
-    if (values[middle] <= x + 1e-9) low = middle; else high = middle - 1;
+    if (values[middle] <= x + 1e-9) low = middle;
+    else high = middle - 1;
   }
   return low;
 }

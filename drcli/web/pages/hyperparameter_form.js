@@ -6,15 +6,33 @@ import { brokenFile, editStep, savedText, writeOwnFile } from "/edit_step.js";
 import { debounced } from "/setting_fields.js";
 
 const PATH = "/api/hyperparameters";
-const USUAL = ["batch_size", "num_epochs", "lr", "beta_entropy", "discount_factor", "loss_type", "num_episodes_between_training", "exploration_type"];
+const USUAL = [
+  "batch_size",
+  "num_epochs",
+  "lr",
+  "beta_entropy",
+  "discount_factor",
+  "loss_type",
+  "num_episodes_between_training",
+  "exploration_type",
+];
 
 /** The step; `facts` is the answer of /api/hyperparameters, `algorithm` tells the chosen one. */
 export function hyperparameterStep(facts, { algorithm, saved }, signal) {
   const rows = new Map();
   const later = debounced(check, 400, signal);
-  const usual = h("div", { class: "fields" }), more = h("div", { class: "fields" });
-  const step = editStep({ id: "hyperparameters", title: "Hyperparameters", hint: "How the model learns. An empty field leaves the key out of hyperparameters.json.", save },
-    usual, h("details", {}, h("summary", {}, "All other hyperparameters"), more));
+  const usual = h("div", { class: "fields" }),
+    more = h("div", { class: "fields" });
+  const step = editStep(
+    {
+      id: "hyperparameters",
+      title: "Hyperparameters",
+      hint: "How the model learns. An empty field leaves the key out of hyperparameters.json.",
+      save,
+    },
+    usual,
+    h("details", {}, h("summary", {}, "All other hyperparameters"), more),
+  );
 
   for (const key of facts.keys) {
     const row = fieldOf(key);
@@ -33,26 +51,83 @@ export function hyperparameterStep(facts, { algorithm, saved }, signal) {
   }
 
   function fieldOf(key) {
-    const id = `key-${key.key}`, problem = h("p", { class: "field-problem", id: `${id}-problem`, role: "status" });
+    const id = `key-${key.key}`,
+      problem = h("p", { class: "field-problem", id: `${id}-problem`, role: "status" });
     const common = { id, "aria-describedby": `${id}-help ${id}-problem` };
-    const change = () => { step.mark(isChanged(), isChanged() ? null : ""); later(); };
+    const change = () => {
+      step.mark(isChanged(), isChanged() ? null : "");
+      later();
+    };
     const left = `left out: ${key.left_out}`;
     const options = key.kind === "flag" ? ["true", "false"] : key.choices;
     const control = options.length
-      ? h("select", { ...common, change }, h("option", { value: "" }, left), options.map((value) => h("option", { value }, value)))
-      : h("input", { ...common, type: "text", inputmode: "decimal", autocomplete: "off", placeholder: left, input: change });
-    const limits = key.low !== null && key.high !== null ? `From ${key.low} to ${key.high}.` : key.low !== null ? `${key.low} or more.` : "";
-    const element = h("div", { class: "field" }, h("label", { for: id }, h("code", {}, key.key)), control,
-      h("p", { class: "help", id: `${id}-help` }, `${key.meaning} ${limits} ${key.shipped ? `Shipped: ${key.shipped}. ` : ""}${key.effect ? "" : "No effect."}`), problem,
-      key.higher || key.advice ? h("details", { class: "small" }, h("summary", {}, `What a change of ${key.key} does`),
-        h("dl", {}, [[key.lower ? "Higher" : "Effect", key.higher], ["Lower", key.lower], ["Advice", key.advice]].filter(([, text]) => text).map(([name, text]) => [h("dt", {}, name), h("dd", {}, text)]))) : null);
+      ? h(
+          "select",
+          { ...common, change },
+          h("option", { value: "" }, left),
+          options.map((value) => h("option", { value }, value)),
+        )
+      : h("input", {
+          ...common,
+          type: "text",
+          inputmode: "decimal",
+          autocomplete: "off",
+          placeholder: left,
+          input: change,
+        });
+    const limits =
+      key.low !== null && key.high !== null
+        ? `From ${key.low} to ${key.high}.`
+        : key.low !== null
+          ? `${key.low} or more.`
+          : "";
+    const element = h(
+      "div",
+      { class: "field" },
+      h("label", { for: id }, h("code", {}, key.key)),
+      control,
+      h(
+        "p",
+        { class: "help", id: `${id}-help` },
+        `${key.meaning} ${limits} ${key.shipped ? `Shipped: ${key.shipped}. ` : ""}${key.effect ? "" : "No effect."}`,
+      ),
+      problem,
+      key.higher || key.advice
+        ? h(
+            "details",
+            { class: "small" },
+            h("summary", {}, `What a change of ${key.key} does`),
+            h(
+              "dl",
+              {},
+              [
+                [key.lower ? "Higher" : "Effect", key.higher],
+                ["Lower", key.lower],
+                ["Advice", key.advice],
+              ]
+                .filter(([, text]) => text)
+                .map(([name, text]) => [h("dt", {}, name), h("dd", {}, text)]),
+            ),
+          )
+        : null,
+    );
     return { key, control, element, problem };
   }
   function showValues(values) {
     for (const row of rows.values()) {
       const value = values[row.key.key];
-      const text = value === undefined || value === null ? "" : typeof value === "string" ? value : JSON.stringify(value);
-      if (row.control.tagName === "SELECT" && text && ![...row.control.options].some((each) => each.value === text)) row.control.append(h("option", { value: text }, text));
+      const text =
+        value === undefined || value === null
+          ? ""
+          : typeof value === "string"
+            ? value
+            : JSON.stringify(value);
+      if (
+        row.control.tagName === "SELECT" &&
+        text &&
+        ![...row.control.options].some((each) => each.value === text)
+      )
+        row.control.append(h("option", { value: text }, text));
       row.control.value = row.start = text;
     }
   }
@@ -61,17 +136,35 @@ export function hyperparameterStep(facts, { algorithm, saved }, signal) {
     const text = control.value.trim();
     if (text === "") return null;
     if (key.kind === "flag") return text === "true" ? true : text === "false" ? false : text;
-    if (key.kind === "whole" || key.kind === "number") return /^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(text) ? Number(text) : text;
+    if (key.kind === "whole" || key.kind === "number")
+      return /^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i.test(text) ? Number(text) : text;
     return text;
   }
-  const changes = () => Object.fromEntries([...rows.values()].filter((row) => row.control.value !== row.start).map((row) => [row.key.key, valueOf(row)]));
+  const changes = () =>
+    Object.fromEntries(
+      [...rows.values()]
+        .filter((row) => row.control.value !== row.start)
+        .map((row) => [row.key.key, valueOf(row)]),
+    );
   const isChanged = () => Object.keys(changes()).length > 0;
 
   function show(found) {
     for (const row of rows.values()) {
       const mine = found.filter((each) => each.key === row.key.key);
-      fill(row.problem, mine.map((each) => h("span", { class: each.severity === "error" ? "bad" : "warn" }, prose(`${each.message} ${each.remedy} `))));
-      row.control.setAttribute("aria-invalid", String(mine.some((each) => each.severity === "error")));
+      fill(
+        row.problem,
+        mine.map((each) =>
+          h(
+            "span",
+            { class: each.severity === "error" ? "bad" : "warn" },
+            prose(`${each.message} ${each.remedy} `),
+          ),
+        ),
+      );
+      row.control.setAttribute(
+        "aria-invalid",
+        String(mine.some((each) => each.severity === "error")),
+      );
     }
     step.problems(found.filter((each) => !rows.has(each.key)));
   }
@@ -83,8 +176,19 @@ export function hyperparameterStep(facts, { algorithm, saved }, signal) {
     }
   }
   async function save() {
-    const answer = await writeOwnFile(PATH, { values: changes(), version: facts.version }, { mine: JSON.stringify({ ...facts.values, ...changes() }, null, 2), read: () => get(PATH, signal), signal });
-    if (!answer) { step.mark(true, "Not saved."); return; }
+    const answer = await writeOwnFile(
+      PATH,
+      { values: changes(), version: facts.version },
+      {
+        mine: JSON.stringify({ ...facts.values, ...changes() }, null, 2),
+        read: () => get(PATH, signal),
+        signal,
+      },
+    );
+    if (!answer) {
+      step.mark(true, "Not saved.");
+      return;
+    }
     Object.assign(facts, answer.disk ?? answer);
     showValues(facts.values);
     step.mark(false, answer.disk ? "Taken from the disk." : savedText(answer));

@@ -8,12 +8,28 @@ import { follow } from "/socket.js";
 import { trackMap } from "/track_map.js";
 
 const TRAIL_POINTS = 400;
-const STATUS = { in_progress: "drives", lap_complete: "lap complete", off_track: "off track", crashed: "crashed", reversed: "wrong direction", immobilized: "stuck", time_up: "time is up", stopped: "stopped" };
+const STATUS = {
+  in_progress: "drives",
+  lap_complete: "lap complete",
+  off_track: "off track",
+  crashed: "crashed",
+  reversed: "wrong direction",
+  immobilized: "stuck",
+  time_up: "time is up",
+  stopped: "stopped",
+};
 const tracks = new Map();
 
 /** The lines of a track, read once. */
 function track(world) {
-  if (!tracks.has(world)) tracks.set(world, get(`/api/track?world=${encodeURIComponent(world)}`).catch((error) => { tracks.delete(world); throw error; }));
+  if (!tracks.has(world))
+    tracks.set(
+      world,
+      get(`/api/track?world=${encodeURIComponent(world)}`).catch((error) => {
+        tracks.delete(world);
+        throw error;
+      }),
+    );
   return tracks.get(world);
 }
 
@@ -25,29 +41,88 @@ export function workerCard(runId, name, signal) {
   signal.addEventListener("abort", () => own.abort(), { once: true });
   const evaluation = name.startsWith("evaluation");
   const heading = `live-${name}`;
-  const does = h("p", { class: "live-does", role: "status" }, " "), hint = h("p", { class: "live-hint quiet" }, " ");
-  const car = h("select", { id: `${heading}-car`, change: chooseCar }, h("option", { value: "" }, "the one that has come furthest"));
+  const does = h("p", { class: "live-does", role: "status" }, " "),
+    hint = h("p", { class: "live-hint quiet" }, " ");
+  const car = h(
+    "select",
+    { id: `${heading}-car`, change: chooseCar },
+    h("option", { value: "" }, "the one that has come furthest"),
+  );
   const carRow = h("p", { class: "live-car" }, h("label", { for: `${heading}-car` }, "Car "), car);
   const camera = livePicture("Camera", `What the car of ${name} sees`, [160, 120]);
   const chase = livePicture("View from behind", `The car of ${name} from behind`, [320, 240]);
   const pictures = h("div", { class: "live-views" }, camera.element, chase.element);
-  const map = trackMap({ label: `Map of the track with the cars of ${name}`, height: 240 }, own.signal);
+  const map = trackMap(
+    { label: `Map of the track with the cars of ${name}`, height: 240 },
+    own.signal,
+  );
   const legend = h("p", { class: "live-legend quiet" }, " ");
-  const [figures, setFigures] = tiles(["Speed", "Steering", "Progress", "Reward of the step", "Reward so far", "Lap time"]);
+  const [figures, setFigures] = tiles([
+    "Speed",
+    "Steering",
+    "Progress",
+    "Reward of the step",
+    "Reward so far",
+    "Lap time",
+  ]);
   figures.classList.add("live-figures");
   const bars = actionBars();
   const finished = h("ol", { class: "live-finished" });
-  const details = h("div", { class: "live-details" }, bars.element, h("div", {}, h("h4", {}, "Last episodes"), finished));
-  const element = h("article", { class: "live-card", "aria-labelledby": heading, "data-worker": name },
-    h("div", { class: "live-card-head" }, h("h3", { id: heading }, evaluation ? `Evaluation ${name.slice(11)}` : name), carRow), does, hint,
-    h("div", { class: "live-body" }, pictures, h("div", { class: "live-map" }, map.element, legend), figures, details));
+  const details = h(
+    "div",
+    { class: "live-details" },
+    bars.element,
+    h("div", {}, h("h4", {}, "Last episodes"), finished),
+  );
+  const element = h(
+    "article",
+    { class: "live-card", "aria-labelledby": heading, "data-worker": name },
+    h(
+      "div",
+      { class: "live-card-head" },
+      h("h3", { id: heading }, evaluation ? `Evaluation ${name.slice(11)}` : name),
+      carRow,
+    ),
+    does,
+    hint,
+    h(
+      "div",
+      { class: "live-body" },
+      pictures,
+      h("div", { class: "live-map" }, map.element, legend),
+      figures,
+      details,
+    ),
+  );
 
-  let facts = null, world = null, visible = false, watching = null, laps = null, cars = 0, serial = 0, trails = new Map(), lastTrails = 0, colors = ["c1"];
+  let facts = null,
+    world = null,
+    visible = false,
+    watching = null,
+    laps = null,
+    cars = 0,
+    serial = 0,
+    trails = new Map(),
+    lastTrails = 0,
+    colors = ["c1"];
 
-  const seen = new IntersectionObserver((entries) => { visible = entries.at(-1).isIntersecting; watch(); }, { rootMargin: "80px" });
+  const seen = new IntersectionObserver(
+    (entries) => {
+      visible = entries.at(-1).isIntersecting;
+      watch();
+    },
+    { rootMargin: "80px" },
+  );
   seen.observe(element);
   document.addEventListener("visibilitychange", watch, { signal: own.signal });
-  own.signal.addEventListener("abort", () => { seen.disconnect(); watching?.abort(); }, { once: true });
+  own.signal.addEventListener(
+    "abort",
+    () => {
+      seen.disconnect();
+      watching?.abort();
+    },
+    { once: true },
+  );
 
   /** Watch pictures only while they can be seen. */
   function watch() {
@@ -71,14 +146,17 @@ export function workerCard(runId, name, signal) {
 
   async function chooseCar() {
     const chosen = car.value === "" ? null : Number(car.value);
-    try { await post("/api/live/car", { run_id: runId, worker: name, car: chosen }, own.signal); } catch (error) {
+    try {
+      await post("/api/live/car", { run_id: runId, worker: name, car: chosen }, own.signal);
+    } catch (error) {
       if (error.name !== "AbortError") notify(error.message, "bad", error.remedy);
     }
   }
 
   function setCars(count) {
     if (count <= cars) return;
-    for (; cars < count; cars += 1) car.append(h("option", { value: String(cars) }, String(cars + 1)));
+    for (; cars < count; cars += 1)
+      car.append(h("option", { value: String(cars) }, String(cars + 1)));
     if (facts?.car !== null && facts?.car !== undefined) car.value = String(facts.car);
   }
 
@@ -86,15 +164,31 @@ export function workerCard(runId, name, signal) {
     if (!value || value === world) return;
     world = value;
     trails.clear();
-    try { const lines = await track(value); if (world === value) map.setTrack(lines); } catch (error) { if (world === value) { world = null; legend.textContent = `There is no map: ${error.message}`; } }
+    try {
+      const lines = await track(value);
+      if (world === value) map.setTrack(lines);
+    } catch (error) {
+      if (world === value) {
+        world = null;
+        legend.textContent = `There is no map: ${error.message}`;
+      }
+    }
   }
 
   function takeState(data) {
-    if (data.gone) { does.textContent = "The connection to the worker was lost. The page connects again by itself."; return; }
+    if (data.gone) {
+      does.textContent =
+        "The connection to the worker was lost. The page connects again by itself.";
+      return;
+    }
     const { state } = data;
     if (!state) return;
     const age = Date.now() / 1000 - state.since_s;
-    does.textContent = `${state.activity}${state.waits && age > 1 ? `, for ${duration(age)}` : ""}.`.replace(/^./, (letter) => letter.toUpperCase());
+    does.textContent =
+      `${state.activity}${state.waits && age > 1 ? `, for ${duration(age)}` : ""}.`.replace(
+        /^./,
+        (letter) => letter.toUpperCase(),
+      );
     does.classList.toggle("waits", state.waits);
     if (hint.textContent !== state.hint) hint.textContent = state.hint || " ";
   }
@@ -103,24 +197,57 @@ export function workerCard(runId, name, signal) {
     if (!scene) return;
     setWorld(scene.world);
     setCars(Math.max(0, ...scene.cars.map((each) => each.car + 1)));
-    const many = scene.racers.length > 1, shown = scene.cars.find((each) => each.car === scene.shown?.car);
+    const many = scene.racers.length > 1,
+      shown = scene.cars.find((each) => each.car === scene.shown?.car);
     colors = scene.racers.map((racer) => rgb(racer.rgb));
-    const colorOf = (each) => (many ? colors[each.racer] ?? "c1" : each.phase === "evaluation" ? "c2" : "c1");
+    const colorOf = (each) =>
+      many ? (colors[each.racer] ?? "c1") : each.phase === "evaluation" ? "c2" : "c1";
     const order = shown ? [shown, ...scene.cars.filter((each) => each !== shown)] : scene.cars;
-    map.setCars(order.map((each) => ({ x: each.x, y: each.y, yaw: each.yaw_deg * Math.PI / 180, color: colorOf(each), name: many ? scene.racers[each.racer].model : each === shown ? `car ${each.car + 1}` : "" })));
-    map.setObjects((scene.shown?.objects ?? []).map((each) => [each.x, each.y, each.yaw_deg * Math.PI / 180]));
-    legend.textContent = many ? scene.racers.map((racer) => `${racer.model}: ${racer.color}`).join(", ") : `${number(scene.cars.length)} ${scene.cars.length === 1 ? "car" : "cars"}, ${scene.world}${scene.reverse ? ", reversed" : ""}${scene.checkpoint ? `, ${scene.checkpoint.replace(".ckpt", "")}` : ""}. ${evaluation ? "" : laps?.iteration !== null && laps ? `Lines: iteration ${laps.iteration}, green where the lap was completed.` : ""}`;
-    setFigures(shown ? [
-      `${number(shown.speed_mps, 2)} m/s, asked ${number(shown.asked_mps, 2)}`, `${number(Math.abs(shown.steering_deg), 0)}° ${Math.abs(shown.steering_deg) < 0.5 ? "straight" : shown.steering_deg > 0 ? "left" : "right"}`,
-      `${number(shown.progress, 1)} %${shown.laps ? `, lap ${shown.laps + 1}` : ""}`, number(shown.reward, 3), `${number(shown.total, 1)} in ${number(shown.steps)} steps`,
-      `${lapTime(shown.lap_s)}${shown.resets ? `, ${shown.resets} resets` : ""}`,
-    ] : ["–", "–", "–", "–", "–", "–"]);
+    map.setCars(
+      order.map((each) => ({
+        x: each.x,
+        y: each.y,
+        yaw: (each.yaw_deg * Math.PI) / 180,
+        color: colorOf(each),
+        name: many ? scene.racers[each.racer].model : each === shown ? `car ${each.car + 1}` : "",
+      })),
+    );
+    map.setObjects(
+      (scene.shown?.objects ?? []).map((each) => [each.x, each.y, (each.yaw_deg * Math.PI) / 180]),
+    );
+    legend.textContent = many
+      ? scene.racers.map((racer) => `${racer.model}: ${racer.color}`).join(", ")
+      : `${number(scene.cars.length)} ${scene.cars.length === 1 ? "car" : "cars"}, ${scene.world}${scene.reverse ? ", reversed" : ""}${scene.checkpoint ? `, ${scene.checkpoint.replace(".ckpt", "")}` : ""}. ${evaluation ? "" : laps?.iteration !== null && laps ? `Lines: iteration ${laps.iteration}, green where the lap was completed.` : ""}`;
+    setFigures(
+      shown
+        ? [
+            `${number(shown.speed_mps, 2)} m/s, asked ${number(shown.asked_mps, 2)}`,
+            `${number(Math.abs(shown.steering_deg), 0)}° ${Math.abs(shown.steering_deg) < 0.5 ? "straight" : shown.steering_deg > 0 ? "left" : "right"}`,
+            `${number(shown.progress, 1)} %${shown.laps ? `, lap ${shown.laps + 1}` : ""}`,
+            number(shown.reward, 3),
+            `${number(shown.total, 1)} in ${number(shown.steps)} steps`,
+            `${lapTime(shown.lap_s)}${shown.resets ? `, ${shown.resets} resets` : ""}`,
+          ]
+        : ["–", "–", "–", "–", "–", "–"],
+    );
     bars.update(scene.actions, scene.shown);
     if (evaluation) trail(scene.cars, colorOf);
     const last = scene.finished.at(-1);
     if (last && last.serial !== serial) {
       serial = last.serial;
-      fill(finished, scene.finished.slice(-5).reverse().map((each) => h("li", {}, `${each.phase === "evaluation" ? "Evaluation" : "Training"} ${number(each.episode)}: ${statusText(each.status)}, ${number(each.progress, 0, "%")}, ${number(each.time_s, 2, "s")}, reward ${number(each.reward, 1)}`)));
+      fill(
+        finished,
+        scene.finished
+          .slice(-5)
+          .reverse()
+          .map((each) =>
+            h(
+              "li",
+              {},
+              `${each.phase === "evaluation" ? "Evaluation" : "Training"} ${number(each.episode)}: ${statusText(each.status)}, ${number(each.progress, 0, "%")}, ${number(each.time_s, 2, "s")}, reward ${number(each.reward, 1)}`,
+            ),
+          ),
+      );
     }
   }
 
@@ -133,8 +260,12 @@ export function workerCard(runId, name, signal) {
         for (const old of [...trails.keys()].slice(0, -8)) trails.delete(old);
       }
       const line = trails.get(key);
-      line.x.push(each.x); line.y.push(each.y);
-      if (line.x.length > TRAIL_POINTS) { line.x.shift(); line.y.shift(); }
+      line.x.push(each.x);
+      line.y.push(each.y);
+      if (line.x.length > TRAIL_POINTS) {
+        line.x.shift();
+        line.y.shift();
+      }
     }
     if (performance.now() - lastTrails < 500) return;
     lastTrails = performance.now();
@@ -143,16 +274,33 @@ export function workerCard(runId, name, signal) {
   }
 
   function takeLaps(value) {
-    if (value.error) { hint.textContent = `${value.error.message} The lines on the map are older.`; return; }
+    if (value.error) {
+      hint.textContent = `${value.error.message} The lines on the map are older.`;
+      return;
+    }
     laps = value;
-    const lines = [...value.lines].reverse(), step = 0.65 / Math.max(lines.length, 1);
-    map.setPaths(lines.map((line, k) => ({ x: line.x, y: line.y, color: line.progress >= 100 ? "c3" : "faint", alpha: Math.max(0.12, 0.8 - step * k) })));
-    if (facts?.place === "bucket") legend.textContent = value.iteration === null ? "The first iteration has not been finished yet." : `Lines: iteration ${value.iteration}, the newest in the bucket; green where the lap was completed.`;
+    const lines = [...value.lines].reverse(),
+      step = 0.65 / Math.max(lines.length, 1);
+    map.setPaths(
+      lines.map((line, k) => ({
+        x: line.x,
+        y: line.y,
+        color: line.progress >= 100 ? "c3" : "faint",
+        alpha: Math.max(0.12, 0.8 - step * k),
+      })),
+    );
+    if (facts?.place === "bucket")
+      legend.textContent =
+        value.iteration === null
+          ? "The first iteration has not been finished yet."
+          : `Lines: iteration ${value.iteration}, the newest in the bucket; green where the lap was completed.`;
   }
 
   return {
     element,
-    close() { own.abort(); },
+    close() {
+      own.abort();
+    },
     update(value) {
       const before = facts?.place;
       facts = value;
@@ -160,20 +308,32 @@ export function workerCard(runId, name, signal) {
       setWorld(world ?? value.world);
       const live = value.place === "live";
       if (before !== value.place) {
-        for (const part of [pictures, carRow, figures, details]) part.hidden = value.place === "bucket";
+        for (const part of [pictures, carRow, figures, details])
+          part.hidden = value.place === "bucket";
         hint.textContent = " ";
-        if (!live) { map.setCars([]); map.setObjects([]); }
-        for (const picture of [camera, chase]) picture.wait(live ? "Waiting for the first picture." : "No picture.");
+        if (!live) {
+          map.setCars([]);
+          map.setObjects([]);
+        }
+        for (const picture of [camera, chase])
+          picture.wait(live ? "Waiting for the first picture." : "No picture.");
       }
       if (value.place === "bucket") {
         does.textContent = `${value.activity}.`.replace(/^./, (letter) => letter.toUpperCase());
         hint.textContent = `Runs on ${value.host}. Live pictures are shown on that machine only; the map shows the last finished iteration.`;
       } else if (!live) {
-        does.textContent = `${value.activity || "starts"}.`.replace(/^./, (letter) => letter.toUpperCase());
-        hint.textContent = value.alive ? "It shows no live pictures: it is just starting, or DR_LIVE_VIEW is off." : "It is not running. Its pictures come back when it is started again.";
+        does.textContent = `${value.activity || "starts"}.`.replace(/^./, (letter) =>
+          letter.toUpperCase(),
+        );
+        hint.textContent = value.alive
+          ? "It shows no live pictures: it is just starting, or DR_LIVE_VIEW is off."
+          : "It is not running. Its pictures come back when it is started again.";
       }
       const chosen = value.car === null || value.car === undefined ? "" : String(value.car);
-      if (live && car.value !== chosen && document.activeElement !== car) { setCars(Number(chosen || -1) + 1); car.value = chosen; }
+      if (live && car.value !== chosen && document.activeElement !== car) {
+        setCars(Number(chosen || -1) + 1);
+        car.value = chosen;
+      }
       watch();
     },
   };

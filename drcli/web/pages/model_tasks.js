@@ -8,13 +8,26 @@ import { follow } from "/socket.js";
 export function taskEnd(number, signal) {
   return new Promise((resolve, reject) => {
     const own = new AbortController();
-    signal?.addEventListener("abort", () => { own.abort(); reject(new DOMException("The page was left.", "AbortError")); }, { once: true });
-    follow("tasks", ({ tasks = [] }) => {
-      const task = tasks.find((each) => each.id === number);
-      if (!task || task.ended === null || own.signal.aborted) return;
-      own.abort();
-      if (task.state === "failed") reject(Object.assign(new ApiError(0, task.error), { ofTask: true })); else resolve(task.result);
-    }, own.signal);
+    signal?.addEventListener(
+      "abort",
+      () => {
+        own.abort();
+        reject(new DOMException("The page was left.", "AbortError"));
+      },
+      { once: true },
+    );
+    follow(
+      "tasks",
+      ({ tasks = [] }) => {
+        const task = tasks.find((each) => each.id === number);
+        if (!task || task.ended === null || own.signal.aborted) return;
+        own.abort();
+        if (task.state === "failed")
+          reject(Object.assign(new ApiError(0, task.error), { ofTask: true }));
+        else resolve(task.result);
+      },
+      own.signal,
+    );
   });
 }
 

@@ -1,22 +1,65 @@
 // One race: leaderboard, submissions, queue, pairs, and everything that its organiser and its racers do.
 
 import { api, get, post, remove } from "/api.js";
-import { bytes, confirmed, empty, failure, fill, h, lapTime, moment, notify, number } from "/dom.js";
+import {
+  bytes,
+  confirmed,
+  empty,
+  failure,
+  fill,
+  h,
+  lapTime,
+  moment,
+  notify,
+  number,
+} from "/dom.js";
 import { ask, check, field, select } from "/form_dialog.js";
 import { raceForm, usualRules } from "/race_form.js";
 import { pairsView } from "/race_pairs.js";
-import { dateText, gapText, keepFile, lapsText, nightLink, racePath, rankText, stateBadge, videoPath, waitText } from "/race_words.js";
+import {
+  dateText,
+  gapText,
+  keepFile,
+  lapsText,
+  nightLink,
+  racePath,
+  rankText,
+  stateBadge,
+  videoPath,
+  waitText,
+} from "/race_words.js";
 import { follow } from "/socket.js";
 
 export const title = "Race";
 
 export function show(main, [id], { signal }) {
-  const head = h("div", { class: "race-head" }, h("h1", {}, "Race"), h("p", { class: "quiet" }, "Reading the bucket …"));
-  const actions = h("p", { class: "actions race-actions" }), trouble = h("div", { role: "status" });
-  const editor = h("div", {}), board = h("section", { class: "race-page-part", "aria-label": "Leaderboard" }), queue = h("section", { "aria-label": "Queue" });
-  const pairs = h("section", { "aria-label": "Pairs" }), submissions = h("section", { class: "race-page-part", "aria-label": "Submissions" });
-  fill(main, h("p", {}, h("a", { href: "#/races" }, "All races")), head, actions, trouble, editor, board, h("div", { class: "race-columns" }, queue, pairs), submissions);
-  let race = null, drawn = "", before = Promise.resolve();
+  const head = h(
+    "div",
+    { class: "race-head" },
+    h("h1", {}, "Race"),
+    h("p", { class: "quiet" }, "Reading the bucket …"),
+  );
+  const actions = h("p", { class: "actions race-actions" }),
+    trouble = h("div", { role: "status" });
+  const editor = h("div", {}),
+    board = h("section", { class: "race-page-part", "aria-label": "Leaderboard" }),
+    queue = h("section", { "aria-label": "Queue" });
+  const pairs = h("section", { "aria-label": "Pairs" }),
+    submissions = h("section", { class: "race-page-part", "aria-label": "Submissions" });
+  fill(
+    main,
+    h("p", {}, h("a", { href: "#/races" }, "All races")),
+    head,
+    actions,
+    trouble,
+    editor,
+    board,
+    h("div", { class: "race-columns" }, queue, pairs),
+    submissions,
+  );
+  let race = null,
+    drawn = "",
+    before = Promise.resolve();
 
   follow(`race:${id}`, take, signal);
 
@@ -32,16 +75,27 @@ export function show(main, [id], { signal }) {
     drawn = text;
     race = value;
     const focused = document.activeElement?.dataset?.key;
-    fill(trouble, race.damaged.map((message) => failure({ message })));
+    fill(
+      trouble,
+      race.damaged.map((message) => failure({ message })),
+    );
     document.title = `${race.rules.name} – DeepRacer console`;
     drawHead();
     drawActions();
     drawBoard();
     drawQueue();
     pairs.className = race.rules.pairing === "bracket" ? "wide" : "";
-    fill(pairs, race.rules.race_type === "HEAD_TO_MODEL" ? [h("h2", {}, "Pairs"), pairsView(race, watch)] : null);
+    fill(
+      pairs,
+      race.rules.race_type === "HEAD_TO_MODEL"
+        ? [h("h2", {}, "Pairs"), pairsView(race, watch)]
+        : null,
+    );
     drawSubmissions();
-    if (focused && document.activeElement === document.body) main.querySelector(`[data-key="${CSS.escape(focused)}"]:not(:disabled)`)?.focus({ preventScroll: true });
+    if (focused && document.activeElement === document.body)
+      main
+        .querySelector(`[data-key="${CSS.escape(focused)}"]:not(:disabled)`)
+        ?.focus({ preventScroll: true });
   }
 
   /** Do something with the race, show what it has become, and say what went wrong; one after the other. */
@@ -61,36 +115,82 @@ export function show(main, [id], { signal }) {
   }
 
   function drawHead() {
-    const { rules, words } = race, times = [];
+    const { rules, words } = race,
+      times = [];
     if (rules.opens_at) times.push(`Opens ${moment(rules.opens_at)}.`);
-    if (rules.closes_at) times.push(`${race.state === "open" || race.state === "scheduled" ? "Closes" : "Closed"} ${moment(rules.closes_at)}.`);
-    if (rules.max_submissions) times.push(`Each racer has ${number(rules.max_submissions)} ${rules.max_submissions === 1 ? "submission" : "submissions"}.`);
+    if (rules.closes_at)
+      times.push(
+        `${race.state === "open" || race.state === "scheduled" ? "Closes" : "Closed"} ${moment(rules.closes_at)}.`,
+      );
+    if (rules.max_submissions)
+      times.push(
+        `Each racer has ${number(rules.max_submissions)} ${rules.max_submissions === 1 ? "submission" : "submissions"}.`,
+      );
     if (rules.sensors.length) times.push(`Sensors: ${rules.sensors.join(", ")}.`);
-    fill(head, h("h1", {}, rules.name, " ", stateBadge(race.state)), h("p", {}, words.place, ". ", words.decides, " ", words.penalties),
-      h("p", { class: "race-standing", role: "status" }, race.winner ? `Winner: ${race.winner}.` : standing()),
-      h("p", { class: "quiet" }, times.join(" "), words.conditions ? ` Settings: ${words.conditions}.` : "", race.runner ? ` The queue is driven by ${race.runner}.` : ""));
+    fill(
+      head,
+      h("h1", {}, rules.name, " ", stateBadge(race.state)),
+      h("p", {}, words.place, ". ", words.decides, " ", words.penalties),
+      h(
+        "p",
+        { class: "race-standing", role: "status" },
+        race.winner ? `Winner: ${race.winner}.` : standing(),
+      ),
+      h(
+        "p",
+        { class: "quiet" },
+        times.join(" "),
+        words.conditions ? ` Settings: ${words.conditions}.` : "",
+        race.runner ? ` The queue is driven by ${race.runner}.` : "",
+      ),
+    );
   }
 
   function standing() {
-    const first = { scheduled: "Not open yet.", open: "Open for submissions.", closed: "Closed for submissions.", finished: "Finished; nobody is ranked." }[race.state];
-    const drives = race.moments.driving ? ` ${race.moments.driving.cars.map((car) => car.racer).join(" against ")} ${race.moments.driving.cars.length > 1 ? "drive" : "drives"} now.` : "";
-    const waits = race.queue.length ? ` ${waitText(race.queue.length)} in the queue${race.runner ? "." : ", but nobody is driving it."}` : "";
+    const first = {
+      scheduled: "Not open yet.",
+      open: "Open for submissions.",
+      closed: "Closed for submissions.",
+      finished: "Finished; nobody is ranked.",
+    }[race.state];
+    const drives = race.moments.driving
+      ? ` ${race.moments.driving.cars.map((car) => car.racer).join(" against ")} ${race.moments.driving.cars.length > 1 ? "drive" : "drives"} now.`
+      : "";
+    const waits = race.queue.length
+      ? ` ${waitText(race.queue.length)} in the queue${race.runner ? "." : ", but nobody is driving it."}`
+      : "";
     return first + drives + waits;
   }
 
   function drawActions() {
-    const button = (key, text, click, kind = "") => h("button", { type: "button", "data-key": key, class: kind || null, click }, text);
+    const button = (key, text, click, kind = "") =>
+      h("button", { type: "button", "data-key": key, class: kind || null, click }, text);
     const open = race.state === "open";
-    fill(actions,
+    fill(
+      actions,
       open ? button("submit", "Submit a model", submit, "main") : null,
-      race.runner ? (race.here ? button("stop", "Stop the queue", () => act("stop", {}, "The queue was stopped. What was driven is kept.")) : null)
-        : race.queue.length ? button("run", "Drive the queue", run, open ? "" : "main") : null,
+      race.runner
+        ? race.here
+          ? button("stop", "Stop the queue", () =>
+              act("stop", {}, "The queue was stopped. What was driven is kept."),
+            )
+          : null
+        : race.queue.length
+          ? button("run", "Drive the queue", run, open ? "" : "main")
+          : null,
       h("a", { class: "button", href: nightLink(id), "data-key": "night" }, "Race night"),
-      race.state === "open" || race.state === "scheduled" ? button("close", "Close for submissions", close) : null,
-      race.state !== "open" ? button("open", race.state === "scheduled" ? "Open now" : "Open again", reopen) : null,
-      button("csv", "Save as CSV", () => keep("table.csv", `${id}.csv`)), button("html", "Save as a page", savePage),
+      race.state === "open" || race.state === "scheduled"
+        ? button("close", "Close for submissions", close)
+        : null,
+      race.state !== "open"
+        ? button("open", race.state === "scheduled" ? "Open now" : "Open again", reopen)
+        : null,
+      button("csv", "Save as CSV", () => keep("table.csv", `${id}.csv`)),
+      button("html", "Save as a page", savePage),
       button("log", "Log of the queue", log),
-      race.changeable ? button("rules", "Change the rules", edit) : null, button("delete", "Delete", erase, "danger"));
+      race.changeable ? button("rules", "Change the rules", edit) : null,
+      button("delete", "Delete", erase, "danger"),
+    );
   }
 
   async function submit() {
@@ -101,30 +201,86 @@ export function show(main, [id], { signal }) {
       if (error.name !== "AbortError") notify(error.message, "bad", error.remedy);
       return;
     }
-    if (!found.models.length) { notify("There is no model in this bucket yet.", "bad", "Train one, or import one on the page Models."); return; }
-    const model = select("prefix", found.models.map((each) => each.prefix), usual.model);
+    if (!found.models.length) {
+      notify(
+        "There is no model in this bucket yet.",
+        "bad",
+        "Train one, or import one on the page Models.",
+      );
+      return;
+    }
+    const model = select(
+      "prefix",
+      found.models.map((each) => each.prefix),
+      usual.model,
+    );
     const numbers = h("datalist", { id: "race-checkpoints" });
     const list = async () => {
-      fill(numbers, ["last", "best"].map((word) => h("option", { value: word })));
+      fill(
+        numbers,
+        ["last", "best"].map((word) => h("option", { value: word })),
+      );
       try {
-        const { checkpoints } = await get(`${api("races", "checkpoints")}?prefix=${encodeURIComponent(model.value)}`, signal);
+        const { checkpoints } = await get(
+          `${api("races", "checkpoints")}?prefix=${encodeURIComponent(model.value)}`,
+          signal,
+        );
         numbers.append(...checkpoints.map((each) => h("option", { value: String(each) })));
-      } catch { /* the words are enough */ }
+      } catch {
+        /* the words are enough */
+      }
     };
     model.addEventListener("change", list);
     list();
-    let given = { racer: usual.racer, prefix: model.value, checkpoint: "last" }, wrong = null;
+    let given = { racer: usual.racer, prefix: model.value, checkpoint: "last" },
+      wrong = null;
     for (;;) {
       model.value = given.prefix;
-      const values = await ask({ title: "Submit a model", intro: wrong ? failure(wrong) : h("p", {}, "The race gets a copy: you can train on, or delete the model."), action: "Submit",
-        fields: [field("Racer", h("input", { name: "racer", required: true, maxlength: "64", value: given.racer, autocomplete: "nickname" }), "Each racer has one place on the leaderboard."),
-          field("Model", model), field("Checkpoint", h("input", { name: "checkpoint", required: true, value: given.checkpoint, list: "race-checkpoints", autocomplete: "off" }), "last, best, or the number of one."), numbers] });
+      const values = await ask({
+        title: "Submit a model",
+        intro: wrong
+          ? failure(wrong)
+          : h("p", {}, "The race gets a copy: you can train on, or delete the model."),
+        action: "Submit",
+        fields: [
+          field(
+            "Racer",
+            h("input", {
+              name: "racer",
+              required: true,
+              maxlength: "64",
+              value: given.racer,
+              autocomplete: "nickname",
+            }),
+            "Each racer has one place on the leaderboard.",
+          ),
+          field("Model", model),
+          field(
+            "Checkpoint",
+            h("input", {
+              name: "checkpoint",
+              required: true,
+              value: given.checkpoint,
+              list: "race-checkpoints",
+              autocomplete: "off",
+            }),
+            "last, best, or the number of one.",
+          ),
+          numbers,
+        ],
+      });
       if (!values || signal.aborted) return;
       given = values;
       try {
-        const { taken, race: now } = await post(racePath(id, "submit"), { racer: values.racer, prefix: values.prefix, checkpoint: values.checkpoint }, signal);
+        const { taken, race: now } = await post(
+          racePath(id, "submit"),
+          { racer: values.racer, prefix: values.prefix, checkpoint: values.checkpoint },
+          signal,
+        );
         take(now);
-        notify(`${taken.racer} has submitted checkpoint ${taken.checkpoint} of ${taken.model}.${taken.queue ? "" : " Drive the queue to see its laps."}`);
+        notify(
+          `${taken.racer} has submitted checkpoint ${taken.checkpoint} of ${taken.model}.${taken.queue ? "" : " Drive the queue to see its laps."}`,
+        );
         return;
       } catch (error) {
         if (error.name === "AbortError") return;
@@ -134,49 +290,139 @@ export function show(main, [id], { signal }) {
   }
 
   async function run() {
-    const values = await ask({ title: "Drive the queue", action: "Drive it",
-      intro: h("p", {}, `${waitText(race.queue.length)} in the queue. This machine drives one after the other in the background, also when this page is closed.`),
-      fields: [field("Videos", select("video", [["", "If the video encoder is installed"], ["yes", "Yes; refuse without the encoder"], ["no", "No, which is faster"]], ""))] });
+    const values = await ask({
+      title: "Drive the queue",
+      action: "Drive it",
+      intro: h(
+        "p",
+        {},
+        `${waitText(race.queue.length)} in the queue. This machine drives one after the other in the background, also when this page is closed.`,
+      ),
+      fields: [
+        field(
+          "Videos",
+          select(
+            "video",
+            [
+              ["", "If the video encoder is installed"],
+              ["yes", "Yes; refuse without the encoder"],
+              ["no", "No, which is faster"],
+            ],
+            "",
+          ),
+        ),
+      ],
+    });
     if (values) await act("run", { video: { yes: true, no: false }[values.video] ?? null });
   }
 
   async function close() {
-    if (await confirmed("Close this race for submissions?", { action: "Close it", detail: "What waits in the queue is still driven, and then there is a winner. You can open it again." })) act("close");
+    if (
+      await confirmed("Close this race for submissions?", {
+        action: "Close it",
+        detail:
+          "What waits in the queue is still driven, and then there is a winner. You can open it again.",
+      })
+    )
+      act("close");
   }
 
   async function reopen() {
-    const values = await ask({ title: "Take submissions from now on", action: "Open it", fields: [field("Closes", h("input", { type: "datetime-local", name: "closes" }), "Empty: when somebody closes it.")] });
+    const values = await ask({
+      title: "Take submissions from now on",
+      action: "Open it",
+      fields: [
+        field(
+          "Closes",
+          h("input", { type: "datetime-local", name: "closes" }),
+          "Empty: when somebody closes it.",
+        ),
+      ],
+    });
     if (values) act("open", { closes: values.closes ? new Date(values.closes).toISOString() : "" });
   }
 
   async function savePage() {
     const films = race.leaderboard.filter((row) => row.video).length;
-    const values = await ask({ title: "Save this race as one HTML file", action: "Save", intro: h("p", {}, "It needs no network and has no scripts."),
-      fields: [films ? check(`With ${number(films)} ${films === 1 ? "video" : "videos"} of the leaderboard (a few MB each)`, "videos") : h("p", { class: "quiet" }, "There are no videos on the leaderboard.")] });
+    const values = await ask({
+      title: "Save this race as one HTML file",
+      action: "Save",
+      intro: h("p", {}, "It needs no network and has no scripts."),
+      fields: [
+        films
+          ? check(
+              `With ${number(films)} ${films === 1 ? "video" : "videos"} of the leaderboard (a few MB each)`,
+              "videos",
+            )
+          : h("p", { class: "quiet" }, "There are no videos on the leaderboard."),
+      ],
+    });
     if (values) keep(`page.html${values.videos ? "?videos=1" : ""}`, `${id}.html`);
   }
 
   async function keep(path, name) {
-    try { await keepFile(`${racePath(id)}/${path}`, name); } catch (error) { notify(error.message, "bad", error.remedy); }
+    try {
+      await keepFile(`${racePath(id)}/${path}`, name);
+    } catch (error) {
+      notify(error.message, "bad", error.remedy);
+    }
   }
 
   async function log() {
     let found;
-    try { found = await get(racePath(id, "log"), signal); } catch (error) { if (error.name !== "AbortError") notify(error.message, "bad", error.remedy); return; }
-    const dialog = h("dialog", { class: "race-wide", "aria-label": "Log of the queue" }, h("h2", {}, "Log of the queue"),
-      found.text === null ? h("p", {}, "This machine has not driven the queue of this race in the background yet.")
-        : [h("p", { class: "quiet" }, `The end of ${found.path}`), h("pre", { class: "race-log", tabindex: "0" }, found.text)],
-      h("form", { method: "dialog", class: "actions" }, h("button", { autofocus: true }, "Close")));
+    try {
+      found = await get(racePath(id, "log"), signal);
+    } catch (error) {
+      if (error.name !== "AbortError") notify(error.message, "bad", error.remedy);
+      return;
+    }
+    const dialog = h(
+      "dialog",
+      { class: "race-wide", "aria-label": "Log of the queue" },
+      h("h2", {}, "Log of the queue"),
+      found.text === null
+        ? h("p", {}, "This machine has not driven the queue of this race in the background yet.")
+        : [
+            h("p", { class: "quiet" }, `The end of ${found.path}`),
+            h("pre", { class: "race-log", tabindex: "0" }, found.text),
+          ],
+      h("form", { method: "dialog", class: "actions" }, h("button", { autofocus: true }, "Close")),
+    );
     present(dialog);
   }
 
   async function edit() {
     try {
-      const [usual, rules] = await Promise.all([usualRules(signal), get(racePath(id, "rules"), signal)]);
-      const leave = () => { fill(editor); actions.querySelector('[data-key="rules"]')?.focus(); };
-      const send = async (wish) => { take((await post(racePath(id, "rules"), wish, signal)).race); leave(); notify("The rules were changed."); };
-      fill(editor, h("section", { class: "race-card", "aria-label": "Change the rules" }, h("h2", {}, "Change the rules"), h("p", { class: "quiet" }, "As long as nobody has driven."),
-        raceForm({ usual, wish: { ...rules.wish, obstacles: rules.obstacles, bots: rules.bots }, action: "Change the rules", send, cancel: leave, signal })));
+      const [usual, rules] = await Promise.all([
+        usualRules(signal),
+        get(racePath(id, "rules"), signal),
+      ]);
+      const leave = () => {
+        fill(editor);
+        actions.querySelector('[data-key="rules"]')?.focus();
+      };
+      const send = async (wish) => {
+        take((await post(racePath(id, "rules"), wish, signal)).race);
+        leave();
+        notify("The rules were changed.");
+      };
+      fill(
+        editor,
+        h(
+          "section",
+          { class: "race-card", "aria-label": "Change the rules" },
+          h("h2", {}, "Change the rules"),
+          h("p", { class: "quiet" }, "As long as nobody has driven."),
+          raceForm({
+            usual,
+            wish: { ...rules.wish, obstacles: rules.obstacles, bots: rules.bots },
+            action: "Change the rules",
+            send,
+            cancel: leave,
+            signal,
+          }),
+        ),
+      );
       editor.querySelector("input").focus();
     } catch (error) {
       if (error.name !== "AbortError") notify(error.message, "bad", error.remedy);
@@ -187,7 +433,13 @@ export function show(main, [id], { signal }) {
     try {
       const planned = await remove(`${racePath(id)}?dry_run`, signal);
       const detail = `${number(planned.objects)} objects (${bytes(planned.size_bytes)}): its submissions, laps and videos. The models of the racers stay. It cannot be undone.`;
-      if (!await confirmed(`Delete the race ${race.rules.name}?`, { action: "Delete this race", detail })) return;
+      if (
+        !(await confirmed(`Delete the race ${race.rules.name}?`, {
+          action: "Delete this race",
+          detail,
+        }))
+      )
+        return;
       await remove(racePath(id), signal);
       notify(`The race ${race.rules.name} was deleted.`);
       location.hash = "#/races";
@@ -199,43 +451,170 @@ export function show(main, [id], { signal }) {
   function present(dialog) {
     const end = () => dialog.close();
     signal.addEventListener("abort", end, { once: true });
-    dialog.addEventListener("close", () => { signal.removeEventListener("abort", end); dialog.remove(); });
+    dialog.addEventListener("close", () => {
+      signal.removeEventListener("abort", end);
+      dialog.remove();
+    });
     document.body.append(dialog);
     dialog.showModal();
   }
 
   function watch(key, name) {
-    const note = h("p", { class: "problem", hidden: true }, "This video cannot be played here. Save it, and open it with another player.");
-    const video = h("video", { controls: true, autoplay: true, muted: true, playsinline: true, src: videoPath(id, key), "aria-label": `Video: ${name}`, error: () => { note.hidden = false; } });
-    present(h("dialog", { class: "race-wide", "aria-label": `Video: ${name}` }, h("h2", {}, name), video, note,
-      h("form", { method: "dialog", class: "actions" }, h("button", { autofocus: true }, "Close"), h("a", { class: "button", href: videoPath(id, key, true), download: "" }, "Save the video"))));
+    const note = h(
+      "p",
+      { class: "problem", hidden: true },
+      "This video cannot be played here. Save it, and open it with another player.",
+    );
+    const video = h("video", {
+      controls: true,
+      autoplay: true,
+      muted: true,
+      playsinline: true,
+      src: videoPath(id, key),
+      "aria-label": `Video: ${name}`,
+      error: () => {
+        note.hidden = false;
+      },
+    });
+    present(
+      h(
+        "dialog",
+        { class: "race-wide", "aria-label": `Video: ${name}` },
+        h("h2", {}, name),
+        video,
+        note,
+        h(
+          "form",
+          { method: "dialog", class: "actions" },
+          h("button", { autofocus: true }, "Close"),
+          h(
+            "a",
+            { class: "button", href: videoPath(id, key, true), download: "" },
+            "Save the video",
+          ),
+        ),
+      ),
+    );
   }
 
   function watchButton(row) {
-    return row.video ? h("button", { type: "button", class: "race-small", "data-key": `watch-${row.submission}`, "aria-label": `Watch the video of ${row.racer}`, click: () => watch(row.video, row.racer) }, "Watch") : "–";
+    return row.video
+      ? h(
+          "button",
+          {
+            type: "button",
+            class: "race-small",
+            "data-key": `watch-${row.submission}`,
+            "aria-label": `Watch the video of ${row.racer}`,
+            click: () => watch(row.video, row.racer),
+          },
+          "Watch",
+        )
+      : "–";
   }
 
   function drawBoard() {
     const inPairs = race.rules.race_type === "HEAD_TO_MODEL";
     if (!race.leaderboard.length) {
-      const next = race.submissions.length ? "Nobody has driven yet. Drive the queue." : race.state === "open" ? "Nobody has submitted a model yet." : "Nobody has driven.";
+      const next = race.submissions.length
+        ? "Nobody has driven yet. Drive the queue."
+        : race.state === "open"
+          ? "Nobody has submitted a model yet."
+          : "Nobody has driven.";
       fill(board, h("h2", {}, "Leaderboard"), empty(next));
       return;
     }
     const columns = inPairs
-      ? [["Points", (row) => number(row.points ?? 0, row.points % 1 ? 1 : 0)], ["Won, drawn, lost", (row) => `${row.wins}, ${row.draws}, ${row.losses}`], ["Best lap", (row) => lapTime(row.best_lap_s)]]
-      : [["Best lap", (row) => lapTime(row.best_lap_s), "best-lap"], [`Best average of ${race.rules.average_laps} laps`, (row) => lapTime(row.best_average_s), "best-average"],
-        ["Total time", (row) => lapTime(row.total_s), "total-time"], ["Gap", gapText]];
-    columns.push(["Laps", (row) => `${row.complete_laps} of ${row.laps}`], ["Off track", (row) => number(row.off_track)], ["Crashes", (row) => number(row.crashes)]);
+      ? [
+          ["Points", (row) => number(row.points ?? 0, row.points % 1 ? 1 : 0)],
+          ["Won, drawn, lost", (row) => `${row.wins}, ${row.draws}, ${row.losses}`],
+          ["Best lap", (row) => lapTime(row.best_lap_s)],
+        ]
+      : [
+          ["Best lap", (row) => lapTime(row.best_lap_s), "best-lap"],
+          [
+            `Best average of ${race.rules.average_laps} laps`,
+            (row) => lapTime(row.best_average_s),
+            "best-average",
+          ],
+          ["Total time", (row) => lapTime(row.total_s), "total-time"],
+          ["Gap", gapText],
+        ];
+    columns.push(
+      ["Laps", (row) => `${row.complete_laps} of ${row.laps}`],
+      ["Off track", (row) => number(row.off_track)],
+      ["Crashes", (row) => number(row.crashes)],
+    );
     const names = ["Rank", "Racer", "Model", ...columns.map(([name]) => name), "Video"];
-    const cell = (name, kind, ...content) => h("td", { class: kind, role: "cell", "data-label": name }, h("span", {}, content));
-    fill(board, h("h2", {}, "Leaderboard"), h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Leaderboard" }, h("table", { class: "race-table", role: "table" },
-      h("caption", {}, "Times in minutes:seconds; penalties are included. ", inPairs ? "" : "The column in bold decides."),
-      h("thead", { role: "rowgroup" }, h("tr", { role: "row" }, names.map((name) => h("th", { scope: "col", role: "columnheader", class: columns.some(([each]) => each === name) ? "figure" : null }, name)))),
-      h("tbody", { role: "rowgroup" }, race.leaderboard.map((row) => h("tr", { role: "row", class: row.rank === 1 ? "first" : null },
-        cell("Rank", "rank", rankText(row)), cell("Racer", "racer", row.racer),
-        cell("Model", null, row.model, h("span", { class: "quiet race-checkpoint" }, ` checkpoint ${row.checkpoint.split("_")[0]}`)),
-        columns.map(([name, text, ranking]) => cell(name, `figure${ranking === race.rules.ranking ? " decides" : ""}`, text(row))), cell("Video", null, watchButton(row)))))))); 
+    const cell = (name, kind, ...content) =>
+      h("td", { class: kind, role: "cell", "data-label": name }, h("span", {}, content));
+    fill(
+      board,
+      h("h2", {}, "Leaderboard"),
+      h(
+        "div",
+        { class: "scroll", tabindex: "0", role: "region", "aria-label": "Leaderboard" },
+        h(
+          "table",
+          { class: "race-table", role: "table" },
+          h(
+            "caption",
+            {},
+            "Times in minutes:seconds; penalties are included. ",
+            inPairs ? "" : "The column in bold decides.",
+          ),
+          h(
+            "thead",
+            { role: "rowgroup" },
+            h(
+              "tr",
+              { role: "row" },
+              names.map((name) =>
+                h(
+                  "th",
+                  {
+                    scope: "col",
+                    role: "columnheader",
+                    class: columns.some(([each]) => each === name) ? "figure" : null,
+                  },
+                  name,
+                ),
+              ),
+            ),
+          ),
+          h(
+            "tbody",
+            { role: "rowgroup" },
+            race.leaderboard.map((row) =>
+              h(
+                "tr",
+                { role: "row", class: row.rank === 1 ? "first" : null },
+                cell("Rank", "rank", rankText(row)),
+                cell("Racer", "racer", row.racer),
+                cell(
+                  "Model",
+                  null,
+                  row.model,
+                  h(
+                    "span",
+                    { class: "quiet race-checkpoint" },
+                    ` checkpoint ${row.checkpoint.split("_")[0]}`,
+                  ),
+                ),
+                columns.map(([name, text, ranking]) =>
+                  cell(
+                    name,
+                    `figure${ranking === race.rules.ranking ? " decides" : ""}`,
+                    text(row),
+                  ),
+                ),
+                cell("Video", null, watchButton(row)),
+              ),
+            ),
+          ),
+        ),
+      ),
+    );
   }
 
   function drawQueue() {
@@ -249,44 +628,202 @@ export function show(main, [id], { signal }) {
     const item = (name, k) => {
       const entry = entries.get(name);
       const who = `${entry.racer}, ${entry.model}`;
-      return h("li", { tabindex: "0", "data-key": `item-${name}`, "aria-label": `${k + 1}. ${who}`, "aria-keyshortcuts": "Alt+ArrowUp Alt+ArrowDown",
-        keydown: (event) => {
-          if (!event.altKey || !["ArrowUp", "ArrowDown"].includes(event.key)) return;
-          event.preventDefault();
-          const place = k + (event.key === "ArrowUp" ? 0 : 2);
-          if (place >= 1 && place <= movable.length) move(name, place);
-        } },
-      h("span", { class: "race-who" }, h("strong", {}, entry.racer), h("span", { class: "quiet" }, ` ${entry.model}`)),
-      h("span", { class: "race-buttons" },
-        h("button", { type: "button", class: "race-small", "data-key": `up-${name}`, disabled: k === 0, "aria-label": `Move ${who} up`, click: () => move(name, k) }, "↑"),
-        h("button", { type: "button", class: "race-small", "data-key": `down-${name}`, disabled: k === movable.length - 1, "aria-label": `Move ${who} down`, click: () => move(name, k + 2) }, "↓"),
-        h("button", { type: "button", class: "race-small", "data-key": `withdraw-${name}`, "aria-label": `Withdraw ${who}`, click: () => withdraw(entry) }, "Withdraw")));
+      return h(
+        "li",
+        {
+          tabindex: "0",
+          "data-key": `item-${name}`,
+          "aria-label": `${k + 1}. ${who}`,
+          "aria-keyshortcuts": "Alt+ArrowUp Alt+ArrowDown",
+          keydown: (event) => {
+            if (!event.altKey || !["ArrowUp", "ArrowDown"].includes(event.key)) return;
+            event.preventDefault();
+            const place = k + (event.key === "ArrowUp" ? 0 : 2);
+            if (place >= 1 && place <= movable.length) move(name, place);
+          },
+        },
+        h(
+          "span",
+          { class: "race-who" },
+          h("strong", {}, entry.racer),
+          h("span", { class: "quiet" }, ` ${entry.model}`),
+        ),
+        h(
+          "span",
+          { class: "race-buttons" },
+          h(
+            "button",
+            {
+              type: "button",
+              class: "race-small",
+              "data-key": `up-${name}`,
+              disabled: k === 0,
+              "aria-label": `Move ${who} up`,
+              click: () => move(name, k),
+            },
+            "↑",
+          ),
+          h(
+            "button",
+            {
+              type: "button",
+              class: "race-small",
+              "data-key": `down-${name}`,
+              disabled: k === movable.length - 1,
+              "aria-label": `Move ${who} down`,
+              click: () => move(name, k + 2),
+            },
+            "↓",
+          ),
+          h(
+            "button",
+            {
+              type: "button",
+              class: "race-small",
+              "data-key": `withdraw-${name}`,
+              "aria-label": `Withdraw ${who}`,
+              click: () => withdraw(entry),
+            },
+            "Withdraw",
+          ),
+        ),
+      );
     };
     const driving = race.moments.driving;
-    fill(queue, h("h2", {}, "Queue"),
-      driving ? h("p", { class: "race-driving" }, h("span", { class: "dot good" }), `${driving.cars.map((car) => car.racer).join(" against ")}, driven since ${moment(driving.began_at)}`) : null,
-      movable.length ? [h("p", { class: "quiet" }, inPairs ? "Pairs are made in this order. " : "The first one drives first. ", "The arrows move a submission; so do Alt and the arrow keys."), h("ol", { class: "race-queue" }, movable.map(item))]
-        : h("p", { class: "quiet" }, race.drawn ? `The bracket is drawn; ${waitText(race.queue.length)}.` : "The queue is empty."));
+    fill(
+      queue,
+      h("h2", {}, "Queue"),
+      driving
+        ? h(
+            "p",
+            { class: "race-driving" },
+            h("span", { class: "dot good" }),
+            `${driving.cars.map((car) => car.racer).join(" against ")}, driven since ${moment(driving.began_at)}`,
+          )
+        : null,
+      movable.length
+        ? [
+            h(
+              "p",
+              { class: "quiet" },
+              inPairs ? "Pairs are made in this order. " : "The first one drives first. ",
+              "The arrows move a submission; so do Alt and the arrow keys.",
+            ),
+            h("ol", { class: "race-queue" }, movable.map(item)),
+          ]
+        : h(
+            "p",
+            { class: "quiet" },
+            race.drawn
+              ? `The bracket is drawn; ${waitText(race.queue.length)}.`
+              : "The queue is empty.",
+          ),
+    );
   }
 
   async function withdraw(entry) {
-    if (await confirmed(`Withdraw ${entry.racer}'s ${entry.model}?`, { action: "Withdraw it", detail: "Its laps are removed, and it no longer counts. It cannot be undone; the model stays." })) act("withdraw", { submission: entry.submission });
+    if (
+      await confirmed(`Withdraw ${entry.racer}'s ${entry.model}?`, {
+        action: "Withdraw it",
+        detail:
+          "Its laps are removed, and it no longer counts. It cannot be undone; the model stays.",
+      })
+    )
+      act("withdraw", { submission: entry.submission });
   }
 
   async function restart(entry) {
-    if (await confirmed(`Drive ${entry.racer}'s ${entry.model} again?`, { action: "Drive it again", detail: "Its present laps no longer count." })) act("restart", { submission: entry.submission });
+    if (
+      await confirmed(`Drive ${entry.racer}'s ${entry.model} again?`, {
+        action: "Drive it again",
+        detail: "Its present laps no longer count.",
+      })
+    )
+      act("restart", { submission: entry.submission });
   }
 
   function drawSubmissions() {
-    if (!race.submissions.length) { fill(submissions); return; }
-    const STATES = { queued: "waits", running: "is driven now", done: "was driven", failed: "failed", "over the limit": "does not count: the racer has more submissions than the rules allow" };
-    fill(submissions, h("h2", {}, "Submissions"), h("ul", { class: "race-submissions" }, race.submissions.map((entry) => h("li", {},
-      h("div", {}, h("strong", {}, entry.racer), ` ${entry.model}, checkpoint ${entry.checkpoint.split("_")[0]} `, h("span", { class: "quiet" }, `${entry.submission}, ${dateText(entry.submitted_at)}`),
-        h("p", { class: entry.state === "failed" ? "race-failed" : null }, entry.lap_s.length ? lapsText(entry) : STATES[entry.state] ?? entry.state, entry.message ? `: ${entry.message} ${entry.remedy}` : ""),
-        entry.notes.map((note) => h("p", { class: "quiet" }, note))),
-      h("span", { class: "race-buttons" },
-        entry.video ? h("button", { type: "button", class: "race-small", "data-key": `film-${entry.submission}`, "aria-label": `Watch the video of ${entry.racer}, ${entry.model}`, click: () => watch(entry.video, `${entry.racer}, ${entry.model}`) }, "Watch") : null,
-        entry.state === "done" || entry.state === "failed" ? h("button", { type: "button", class: "race-small", "data-key": `restart-${entry.submission}`, "aria-label": `Drive ${entry.racer}, ${entry.model} again`, click: () => restart(entry) }, "Drive again") : null,
-        entry.state === "queued" ? null : h("button", { type: "button", class: "race-small", "data-key": `remove-${entry.submission}`, "aria-label": `Withdraw ${entry.racer}, ${entry.model}`, click: () => withdraw(entry) }, "Withdraw"))))));
+    if (!race.submissions.length) {
+      fill(submissions);
+      return;
+    }
+    const STATES = {
+      queued: "waits",
+      running: "is driven now",
+      done: "was driven",
+      failed: "failed",
+      "over the limit": "does not count: the racer has more submissions than the rules allow",
+    };
+    fill(
+      submissions,
+      h("h2", {}, "Submissions"),
+      h(
+        "ul",
+        { class: "race-submissions" },
+        race.submissions.map((entry) =>
+          h(
+            "li",
+            {},
+            h(
+              "div",
+              {},
+              h("strong", {}, entry.racer),
+              ` ${entry.model}, checkpoint ${entry.checkpoint.split("_")[0]} `,
+              h("span", { class: "quiet" }, `${entry.submission}, ${dateText(entry.submitted_at)}`),
+              h(
+                "p",
+                { class: entry.state === "failed" ? "race-failed" : null },
+                entry.lap_s.length ? lapsText(entry) : (STATES[entry.state] ?? entry.state),
+                entry.message ? `: ${entry.message} ${entry.remedy}` : "",
+              ),
+              entry.notes.map((note) => h("p", { class: "quiet" }, note)),
+            ),
+            h(
+              "span",
+              { class: "race-buttons" },
+              entry.video
+                ? h(
+                    "button",
+                    {
+                      type: "button",
+                      class: "race-small",
+                      "data-key": `film-${entry.submission}`,
+                      "aria-label": `Watch the video of ${entry.racer}, ${entry.model}`,
+                      click: () => watch(entry.video, `${entry.racer}, ${entry.model}`),
+                    },
+                    "Watch",
+                  )
+                : null,
+              entry.state === "done" || entry.state === "failed"
+                ? h(
+                    "button",
+                    {
+                      type: "button",
+                      class: "race-small",
+                      "data-key": `restart-${entry.submission}`,
+                      "aria-label": `Drive ${entry.racer}, ${entry.model} again`,
+                      click: () => restart(entry),
+                    },
+                    "Drive again",
+                  )
+                : null,
+              entry.state === "queued"
+                ? null
+                : h(
+                    "button",
+                    {
+                      type: "button",
+                      class: "race-small",
+                      "data-key": `remove-${entry.submission}`,
+                      "aria-label": `Withdraw ${entry.racer}, ${entry.model}`,
+                      click: () => withdraw(entry),
+                    },
+                    "Withdraw",
+                  ),
+            ),
+          ),
+        ),
+      ),
+    );
   }
 }

@@ -9,15 +9,35 @@ export const racePath = (race, ...parts) => api("race", race, ...parts);
 
 /** Address of a video from its key in the bucket. */
 export const videoPath = (race, key, download = false) =>
-  `${racePath(race, "video")}?name=${encodeURIComponent(key.split("/").at(-1).replace(/\.mp4$/, ""))}${download ? "&download" : ""}`;
+  `${racePath(race, "video")}?name=${encodeURIComponent(
+    key
+      .split("/")
+      .at(-1)
+      .replace(/\.mp4$/, ""),
+  )}${download ? "&download" : ""}`;
 
 export const KINDS = {
-  TIME_TRIAL: "Time trial", OBJECT_AVOIDANCE: "Object avoidance", HEAD_TO_BOT: "Head to bot", HEAD_TO_MODEL: "Head to head, in pairs",
+  TIME_TRIAL: "Time trial",
+  OBJECT_AVOIDANCE: "Object avoidance",
+  HEAD_TO_BOT: "Head to bot",
+  HEAD_TO_MODEL: "Head to head, in pairs",
 };
-export const RANKINGS = { "best-lap": "Best lap", "best-average": "Best average of laps in a row", "total-time": "Total time of all laps" };
-export const PAIRINGS = { "round-robin": "Round robin: everybody meets everybody once", bracket: "Bracket: the winners go on" };
+export const RANKINGS = {
+  "best-lap": "Best lap",
+  "best-average": "Best average of laps in a row",
+  "total-time": "Total time of all laps",
+};
+export const PAIRINGS = {
+  "round-robin": "Round robin: everybody meets everybody once",
+  bracket: "Bracket: the winners go on",
+};
 
-const STATES = { scheduled: ["Not open yet", "warn"], open: ["Open", "good"], closed: ["Closed", "warn"], finished: ["Finished", ""] };
+const STATES = {
+  scheduled: ["Not open yet", "warn"],
+  open: ["Open", "good"],
+  closed: ["Closed", "warn"],
+  finished: ["Finished", ""],
+};
 
 /** Whether a race takes submissions, as a label. */
 export function stateBadge(state) {
@@ -26,28 +46,46 @@ export function stateBadge(state) {
 }
 
 /** Seconds behind the first. */
-export const gapText = (row) => (row.gap_s === null ? "–" : row.rank === 1 ? "" : `+${number(row.gap_s, 3, "s")}`);
+export const gapText = (row) =>
+  row.gap_s === null ? "–" : row.rank === 1 ? "" : `+${number(row.gap_s, 3, "s")}`;
 
 export const rankText = (row) => (row.rank === null ? "not qualified" : String(row.rank));
 
 /** The laps of a submission: times, and how the others ended. */
 export function lapsText(entry) {
-  return entry.lap_s.map((time, k) => (entry.lap_status[k] === "Lap complete" ? lapTime(time) : `${lapTime(time)} ${entry.lap_status[k]}`)).join(", ");
+  return entry.lap_s
+    .map((time, k) =>
+      entry.lap_status[k] === "Lap complete"
+        ? lapTime(time)
+        : `${lapTime(time)} ${entry.lap_status[k]}`,
+    )
+    .join(", ");
 }
 
 /** "1 run waits", "3 runs wait". */
 export const waitText = (count) => (count === 1 ? "1 run waits" : `${number(count)} runs wait`);
 
 /** A date of a record as this machine writes dates. */
-export const dateText = (text) => new Date(text).toLocaleString("en-GB", { dateStyle: "medium", timeStyle: "short" });
+export const dateText = (text) =>
+  new Date(text).toLocaleString("en-GB", { dateStyle: "medium", timeStyle: "short" });
 
 /** Fetch a file of the console and let the browser keep it; errors are those of the server. */
 export async function keepFile(path, name) {
   let answer;
-  try { answer = await fetch(path); } catch { throw new ApiError(0, { message: "The console does not answer.", remedy: "Start it with `dr-start-viewer`." }); }
+  try {
+    answer = await fetch(path);
+  } catch {
+    throw new ApiError(0, {
+      message: "The console does not answer.",
+      remedy: "Start it with `dr-start-viewer`.",
+    });
+  }
   if (!answer.ok) {
     const value = await answer.json().catch(() => null);
-    throw new ApiError(answer.status, value?.error ?? { message: `The console answered ${answer.status}.` });
+    throw new ApiError(
+      answer.status,
+      value?.error ?? { message: `The console answered ${answer.status}.` },
+    );
   }
   const url = URL.createObjectURL(await answer.blob());
   const link = h("a", { href: url, download: name });

@@ -3,7 +3,11 @@
 const listeners = new Map(); // topic -> Set of functions
 const newest = new Map(); // topic -> last value, for a second listener of the same topic
 const stateListeners = new Set();
-let socket = null, wait = 250, timer = 0, open = false, heard = 0;
+let socket = null,
+  wait = 250,
+  timer = 0,
+  open = false,
+  heard = 0;
 
 // The server says something at least every 15 s. A connection through a tunnel can end without a word.
 const SILENCE_MS = 45000;
@@ -14,24 +18,35 @@ export function follow(topic, listener, signal) {
   if (!listeners.has(topic)) listeners.set(topic, new Set());
   listeners.get(topic).add(listener);
   if (newest.has(topic)) listener(newest.get(topic));
-  signal?.addEventListener("abort", () => {
-    const all = listeners.get(topic);
-    all?.delete(listener);
-    if (all && !all.size) { listeners.delete(topic); newest.delete(topic); }
-    watch();
-  }, { once: true });
+  signal?.addEventListener(
+    "abort",
+    () => {
+      const all = listeners.get(topic);
+      all?.delete(listener);
+      if (all && !all.size) {
+        listeners.delete(topic);
+        newest.delete(topic);
+      }
+      watch();
+    },
+    { once: true },
+  );
   watch();
 }
 
 /** Rows of a growing topic: calls the listener with the whole list after every change. */
 export function followRows(topic, listener, signal) {
   let rows = [];
-  follow(topic, (data) => {
-    if (data.error) return listener(rows, data.error);
-    rows = rows.slice(0, data.start).concat(data.rows);
-    newest.set(topic, { start: 0, rows });
-    listener(rows, null);
-  }, signal);
+  follow(
+    topic,
+    (data) => {
+      if (data.error) return listener(rows, data.error);
+      rows = rows.slice(0, data.start).concat(data.rows);
+      newest.set(topic, { start: 0, rows });
+      listener(rows, null);
+    },
+    signal,
+  );
 }
 
 /** Call with true and false when the connection opens and closes. */
@@ -46,18 +61,32 @@ function watch() {
   scheduled = true;
   queueMicrotask(() => {
     scheduled = false;
-    if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ watch: [...listeners.keys()] }));
+    if (socket?.readyState === WebSocket.OPEN)
+      socket.send(JSON.stringify({ watch: [...listeners.keys()] }));
   });
 }
 
 function connect() {
   clearTimeout(timer);
   const scheme = location.protocol === "https:" ? "wss" : "ws";
-  const mine = socket = new WebSocket(`${scheme}://${location.host}/ws`);
+  const mine = (socket = new WebSocket(`${scheme}://${location.host}/ws`));
   socket.binaryType = "arraybuffer";
-  socket.onopen = () => { wait = 250; open = true; heard = Date.now(); newest.clear(); stateListeners.forEach((each) => each(true)); watch(); };
-  socket.onmessage = ({ data }) => { heard = Date.now(); if (typeof data === "string") text(data); else picture(data); };
-  socket.onclose = () => { if (mine === socket) again(); };
+  socket.onopen = () => {
+    wait = 250;
+    open = true;
+    heard = Date.now();
+    newest.clear();
+    stateListeners.forEach((each) => each(true));
+    watch();
+  };
+  socket.onmessage = ({ data }) => {
+    heard = Date.now();
+    if (typeof data === "string") text(data);
+    else picture(data);
+  };
+  socket.onclose = () => {
+    if (mine === socket) again();
+  };
 }
 
 function again() {
@@ -90,13 +119,21 @@ function text(data) {
 function picture(buffer) {
   const length = new DataView(buffer).getUint16(0);
   const facts = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 2, length)));
-  give(facts.topic, { facts, blob: new Blob([new Uint8Array(buffer, 2 + length)], { type: "image/jpeg" }) });
+  give(facts.topic, {
+    facts,
+    blob: new Blob([new Uint8Array(buffer, 2 + length)], { type: "image/jpeg" }),
+  });
 }
 
 // A machine that was asleep, or a page that was in the background, is connected again at once.
 function hurry() {
-  if (socket === null) { wait = 250; connect(); }
+  if (socket === null) {
+    wait = 250;
+    connect();
+  }
 }
 addEventListener("online", hurry);
-document.addEventListener("visibilitychange", () => { if (!document.hidden) hurry(); });
+document.addEventListener("visibilitychange", () => {
+  if (!document.hidden) hurry();
+});
 connect();

@@ -3,7 +3,9 @@
 import { h, number } from "/dom.js";
 import { ink } from "/theme_colors.js";
 
-const STOPS = ["#2c5fd6", "#3f8fbf", "#7fa37a", "#d1a53c", "#f26a1b"].map((text) => [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16)));
+const STOPS = ["#2c5fd6", "#3f8fbf", "#7fa37a", "#d1a53c", "#f26a1b"].map((text) =>
+  [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16)),
+);
 const SHADES = 24;
 const MARGIN_PX = 14;
 
@@ -12,8 +14,11 @@ const css = (name) => (name.includes("(") ? name : ink(name));
 
 /** The colour of a share from 0 to 1. */
 export function shade(share) {
-  const place = Math.min(Math.max(share, 0), 1) * (STOPS.length - 1), first = Math.min(Math.floor(place), STOPS.length - 2);
-  const mixed = STOPS[first].map((low, k) => Math.round(low + (place - first) * (STOPS[first + 1][k] - low)));
+  const place = Math.min(Math.max(share, 0), 1) * (STOPS.length - 1),
+    first = Math.min(Math.floor(place), STOPS.length - 2);
+  const mixed = STOPS[first].map((low, k) =>
+    Math.round(low + (place - first) * (STOPS[first + 1][k] - low)),
+  );
   return `rgb(${mixed.join(",")})`;
 }
 
@@ -31,7 +36,11 @@ export function trackMap({ label, height = 380, pick = null }, signal) {
   const element = h("div", { class: "track-map" }, canvas, legend);
   const state = { track: null, paths: [], cars: [], objects: [], numbers: false };
   const ground = document.createElement("canvas");
-  let scale = 1, left = 0, top = 0, waiting = false, stale = true;
+  let scale = 1,
+    left = 0,
+    top = 0,
+    waiting = false,
+    stale = true;
   canvas.style.setProperty("height", `${height}px`);
 
   const at = (x, y) => [left + x * scale, top - y * scale];
@@ -39,14 +48,27 @@ export function trackMap({ label, height = 380, pick = null }, signal) {
     stale ||= groundToo;
     if (waiting) return;
     waiting = true;
-    requestAnimationFrame(() => { waiting = false; if (element.isConnected) paint(); });
+    requestAnimationFrame(() => {
+      waiting = false;
+      if (element.isConnected) paint();
+    });
   };
 
   function paint() {
-    const ratio = devicePixelRatio || 1, width = Math.round(canvas.clientWidth * ratio), rows = Math.round(canvas.clientHeight * ratio);
+    const ratio = devicePixelRatio || 1,
+      width = Math.round(canvas.clientWidth * ratio),
+      rows = Math.round(canvas.clientHeight * ratio);
     if (!width || !rows) return;
-    if (canvas.width !== width || canvas.height !== rows) { canvas.width = ground.width = width; canvas.height = ground.height = rows; stale = true; }
-    if (stale) { fit(ratio); paintGround(ground.getContext("2d"), ratio); stale = false; }
+    if (canvas.width !== width || canvas.height !== rows) {
+      canvas.width = ground.width = width;
+      canvas.height = ground.height = rows;
+      stale = true;
+    }
+    if (stale) {
+      fit(ratio);
+      paintGround(ground.getContext("2d"), ratio);
+      stale = false;
+    }
     const pen = canvas.getContext("2d");
     pen.clearRect(0, 0, width, rows);
     pen.drawImage(ground, 0, 0);
@@ -55,10 +77,17 @@ export function trackMap({ label, height = 380, pick = null }, signal) {
   }
 
   function fit(ratio) {
-    const points = state.track ? [...state.track.inner, ...state.track.outer] : state.paths.flatMap((path) => path.x.map((x, k) => [x, path.y[k]]));
+    const points = state.track
+      ? [...state.track.inner, ...state.track.outer]
+      : state.paths.flatMap((path) => path.x.map((x, k) => [x, path.y[k]]));
     if (!points.length) return;
-    const box = points.reduce(([a, b, c, d], [x, y]) => [Math.min(a, x), Math.min(b, y), Math.max(c, x), Math.max(d, y)], [Infinity, Infinity, -Infinity, -Infinity]);
-    const margin = MARGIN_PX * ratio, wide = Math.max(box[2] - box[0], 0.5), high = Math.max(box[3] - box[1], 0.5);
+    const box = points.reduce(
+      ([a, b, c, d], [x, y]) => [Math.min(a, x), Math.min(b, y), Math.max(c, x), Math.max(d, y)],
+      [Infinity, Infinity, -Infinity, -Infinity],
+    );
+    const margin = MARGIN_PX * ratio,
+      wide = Math.max(box[2] - box[0], 0.5),
+      high = Math.max(box[3] - box[1], 0.5);
     scale = Math.min((ground.width - 2 * margin) / wide, (ground.height - 2 * margin) / high);
     left = (ground.width - wide * scale) / 2 - box[0] * scale;
     top = (ground.height + high * scale) / 2 + box[1] * scale;
@@ -73,22 +102,38 @@ export function trackMap({ label, height = 380, pick = null }, signal) {
   }
 
   function paintRoad(pen, track, ratio) {
-    const trace = (line) => line.forEach(([x, y], k) => (k ? pen.lineTo(...at(x, y)) : pen.moveTo(...at(x, y))));
+    const trace = (line) =>
+      line.forEach(([x, y], k) => (k ? pen.lineTo(...at(x, y)) : pen.moveTo(...at(x, y))));
     pen.beginPath();
-    if (track.closed) { trace(track.outer); pen.closePath(); trace(track.inner); pen.closePath(); }
-    else { trace([...track.outer, ...[...track.inner].reverse()]); pen.closePath(); }
+    if (track.closed) {
+      trace(track.outer);
+      pen.closePath();
+      trace(track.inner);
+      pen.closePath();
+    } else {
+      trace([...track.outer, ...[...track.inner].reverse()]);
+      pen.closePath();
+    }
     pen.fillStyle = css("road");
     pen.fill("evenodd");
     pen.strokeStyle = css("edge");
     pen.lineWidth = ratio;
-    for (const line of [track.outer, track.inner]) { pen.beginPath(); trace(line); pen.stroke(); }
+    for (const line of [track.outer, track.inner]) {
+      pen.beginPath();
+      trace(line);
+      pen.stroke();
+    }
     pen.strokeStyle = css("ink");
     pen.lineWidth = 3 * ratio;
-    pen.beginPath(); trace([track.inner[0], track.outer[0]]); pen.stroke();
+    pen.beginPath();
+    trace([track.inner[0], track.outer[0]]);
+    pen.stroke();
     pen.strokeStyle = css("faint");
     pen.lineWidth = ratio;
     pen.setLineDash([4 * ratio, 6 * ratio]);
-    pen.beginPath(); trace(track.center); pen.stroke();
+    pen.beginPath();
+    trace(track.center);
+    pen.stroke();
     pen.setLineDash([]);
   }
 
@@ -100,7 +145,9 @@ export function trackMap({ label, height = 380, pick = null }, signal) {
       pen.globalAlpha = path.alpha ?? 1;
       pen.setLineDash(path.dashed ? [6 * ratio, 4 * ratio] : []);
       pen.beginPath();
-      path.x.forEach((x, k) => (k && !far(k) ? pen.lineTo(...at(x, path.y[k])) : pen.moveTo(...at(x, path.y[k]))));
+      path.x.forEach((x, k) =>
+        k && !far(k) ? pen.lineTo(...at(x, path.y[k])) : pen.moveTo(...at(x, path.y[k])),
+      );
       pen.stroke();
       pen.setLineDash([]);
       pen.globalAlpha = 1;
@@ -110,14 +157,23 @@ export function trackMap({ label, height = 380, pick = null }, signal) {
     const groups = new Map();
     for (let k = 1; k < path.x.length; k += 1) {
       if (far(k)) continue;
-      const place = high > low ? Math.min(SHADES - 1, Math.max(0, Math.floor((path.values[k] - low) / (high - low) * SHADES))) : 0;
+      const place =
+        high > low
+          ? Math.min(
+              SHADES - 1,
+              Math.max(0, Math.floor(((path.values[k] - low) / (high - low)) * SHADES)),
+            )
+          : 0;
       if (!groups.has(place)) groups.set(place, []);
       groups.get(place).push(k);
     }
     for (const [place, steps] of groups) {
       pen.strokeStyle = shade(place / (SHADES - 1));
       pen.beginPath();
-      for (const k of steps) { pen.moveTo(...at(path.x[k - 1], path.y[k - 1])); pen.lineTo(...at(path.x[k], path.y[k])); }
+      for (const k of steps) {
+        pen.moveTo(...at(path.x[k - 1], path.y[k - 1]));
+        pen.lineTo(...at(path.x[k], path.y[k]));
+      }
       pen.stroke();
     }
   }
@@ -130,7 +186,9 @@ export function trackMap({ label, height = 380, pick = null }, signal) {
     center.forEach(([x, y], k) => {
       const [px, py] = at(x, y);
       pen.fillStyle = css("ink");
-      pen.beginPath(); pen.arc(px, py, 1.6 * ratio, 0, 7); pen.fill();
+      pen.beginPath();
+      pen.arc(px, py, 1.6 * ratio, 0, 7);
+      pen.fill();
       if (last && Math.hypot(px - last[0], py - last[1]) < 26 * ratio) return;
       if (k === center.length - 1 && k) return; // on a closed track, it repeats the first one
       last = [px, py];
@@ -142,23 +200,29 @@ export function trackMap({ label, height = 380, pick = null }, signal) {
   }
 
   function box(pen, x, y, yaw, length, width, color, ratio) {
-    const [px, py] = at(x, y), least = 7 * ratio;
+    const [px, py] = at(x, y),
+      least = 7 * ratio;
     pen.save();
     pen.translate(px, py);
     pen.rotate(-yaw);
     pen.fillStyle = color;
-    const long = Math.max(length * scale, least), wide = Math.max(width * scale, least);
+    const long = Math.max(length * scale, least),
+      wide = Math.max(width * scale, least);
     pen.fillRect(-long / 2, -wide / 2, long, wide);
     pen.restore();
   }
 
   function paintCar(pen, car, ratio) {
-    const [px, py] = at(car.x, car.y), size = Math.min(Math.max(0.3 * scale, 9 * ratio), 22 * ratio);
+    const [px, py] = at(car.x, car.y),
+      size = Math.min(Math.max(0.3 * scale, 9 * ratio), 22 * ratio);
     pen.save();
     pen.translate(px, py);
     pen.rotate(-car.yaw);
     pen.beginPath();
-    pen.moveTo(size, 0); pen.lineTo(-size * 0.7, size * 0.62); pen.lineTo(-size * 0.35, 0); pen.lineTo(-size * 0.7, -size * 0.62);
+    pen.moveTo(size, 0);
+    pen.lineTo(-size * 0.7, size * 0.62);
+    pen.lineTo(-size * 0.35, 0);
+    pen.lineTo(-size * 0.7, -size * 0.62);
     pen.closePath();
     pen.fillStyle = css(car.color ?? "c1");
     pen.strokeStyle = css("paper");
@@ -178,11 +242,21 @@ export function trackMap({ label, height = 380, pick = null }, signal) {
 
   function tell() {
     const path = state.paths.find((each) => each.values);
-    if (!path) { legend.replaceChildren(" "); return; }
+    if (!path) {
+      legend.replaceChildren(" ");
+      return;
+    }
     const [low, high] = range(path.values);
     const scaleOf = h("span", { class: "map-scale" });
-    scaleOf.style.setProperty("background", `linear-gradient(90deg, ${[0, 0.25, 0.5, 0.75, 1].map(shade).join(", ")})`);
-    legend.replaceChildren(`${path.name ?? "Value"}: ${number(low, 2)} `, scaleOf, ` ${number(high, 2, path.unit ?? "")}`);
+    scaleOf.style.setProperty(
+      "background",
+      `linear-gradient(90deg, ${[0, 0.25, 0.5, 0.75, 1].map(shade).join(", ")})`,
+    );
+    legend.replaceChildren(
+      `${path.name ?? "Value"}: ${number(low, 2)} `,
+      scaleOf,
+      ` ${number(high, 2, path.unit ?? "")}`,
+    );
   }
 
   if (pick) {
@@ -197,11 +271,27 @@ export function trackMap({ label, height = 380, pick = null }, signal) {
   signal?.addEventListener("abort", () => resize.disconnect(), { once: true });
   return {
     element,
-    setTrack(track) { state.track = track; draw(true); },
-    setPaths(paths) { state.paths = paths; tell(); draw(true); },
-    setCars(cars) { state.cars = cars; draw(); },
-    setObjects(objects) { state.objects = objects; draw(); },
-    showWaypoints(on) { state.numbers = on; draw(true); },
+    setTrack(track) {
+      state.track = track;
+      draw(true);
+    },
+    setPaths(paths) {
+      state.paths = paths;
+      tell();
+      draw(true);
+    },
+    setCars(cars) {
+      state.cars = cars;
+      draw();
+    },
+    setObjects(objects) {
+      state.objects = objects;
+      draw();
+    },
+    showWaypoints(on) {
+      state.numbers = on;
+      draw(true);
+    },
   };
 }
 
@@ -209,5 +299,8 @@ export function trackMap({ label, height = 380, pick = null }, signal) {
 function range(values) {
   const sorted = values.filter(Number.isFinite).sort((a, b) => a - b);
   if (!sorted.length) return [0, 0];
-  return [sorted[Math.floor((sorted.length - 1) * 0.02)], sorted[Math.ceil((sorted.length - 1) * 0.98)]];
+  return [
+    sorted[Math.floor((sorted.length - 1) * 0.02)],
+    sorted[Math.ceil((sorted.length - 1) * 0.98)],
+  ];
 }

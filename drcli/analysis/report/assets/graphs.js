@@ -4,7 +4,8 @@
 function aligned(series) {
   const points = [];
   series.forEach((one, which) => {
-    const x = unpack(one.x), y = unpack(one.y);
+    const x = unpack(one.x),
+      y = unpack(one.y);
     for (let i = 0; i < x.length; i++) {
       if (Number.isFinite(x[i]) && Number.isFinite(y[i])) points.push([x[i], which, y[i]]);
     }
@@ -25,7 +26,8 @@ function aligned(series) {
 
 /** The row next to a given one in which a series has a value. */
 function nearestRow(column, xs, row) {
-  let below = row, above = row;
+  let below = row,
+    above = row;
   while (below >= 0 && column[below] === null) below--;
   while (above < column.length && column[above] === null) above++;
   if (below < 0) return above < column.length ? above : null;
@@ -81,10 +83,15 @@ function buildGraph(figure, graph) {
   graph.series.forEach((one, i) => {
     one.x_count = columns[i + 1].filter((value) => value !== null).length;
   });
-  const ink = () => color("--quiet"), grid = () => color("--line");
+  const ink = () => color("--quiet"),
+    grid = () => color("--line");
   const font = "12px system-ui, sans-serif";
   const axis = (scale, side, extra) => ({
-    scale, side, stroke: ink, font, gap: 4,
+    scale,
+    side,
+    stroke: ink,
+    font,
+    gap: 4,
     size: (u, values) => Math.max(34, 14 + 7 * Math.max(0, ...(values || []).map((v) => v.length))),
     grid: { show: side === 3 || scale === "x", stroke: grid, width: 1 },
     ticks: { stroke: grid, width: 1, size: 4 },
@@ -92,9 +99,13 @@ function buildGraph(figure, graph) {
     ...extra,
   });
   const used = new Set(graph.series.map((one) => one.axis));
-  const axes = [axis("x", 2, {
-    size: 30, space: 56, incrs: graph.whole_x ? WHOLE_STEPS : undefined,
-  })];
+  const axes = [
+    axis("x", 2, {
+      size: 30,
+      space: 56,
+      incrs: graph.whole_x ? WHOLE_STEPS : undefined,
+    }),
+  ];
   const scales = { x: { time: false } };
   for (const name of ["left", "right"]) {
     if (!used.has(name)) continue;
@@ -104,32 +115,47 @@ function buildGraph(figure, graph) {
   }
   const zoomOut = make("button", { type: "button", hidden: "" }, "Show all");
   const height = () => (room.clientWidth < 480 ? 210 : graph.height);
-  const u = new uPlot({
-    width: Math.max(room.clientWidth, 200), height: height(), scales, axes,
-    padding: [10, used.has("right") ? 0 : 12, 0, 0],
-    legend: { show: false },
-    cursor: {
-      dataIdx: (plot, which, row) => nearestRow(plot.data[which], plot.data[0], row) ?? row,
-      drag: { x: true, y: false }, y: false,
-      points: { size: 8 },
+  const u = new uPlot(
+    {
+      width: Math.max(room.clientWidth, 200),
+      height: height(),
+      scales,
+      axes,
+      padding: [10, used.has("right") ? 0 : 12, 0, 0],
+      legend: { show: false },
+      cursor: {
+        dataIdx: (plot, which, row) => nearestRow(plot.data[which], plot.data[0], row) ?? row,
+        drag: { x: true, y: false },
+        y: false,
+        points: { size: 8 },
+      },
+      series: [{}, ...graph.series.map(seriesOptions)],
+      hooks: {
+        draw: [
+          (plot) => {
+            const inks = { ink: color("--good"), paper: color("--paper") };
+            graph.marks.forEach((mark) => drawMark(plot, mark.x, mark.label, inks));
+          },
+        ],
+        setCursor: [
+          (plot) => {
+            if (plot.cursor.idx === null || plot.cursor.left < 0) return;
+            readout.textContent = readoutText(plot, graph, plot.cursor.idx);
+          },
+        ],
+        setScale: [
+          (plot, key) => {
+            if (key !== "x" || !plot.data[0].length) return;
+            const xs = plot.data[0],
+              { min, max } = plot.scales.x;
+            zoomOut.hidden = min <= xs[0] && max >= xs[xs.length - 1];
+          },
+        ],
+      },
     },
-    series: [{}, ...graph.series.map(seriesOptions)],
-    hooks: {
-      draw: [(plot) => {
-        const inks = { ink: color("--good"), paper: color("--paper") };
-        graph.marks.forEach((mark) => drawMark(plot, mark.x, mark.label, inks));
-      }],
-      setCursor: [(plot) => {
-        if (plot.cursor.idx === null || plot.cursor.left < 0) return;
-        readout.textContent = readoutText(plot, graph, plot.cursor.idx);
-      }],
-      setScale: [(plot, key) => {
-        if (key !== "x" || !plot.data[0].length) return;
-        const xs = plot.data[0], { min, max } = plot.scales.x;
-        zoomOut.hidden = min <= xs[0] && max >= xs[xs.length - 1];
-      }],
-    },
-  }, columns, room);
+    columns,
+    room,
+  );
   zoomOut.addEventListener("click", () => {
     const xs = u.data[0];
     u.setScale("x", { min: xs[0], max: xs[xs.length - 1] });
@@ -148,7 +174,8 @@ function buildGraph(figure, graph) {
     if (!by || !u.data[0].length) return;
     event.preventDefault();
     const line = graph.series.findIndex((one, i) => one.kind === "line" && u.series[i + 1].show);
-    do row += by; while (line >= 0 && u.data[line + 1][row] === null);
+    do row += by;
+    while (line >= 0 && u.data[line + 1][row] === null);
     row = Math.min(Math.max(row, 0), u.data[0].length - 1);
     u.setCursor({ left: u.valToPos(u.data[0][row], "x"), top: 10 });
   });
@@ -164,11 +191,14 @@ function startGraphs() {
   for (const figure of document.querySelectorAll("figure[data-graph]")) {
     const graph = data.graphs[figure.dataset.graph];
     // Those far down the page are drawn when they come near.
-    const seen = new IntersectionObserver((entries) => {
-      if (!entries.some((entry) => entry.isIntersecting)) return;
-      seen.disconnect();
-      attempt(figure, () => buildGraph(figure, graph));
-    }, { rootMargin: "400px" });
+    const seen = new IntersectionObserver(
+      (entries) => {
+        if (!entries.some((entry) => entry.isIntersecting)) return;
+        seen.disconnect();
+        attempt(figure, () => buildGraph(figure, graph));
+      },
+      { rootMargin: "400px" },
+    );
     seen.observe(figure);
   }
 }

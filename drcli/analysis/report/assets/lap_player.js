@@ -4,19 +4,34 @@ function startMap(room) {
   const map = unpackMap(data.map);
   map.first = map.laps.first;
   const find = (name) => room.querySelector(`[data-part="${name}"]`);
-  const canvas = find("canvas"), ctx = canvas.getContext("2d");
-  const what = find("what"), paint = find("paint"), iteration = find("iteration");
-  const time = find("time"), play = find("play"), speed = find("speed"), ends = find("ends");
+  const canvas = find("canvas"),
+    ctx = canvas.getContext("2d");
+  const what = find("what"),
+    paint = find("paint"),
+    iteration = find("iteration");
+  const time = find("time"),
+    play = find("play"),
+    speed = find("speed"),
+    ends = find("ends");
   const camera = new Camera(map.bounds);
   const iterations = [...new Set(map.laps.iteration)].filter((n) => n >= 0).sort((a, b) => a - b);
-  const state = { laps: [], hidden: new Set(), focus: -1, now: 0, most: 0, playing: false, last: 0 };
+  const state = {
+    laps: [],
+    hidden: new Set(),
+    focus: -1,
+    now: 0,
+    most: 0,
+    playing: false,
+    last: 0,
+  };
   iteration.max = String(Math.max(iterations.length - 1, 0));
   iteration.value = iteration.max;
 
   const period = () => (what.value.startsWith("steps-") ? Number(what.value.slice(6)) : -1);
   const label = (lap) => {
     const group = map.laps.iteration[lap];
-    return group >= 0 ? `iteration ${group}, episode ${map.laps.episode[lap]}`
+    return group >= 0
+      ? `iteration ${group}, episode ${map.laps.episode[lap]}`
       : `evaluation, trial ${map.laps.episode[lap] + 1}`;
   };
   /** The name of the colour of a lap: fast and bad ones can be told apart where both are shown. */
@@ -39,7 +54,8 @@ function startMap(room) {
 
   /** The step of a lap at a time: the last one that is not later. */
   function stepAt(lap, seconds) {
-    let low = map.first[lap], high = map.first[lap + 1] - 1;
+    let low = map.first[lap],
+      high = map.first[lap + 1] - 1;
     while (low < high) {
       const middle = Math.ceil((low + high) / 2);
       if (map.steps.time[middle] <= seconds) low = middle;
@@ -50,13 +66,17 @@ function startMap(room) {
 
   /** Position and heading between two steps. */
   function poseAt(lap, seconds) {
-    const s = map.steps, i = stepAt(lap, seconds);
+    const s = map.steps,
+      i = stepAt(lap, seconds);
     const j = Math.min(i + 1, map.first[lap + 1] - 1);
     const gap = s.time[j] - s.time[i];
     const part = gap > 0 ? Math.min(Math.max((seconds - s.time[i]) / gap, 0), 1) : 0;
     const turn = ((s.yaw[j] - s.yaw[i] + 540) % 360) - 180;
-    return [s.x[i] + part * (s.x[j] - s.x[i]), s.y[i] + part * (s.y[j] - s.y[i]),
-      s.yaw[i] + part * turn];
+    return [
+      s.x[i] + part * (s.x[j] - s.x[i]),
+      s.y[i] + part * (s.y[j] - s.y[i]),
+      s.yaw[i] + part * turn,
+    ];
   }
 
   function choose() {
@@ -81,29 +101,45 @@ function startMap(room) {
 
   function listLaps() {
     const body = find("laps-room").querySelector("tbody");
-    body.replaceChildren(...state.laps.map((lap) => {
-      const tick = make("input", { type: "checkbox", checked: "" });
-      const swatch = make("span", { class: "swatch dots" });
-      swatch.style.background = `var(${ink(lap)})`;
-      tick.addEventListener("change", () => {
-        if (tick.checked) state.hidden.delete(lap);
-        else state.hidden.add(lap);
-        show();
-      });
-      const follow = make("input", { type: "radio", name: "followed",
-        "aria-label": `Read the numbers of ${label(lap)}` });
-      follow.checked = lap === state.focus;
-      follow.addEventListener("change", () => { state.focus = lap; show(); });
-      const cell = (text) => make("td", { class: "number" }, text);
-      const group = map.laps.iteration[lap];
-      const short = group >= 0 ? ` ${map.laps.episode[lap]}` : ` trial ${map.laps.episode[lap] + 1}`;
-      const name = make("label", { class: "key", title: label(lap) }, tick, " ", swatch, short);
-      const status = map.statuses[map.laps.status[lap]].replaceAll("_", " ");
-      return make("tr", {}, make("td", {}, name), cell(group >= 0 ? String(group) : "–"),
-        make("td", {}, follow),
-        cell(`${shown(map.laps.progress[lap], 1)} %`), cell(`${shown(map.laps.time[lap], 2)} s`),
-        cell(shown(map.laps.reward[lap])), make("td", {}, status));
-    }));
+    body.replaceChildren(
+      ...state.laps.map((lap) => {
+        const tick = make("input", { type: "checkbox", checked: "" });
+        const swatch = make("span", { class: "swatch dots" });
+        swatch.style.background = `var(${ink(lap)})`;
+        tick.addEventListener("change", () => {
+          if (tick.checked) state.hidden.delete(lap);
+          else state.hidden.add(lap);
+          show();
+        });
+        const follow = make("input", {
+          type: "radio",
+          name: "followed",
+          "aria-label": `Read the numbers of ${label(lap)}`,
+        });
+        follow.checked = lap === state.focus;
+        follow.addEventListener("change", () => {
+          state.focus = lap;
+          show();
+        });
+        const cell = (text) => make("td", { class: "number" }, text);
+        const group = map.laps.iteration[lap];
+        const short =
+          group >= 0 ? ` ${map.laps.episode[lap]}` : ` trial ${map.laps.episode[lap] + 1}`;
+        const name = make("label", { class: "key", title: label(lap) }, tick, " ", swatch, short);
+        const status = map.statuses[map.laps.status[lap]].replaceAll("_", " ");
+        return make(
+          "tr",
+          {},
+          make("td", {}, name),
+          cell(group >= 0 ? String(group) : "–"),
+          make("td", {}, follow),
+          cell(`${shown(map.laps.progress[lap], 1)} %`),
+          cell(`${shown(map.laps.time[lap], 2)} s`),
+          cell(shown(map.laps.reward[lap])),
+          make("td", {}, status),
+        );
+      }),
+    );
     find("laps-room").hidden = !state.laps.length;
   }
 
@@ -135,18 +171,27 @@ function startMap(room) {
     ctx.setTransform(dots, 0, 0, dots, 0, 0);
     ctx.clearRect(0, 0, width, height);
     drawRoad(ctx, camera, map);
-    if (period() >= 0 && !ownColors() || paint.value === "visits") {
+    if ((period() >= 0 && !ownColors()) || paint.value === "visits") {
       drawCells(ctx, camera, map, Math.max(period(), 0), paint.value);
     }
     drawBorders(ctx, camera, map);
-    const laps = shownLaps(), many = laps.length > 6;
+    const laps = shownLaps(),
+      many = laps.length > 6;
     for (const lap of laps) {
       const last = map.first[lap + 1] - 1;
       if (state.now < state.most) {
         drawLap(ctx, camera, map, lap, last, color("--faint") + "66", null, 1.2);
       }
-      drawLap(ctx, camera, map, lap, stepAt(lap, state.now), color(ink(lap)),
-        ownColors() ? null : paint.value, many ? 1.6 : 2.6);
+      drawLap(
+        ctx,
+        camera,
+        map,
+        lap,
+        stepAt(lap, state.now),
+        color(ink(lap)),
+        ownColors() ? null : paint.value,
+        many ? 1.6 : 2.6,
+      );
     }
     drawEnds(ctx, camera, map, wantedEnds());
     if (laps.length && (state.playing || state.now < state.most)) {
@@ -176,15 +221,18 @@ function startMap(room) {
 
   function stepText(lap, i) {
     const s = map.steps;
-    return `${label(lap)} at ${shown(s.time[i], 1)} s: ` +
+    return (
+      `${label(lap)} at ${shown(s.time[i], 1)} s: ` +
       `${shown(s.driven[i], 1)} m/s (requested ${shown(s.speed[i], 1)}), steering ${shown(s.steering[i], 0)}°, ` +
       `slip ${shown(s.slip[i], 0)}°, reward ${shown(s.reward[i])}, ` +
-      `progress ${shown(s.progress[i], 1)} %`;
+      `progress ${shown(s.progress[i], 1)} %`
+    );
   }
 
   /** What is known of the place under the pointer: the nearest step, or the cell. */
   function readPlace(px, py) {
-    let best = 14 * 14, found = null;
+    let best = 14 * 14,
+      found = null;
     const near = (x, y, take) => {
       const far = (camera.x(x) - px) ** 2 + (camera.y(y) - py) ** 2;
       if (far < best) [best, found] = [far, take];
@@ -199,19 +247,22 @@ function startMap(room) {
       return;
     }
     if (period() < 0) return;
-    const cells = map.cells, values = cells.periods[period()];
+    const cells = map.cells,
+      values = cells.periods[period()];
     for (let i = 0; i < cells.x.length; i++) {
       if (values.visits[i] > 0) near(cells.x[i], cells.y[i], i);
     }
     if (found === null) return;
     const number = (name, decimals) => shown(values[name][found], decimals);
-    find("readout").textContent = `Here, mean of ${number("visits", 0)} steps: ` +
+    find("readout").textContent =
+      `Here, mean of ${number("visits", 0)} steps: ` +
       `reward ${number("reward")}, ${number("driven", 1)} m/s (requested ${number("speed", 1)}), ` +
       `steering ${number("steering", 0)}°, slip ${number("slip", 0)}°`;
   }
 
   function drawScale() {
-    const bar = find("bar"), inks = bar.getContext("2d");
+    const bar = find("bar"),
+      inks = bar.getContext("2d");
     const keys = find("keys");
     const key = (name, shade) => {
       const swatch = make("span", { class: "swatch dots" });
@@ -226,7 +277,7 @@ function startMap(room) {
     const { low, high, colors } = colorScale(map, paint.value);
     colors.forEach((shade, i) => {
       inks.fillStyle = shade;
-      inks.fillRect(i * bar.width / 64, 0, bar.width / 64 + 1, bar.height);
+      inks.fillRect((i * bar.width) / 64, 0, bar.width / 64 + 1, bar.height);
     });
     const [unit, left, right] = map.units[paint.value];
     find("low").textContent = `${shown(low)}${unit}${left}`;
@@ -235,7 +286,7 @@ function startMap(room) {
 
   function frame(now) {
     if (!state.playing) return;
-    state.now += (now - state.last) / 1000 * Number(speed.value);
+    state.now += ((now - state.last) / 1000) * Number(speed.value);
     state.last = now;
     if (state.now >= state.most) {
       state.now = state.most;
@@ -263,15 +314,18 @@ function startMap(room) {
   /** Moves by steps of the lap whose numbers are read: they may be any time apart. */
   function moveBy(steps) {
     if (state.focus < 0) return;
-    const times = map.steps.time, here = stepAt(state.focus, state.now);
+    const times = map.steps.time,
+      here = stepAt(state.focus, state.now);
     const between = steps < 0 && state.now > times[here] ? 1 : 0;
-    const first = map.first[state.focus], last = map.first[state.focus + 1] - 1;
+    const first = map.first[state.focus],
+      last = map.first[state.focus + 1] - 1;
     moveTo(times[Math.min(Math.max(here + steps + between, first), last)]);
   }
 
   function otherIteration(by) {
     if (!iterations.length) return;
-    const before = what.value === "iteration" ? Number(iteration.value) + by : Number(iteration.value);
+    const before =
+      what.value === "iteration" ? Number(iteration.value) + by : Number(iteration.value);
     what.value = "iteration";
     iteration.value = String(before);
     choose();
@@ -318,12 +372,19 @@ function startMap(room) {
     camera.pan(event.movementX, event.movementY);
     draw();
   });
-  canvas.addEventListener("wheel", (event) => {
-    if (!event.ctrlKey) return; // a plain wheel scrolls the page
-    event.preventDefault();
-    zoom(event.deltaY < 0 ? 1.2 : 1 / 1.2);
-  }, { passive: false });
+  canvas.addEventListener(
+    "wheel",
+    (event) => {
+      if (!event.ctrlKey) return; // a plain wheel scrolls the page
+      event.preventDefault();
+      zoom(event.deltaY < 0 ? 1.2 : 1 / 1.2);
+    },
+    { passive: false },
+  );
   new ResizeObserver(draw).observe(room);
-  redraws.push(() => { draw(); drawScale(); });
+  redraws.push(() => {
+    draw();
+    drawScale();
+  });
   choose();
 }

@@ -16,7 +16,8 @@ function unpack(packed) {
   const integers = kind === "i16" ? new Int16Array(bytes.buffer) : new Int8Array(bytes.buffer);
   const missing = kind === "i16" ? -32768 : -128;
   return Float32Array.from(integers, (value) =>
-    value === missing ? NaN : packed.middle + value * packed.step);
+    value === missing ? NaN : packed.middle + value * packed.step,
+  );
 }
 
 /** A colour of the present theme, such as "--ink". */
@@ -95,7 +96,9 @@ function startCopyButtons() {
       const text = button.parentElement.querySelector("code").textContent;
       button.textContent = (await copyText(text)) ? "Copied" : "Select and copy";
       button.focus();
-      setTimeout(() => { button.textContent = "Copy"; }, 2000);
+      setTimeout(() => {
+        button.textContent = "Copy";
+      }, 2000);
     });
   }
 }

@@ -6,8 +6,13 @@ const SIDES = ["#0b63c4", "#6aa7e8", "#a9afb6", "#ee9b62", "#c44900"];
 const LAP_COLORS = [1, 2, 3, 4, 5, 6, 7, 8].map((n) => `--lap${n}`);
 const FAST_COLORS = [1, 2, 3, 4, 5].map((n) => `--fast${n}`);
 const WORST_COLORS = [1, 2, 3, 4, 5].map((n) => `--worst${n}`);
-const END_COLORS = { lap_complete: "--end1", off_track: "--end2", crashed: "--end3",
-  reversed: "--end4", immobilized: "--end5" };
+const END_COLORS = {
+  lap_complete: "--end1",
+  off_track: "--end2",
+  crashed: "--end3",
+  reversed: "--end4",
+  immobilized: "--end5",
+};
 const OTHER_END = "--edge";
 const CAR_M = 0.3;
 
@@ -15,8 +20,11 @@ const CAR_M = 0.3;
 function ramp(stops) {
   const parts = stops.map((stop) => [1, 3, 5].map((at) => parseInt(stop.slice(at, at + 2), 16)));
   return Array.from({ length: 64 }, (_, i) => {
-    const at = (i / 63) * (parts.length - 1), low = Math.min(Math.floor(at), parts.length - 2);
-    const mixed = parts[low].map((part, k) => Math.round(part + (at - low) * (parts[low + 1][k] - part)));
+    const at = (i / 63) * (parts.length - 1),
+      low = Math.min(Math.floor(at), parts.length - 2);
+    const mixed = parts[low].map((part, k) =>
+      Math.round(part + (at - low) * (parts[low + 1][k] - part)),
+    );
     return `rgb(${mixed.join(",")})`;
   });
 }
@@ -42,8 +50,12 @@ function unpackMap(packed) {
     Object.fromEntries(Object.entries(group).map(([key, value]) => [key, unpack(value)]));
   const map = { ...packed, steps: columns(packed.steps), laps: columns(packed.laps) };
   map.ends = columns(packed.ends);
-  map.cells = { ...packed.cells, x: unpack(packed.cells.x), y: unpack(packed.cells.y),
-    periods: packed.cells.periods.map(columns) };
+  map.cells = {
+    ...packed.cells,
+    x: unpack(packed.cells.x),
+    y: unpack(packed.cells.y),
+    periods: packed.cells.periods.map(columns),
+  };
   map.road = packed.road && columns(packed.road);
   return map;
 }
@@ -57,23 +69,28 @@ class Camera {
 
   /** Height for a width, in pixels of the page. */
   height(width, most) {
-    const wanted = width * (this.y1 - this.y0) / (this.x1 - this.x0);
+    const wanted = (width * (this.y1 - this.y0)) / (this.x1 - this.x0);
     return Math.round(Math.min(Math.max(wanted, width * 0.35, 200), most));
   }
 
   fit(width, height) {
     this.width = width;
     this.tall = height;
-    this.scale = this.zoom *
-      Math.min(width / (this.x1 - this.x0), height / (this.y1 - this.y0));
+    this.scale = this.zoom * Math.min(width / (this.x1 - this.x0), height / (this.y1 - this.y0));
   }
 
-  x(metres) { return this.width / 2 + (metres - this.centre[0]) * this.scale; }
-  y(metres) { return this.tall / 2 - (metres - this.centre[1]) * this.scale; }
+  x(metres) {
+    return this.width / 2 + (metres - this.centre[0]) * this.scale;
+  }
+  y(metres) {
+    return this.tall / 2 - (metres - this.centre[1]) * this.scale;
+  }
 
   metres(px, py) {
-    return [this.centre[0] + (px - this.width / 2) / this.scale,
-      this.centre[1] - (py - this.tall / 2) / this.scale];
+    return [
+      this.centre[0] + (px - this.width / 2) / this.scale,
+      this.centre[1] - (py - this.tall / 2) / this.scale,
+    ];
   }
 
   zoomBy(factor) {
@@ -88,8 +105,10 @@ class Camera {
 
   pan(px, py) {
     const inside = (value, low, high) => Math.min(Math.max(value, low), high);
-    this.centre = [inside(this.centre[0] - px / this.scale, this.x0, this.x1),
-      inside(this.centre[1] + py / this.scale, this.y0, this.y1)];
+    this.centre = [
+      inside(this.centre[0] - px / this.scale, this.x0, this.x1),
+      inside(this.centre[1] + py / this.scale, this.y0, this.y1),
+    ];
   }
 }
 
@@ -141,15 +160,21 @@ function drawBorders(ctx, camera, map) {
 
 /** Numbers of every tenth or so waypoint outside the road, and a line at waypoint 0. */
 function drawWaypoints(ctx, camera, map) {
-  const road = map.road, n = road.center_x.length;
+  const road = map.road,
+    n = road.center_x.length;
   ctx.fillStyle = color("--quiet");
   ctx.font = "11px system-ui, sans-serif";
   ctx.textAlign = "center";
   ctx.textBaseline = "middle";
-  let lastX = -1e9, lastY = -1e9, firstX = 0, firstY = 0;
+  let lastX = -1e9,
+    lastY = -1e9,
+    firstX = 0,
+    firstY = 0;
   for (let i = 0; i < n; i += road.every[0]) {
-    const ox = camera.x(road.outer_x[i]), oy = camera.y(road.outer_y[i]);
-    const ix = camera.x(road.inner_x[i]), iy = camera.y(road.inner_y[i]);
+    const ox = camera.x(road.outer_x[i]),
+      oy = camera.y(road.outer_y[i]);
+    const ix = camera.x(road.inner_x[i]),
+      iy = camera.y(road.inner_y[i]);
     const length = Math.hypot(ox - ix, oy - iy) || 1;
     if (i === 0) {
       ctx.strokeStyle = color("--ink");
@@ -159,7 +184,8 @@ function drawWaypoints(ctx, camera, map) {
       ctx.lineTo(ox, oy);
       ctx.stroke();
     }
-    const tx = ox + (ox - ix) / length * 11, ty = oy + (oy - iy) / length * 11;
+    const tx = ox + ((ox - ix) / length) * 11,
+      ty = oy + ((oy - iy) / length) * 11;
     if (Math.hypot(tx - lastX, ty - lastY) < 30) continue;
     if (i && Math.hypot(tx - firstX, ty - firstY) < 26) continue;
     if (!i) [firstX, firstY] = [tx, ty];
@@ -169,20 +195,28 @@ function drawWaypoints(ctx, camera, map) {
 }
 
 function drawCells(ctx, camera, map, period, name) {
-  const values = map.cells.periods[period][name], scale = colorScale(map, name);
+  const values = map.cells.periods[period][name],
+    scale = colorScale(map, name);
   const size = Math.max(map.cells.size * camera.scale, 1) + 0.6;
   for (let i = 0; i < values.length; i++) {
     const ink = scale.of(values[i]);
     if (ink === null) continue;
     ctx.fillStyle = ink;
-    ctx.fillRect(camera.x(map.cells.x[i]) - size / 2, camera.y(map.cells.y[i]) - size / 2, size, size);
+    ctx.fillRect(
+      camera.x(map.cells.x[i]) - size / 2,
+      camera.y(map.cells.y[i]) - size / 2,
+      size,
+      size,
+    );
   }
 }
 
 /** A lap up to a step, in one colour or in those of a scale. */
 function drawLap(ctx, camera, map, lap, until, ink, scaleName, width) {
-  const { x, y } = map.steps, first = map.first[lap];
-  const scale = scaleName && colorScale(map, scaleName), values = scaleName && map.steps[scaleName];
+  const { x, y } = map.steps,
+    first = map.first[lap];
+  const scale = scaleName && colorScale(map, scaleName),
+    values = scaleName && map.steps[scaleName];
   ctx.lineWidth = width;
   ctx.lineJoin = ctx.lineCap = "round";
   if (!scale) {
@@ -207,7 +241,8 @@ function drawLap(ctx, camera, map, lap, until, ink, scaleName, width) {
 }
 
 function drawCar(ctx, camera, x, y, yawDeg, ink) {
-  const yaw = yawDeg * Math.PI / 180, length = Math.max(CAR_M * camera.scale, 13);
+  const yaw = (yawDeg * Math.PI) / 180,
+    length = Math.max(CAR_M * camera.scale, 13);
   ctx.save();
   ctx.translate(camera.x(x), camera.y(y));
   ctx.rotate(-yaw);
@@ -226,7 +261,8 @@ function drawCar(ctx, camera, x, y, yawDeg, ink) {
 }
 
 function drawEnds(ctx, camera, map, wanted) {
-  const ends = map.ends, radius = wanted.length > 2000 ? 2.2 : 3.4;
+  const ends = map.ends,
+    radius = wanted.length > 2000 ? 2.2 : 3.4;
   const inks = map.statuses.map((name) => color(END_COLORS[name] || OTHER_END));
   ctx.strokeStyle = color("--paper");
   ctx.lineWidth = 0.8;
