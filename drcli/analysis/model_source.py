@@ -22,6 +22,8 @@ from drcli.store.model_traces import models_in
 
 ARCHIVES = (".tar.gz", ".tgz", ".tar", ".zip")
 
+_ENDINGS = (*ARCHIVES, ".csv")
+
 PATIENCE_S = 30.0
 """How long a bucket that does not answer is asked again."""
 
@@ -109,29 +111,28 @@ def open_model(settings: Settings, what: str | None, *, local: bool = False) -> 
         return _on_disk(path, what)
     prefix = what.strip("/")
     if keys.is_valid_prefix(prefix) and not what.startswith("/"):
-        found = _if_in_own_bucket(settings, prefix)
+        found = _if_in_own_bucket(settings, prefix, path)
         if found is not None:
             return found
-    if path.exists():
-        return _on_disk(path, what)
-    if keys.is_valid_prefix(prefix) and not what.startswith("/"):
-        return _in_own_bucket(settings, prefix, named=True)
     return _on_disk(path, what)
 
 
 def _is_certainly_a_path(what: str, path: Path) -> bool:
-    endings = (*ARCHIVES, ".csv")
     return what.startswith((".", "~", "/")) or (
-        path.name.casefold().endswith(endings) and path.is_file()
+        path.name.casefold().endswith(_ENDINGS) and path.is_file()
     )
 
 
-def _if_in_own_bucket(settings: Settings, prefix: str) -> ModelSource | None:
-    """The model of this prefix; None if there is nothing, or no bucket."""
+def _if_in_own_bucket(settings: Settings, prefix: str, path: Path) -> ModelSource | None:
+    """The model of this prefix; None if there is nothing, or no bucket, and it may be a path."""
     try:
         return _in_own_bucket(settings, prefix, named=True)
-    except (SettingsError, StorageError):
-        if Path(prefix).exists():
+    except SettingsError:
+        if path.exists() or path.name.casefold().endswith(_ENDINGS):
+            return None
+        raise
+    except StorageError:
+        if path.exists():
             return None
         raise
 

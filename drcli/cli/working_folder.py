@@ -89,15 +89,21 @@ def settings_for_files(words: Sequence[str]) -> "Settings":
         words: What the racer named: files and folders, or models.
 
     Raises:
-        SettingsError: As for `settings`.
+        SettingsError: As for `settings`; or outside of a working folder, a word
+            can only be a path, and nothing is there.
     """
     from drcli.config.loading import load_settings
 
     folder = working_folder()
-    on_disk = bool(words) and all(Path(word).expanduser().exists() for word in words)
-    if on_disk and not (folder / "run.env").is_file() and not os.environ.get("DR_DIR"):
-        return load_settings(folder, contents={"run.env": b""})
-    return settings()
+    if not words or (folder / "run.env").is_file() or os.environ.get("DR_DIR"):
+        return settings()
+    missing = [word for word in words if not Path(word).expanduser().exists()]
+    for word in missing:
+        if word.startswith((".", "~", "/")):
+            raise SettingsError(
+                f"{word} does not exist.", remedy="Check the path of the file or folder."
+            )
+    return settings() if missing else load_settings(folder, contents={"run.env": b""})
 
 
 @cache

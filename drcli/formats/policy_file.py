@@ -78,6 +78,8 @@ def read_policy_file(path: Path, metadata: Path | None = None) -> PolicyFile:
             origin = str(path.with_suffix(".xml"))
             weights = _read(path.with_suffix(".bin"))
         data = _read(Path(origin))
+    elif not path.exists():
+        raise SettingsError(f"{path} does not exist.", remedy="Correct the path.")
     else:
         raise SettingsError(
             f"{path} is not the file of a policy that can drive here.",

@@ -26,6 +26,7 @@ from drcli.saliency.policy_outputs import ExplainedPolicy, NotExplainable
 from drcli.saliency.question import Question
 from drcli.saliency.recorded_episode import RecordedEpisode, record_episode
 from drcli.saliency.saliency_page import page
+from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.repair import Model
 from drcli.workers.cores import usable_cores
@@ -113,6 +114,11 @@ def explain_checkpoint(
         SettingsError: The model or the checkpoint does not exist, or does not have what is asked.
         StorageError: The checkpoint is damaged, or the bucket cannot be read.
     """
+    if not keys.is_valid_prefix(prefix):
+        raise SettingsError(
+            f"{prefix!r} is not the prefix of a model.",
+            remedy="List the models with `dr-list-models`; a policy's file is named by --model.",
+        )
     name = find_choice(Model.of(settings.model, bucket, prefix), choice).name
     subject = open_policy(bucket, prefix, name)
     number = name.partition("_")[0]

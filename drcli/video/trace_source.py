@@ -25,12 +25,12 @@ class FoundTrace:
     """A trace, read.
 
     Attributes:
-        origin: What messages and titles call it.
+        origin: What messages call it.
         laps: Its episodes.
         model: Prefix of the model that drove; empty if unknown.
         recording: What was recorded beside it; None for traces of other programs and versions.
         notes: What a reader should know, in sentences.
-        stem: For the name of a file.
+        stem: For the name of a file, and for titles where no model is known.
     """
 
     origin: str

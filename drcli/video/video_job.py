@@ -135,7 +135,8 @@ def _driver(trace: FoundTrace) -> str:
     """What the titles call what drove."""
     recording = trace.recording
     if recording is None:
-        return trace.origin if not trace.model else f"{trace.model} · {trace.origin}"
+        # A path says nothing to viewers, and names the folders of who made the video.
+        return f"{trace.model} · {trace.origin}" if trace.model else trace.stem
     number = recording.checkpoint.partition("_")[0]
     model = race_keys.submitted_model(recording.model)
     return f"{model} · checkpoint {number}" if number else model

@@ -13,7 +13,7 @@ from drcli.config.bucket_config import ModelConfig
 from drcli.config.shell_colors import shell_color
 from drcli.exchange.race_recording import RaceRecording, RecordedObjects
 from drcli.store import keys
-from drcli.video import encode
+from drcli.video import encode, overlay
 from drcli.video.make_video import Wish, chosen_laps, frames_of, refuse_file
 from drcli.video.recorded_lap import read_laps
 from drcli.video.trace_source import (
@@ -224,6 +224,26 @@ def test_a_file_becomes_a_film_with_ghosts_and_boxes(tmp_path, defaults):
     assert report.notes == []
     with Image.open(out) as picture:
         assert np.asarray(picture.convert("RGB")).std() > 30
+
+
+def test_the_title_of_a_filmed_file_tells_no_folders_of_this_machine(
+    tmp_path, defaults, monkeypatch
+):
+    path = tmp_path / "evaluation-20260102030405" / "evaluation-simtrace" / "0-iteration.csv"
+    path.parent.mkdir(parents=True)
+    path.write_bytes(trace_csv(trace_rows(TRACK, rows=4)))
+    shown = []
+    draw = overlay.Overlay.draw
+
+    def noted(self, *given):
+        shown.append(self._titles.what)
+        return draw(self, *given)
+
+    monkeypatch.setattr(overlay.Overlay, "draw", noted)
+
+    make_video(defaults, no_bucket, trace_of_file(path), Wish(), [("film", tmp_path / "lap.gif")])
+
+    assert set(shown) == {"evaluation-20260102030405-0"}
 
 
 def test_each_car_of_a_race_of_two_models_has_its_own_colour(tmp_path, defaults, monkeypatch):

@@ -33,6 +33,28 @@ def test_explaining_an_unknown_model_says_that_there_is_none(dr, working_folder,
     assert not (working_folder / "report.html").exists()
 
 
+def test_a_path_that_does_not_exist_is_named_outside_a_working_folder(
+    dr, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("DR_DIR", raising=False)
+
+    for arguments in (["analyze", "./gone"], ["video", "./gone.csv", "--gif"]):
+        assert dr(*arguments) == 3
+
+        assert "./gone" in (told := capsys.readouterr().err)
+        assert "does not exist" in told
+        assert "run.env" not in told
+
+
+def test_an_archive_that_does_not_exist_is_not_looked_for_in_the_bucket_only(
+    dr, working_folder, capsys
+):
+    assert dr("analyze", "gone.zip") == 3
+
+    assert "gone.zip does not exist" in capsys.readouterr().err
+
+
 @pytest.fixture
 def models(working_folder):
     """Two small models in the working folder."""
