@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base.backoff import wait_until
-from drcli.base.errors import Absent, DrError, SettingsError, WorkerDied
+from drcli.base.errors import Absent, DrError, SettingsError
 from drcli.base.log import LogFile, get_logger
 from drcli.base.process_identity import is_alive, this_machine
 from drcli.config import secret_environment
@@ -18,10 +18,10 @@ from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.races.queue_lease import live_lease, read_queue_lease
 from drcli.races.race_queue import check_queue, run_queue
+from drcli.runs.failed_start import READY_TIMEOUT_S, failed_start, log_bytes
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
 
-READY_TIMEOUT_S = 20.0
 STOPPED_S = 10.0
 
 
@@ -74,6 +74,7 @@ def launch_queue(
         require_encoder()
     log = queue_log(settings, race)
     log.parent.mkdir(parents=True, exist_ok=True)
+    earlier_bytes = log_bytes(log)
     plain, _ = secret_environment.split(os.environ)
     secrets = secret_environment.all_secrets()
     if secrets:
@@ -106,9 +107,7 @@ def launch_queue(
         if code is None:
             process.kill()
             process.wait()
-        raise WorkerDied(
-            f"The queue of race {race} did not start.", remedy=f"Read the reason in {log}."
-        )
+        raise failed_start(f"The queue of race {race}", code, log, earlier_bytes)
     return QueueStarted(race, process.pid, str(log))
 
 
