@@ -70,7 +70,7 @@ def action_routes(
                 progress, model_work.start_training, directory, prefix, minutes, heavy=False
             )
 
-        title = f"Continue the training of {prefix}"
+        title = f"Resume the training of {prefix}"
         return started(tasks.start("start-training", prefix, title, work, goes_on=True))
 
     def stop(_: Request, body: dict[str, Any]) -> Any:

@@ -96,7 +96,7 @@ def analyse_model(progress: Progress, directory: Path, prefix: str) -> dict[str,
 def start_training(
     progress: Progress, directory: Path, prefix: str, max_minutes: float | None
 ) -> dict[str, Any]:
-    """Continue the training of a model in the background, as dr-start-training --resume -q."""
+    """Resume the training of a model in the background, as dr-start-training --resume -q."""
     from drcli.runs.plan import StartOptions
     from drcli.runs.track_fetch import fetch_allowed
 

@@ -2,7 +2,7 @@
 
 import { get, getPacked } from "/api.js";
 
-export const WINDOW = 64;
+const WINDOW = 64;
 const EXPLAINED = 16;
 const MOST_WINDOWS = 60; // of pictures: about 12 MB
 const MOST_CURVE = 3000; // rows whose choices are fetched before they are looked at, for the curve of the critic

@@ -200,7 +200,7 @@ export function badges(prefix, { trainings = [], evaluations = [], current }, tr
   ];
 }
 
-export function checkpointText(entry) {
+function checkpointText(entry) {
   return entry
     ? `${entry.name.split("_")[0]}${entry.metric === null ? "" : ` (${number(entry.metric, 1)})`}`
     : "–";

@@ -226,7 +226,7 @@ export function rewardGraph(signal) {
             dash: each.dash,
             paths: each.dots ? () => null : undefined,
             points: {
-              show: each.dots ? true : (self) => iterations.length < 2,
+              show: each.dots ? true : () => iterations.length < 2,
               size: each.dots ? 4 : 8,
               width: 0,
               fill: ink(each.dots ?? each.color),

@@ -13,7 +13,7 @@ const MARGIN_PX = 14;
 const css = (name) => (name.includes("(") ? name : ink(name));
 
 /** The colour of a share from 0 to 1. */
-export function shade(share) {
+function shade(share) {
   const place = Math.min(Math.max(share, 0), 1) * (STOPS.length - 1),
     first = Math.min(Math.floor(place), STOPS.length - 2);
   const mixed = STOPS[first].map((low, k) =>
