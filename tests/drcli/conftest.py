@@ -1,6 +1,7 @@
 """Runs and working folders as the commands meet them."""
 
 import os
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,9 @@ from drcli.runs.status import RunReport, WorkerReport
 from drcli.store.server import server
 from evaluations import evaluated
 from racer import ProbedBucket, Racer
+
+REQUEST_S = 30.0
+"""How long a request to a console may go on after its test."""
 
 STARTED_S = 1_000_000.0
 """When every made-up run began."""
@@ -113,8 +117,10 @@ def evaluation_report() -> EvaluationReport:
 def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A racer's folder, current, with nothing of this process's own settings.
 
-    A command may have started the bucket's server; it ends with the test.
+    A command may have started the bucket's server; it ends with the test, after requests to a
+    console, which go on for a moment when the console has ended and may start that server.
     """
+    before = set(threading.enumerate())
     for name in os.environ:
         if name.startswith("DR_"):
             monkeypatch.delenv(name)
@@ -124,6 +130,9 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
     )
     monkeypatch.chdir(tmp_path)
     yield tmp_path
+    for thread in set(threading.enumerate()) - before:
+        if thread.name.startswith("AnyIO worker"):
+            thread.join(REQUEST_S)
     server.stop_default(tmp_path)
 
 

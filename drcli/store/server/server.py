@@ -115,10 +115,12 @@ def last_known(config: StorageConfig) -> Endpoint | None:
 def stop(config: StorageConfig) -> bool:
     """End the local server; True if it was running."""
     path = own_file(config.data_dir, "json")
-    if config.cloud != "local" or not path.exists():
+    lock = own_file(config.data_dir, "lock")
+    # While the first start is under way, there is only the lock.
+    if config.cloud != "local" or not (path.exists() or lock.exists()):
         return False
     idle.not_in_use(config.data_dir.absolute())
-    with exclusive(own_file(config.data_dir, "lock"), patience_s=_LOCK_PATIENCE_S):
+    with exclusive(lock, patience_s=_LOCK_PATIENCE_S):
         state = ServerState.read(path)
         if state is None or state.pid is None:
             return False

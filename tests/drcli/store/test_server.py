@@ -9,6 +9,7 @@ import socket
 import stat
 import subprocess
 import sys
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
@@ -281,6 +282,27 @@ def test_stopping_ends_the_server_and_says_whether_there_was_one(local):
     assert server.stop(local)
     assert not server.stop(local)
     assert not server_process.is_running(endpoint.pid, str(endpoint.url)[7:])
+    assert server.find_running(local) is None
+
+
+def test_stopping_waits_for_the_first_start_and_ends_that_server(local, monkeypatch):
+    entered, go = threading.Event(), threading.Event()
+    choose = server._choose_port
+
+    def slowly(*arguments: object) -> int:
+        entered.set()
+        assert go.wait(30)
+        return choose(*arguments)
+
+    monkeypatch.setattr(server, "_choose_port", slowly)
+    with ThreadPoolExecutor(2) as pool:
+        starting = pool.submit(server.ensure_running, local)
+        assert entered.wait(30)
+        stopping = pool.submit(server.stop, local)
+        go.set()
+
+    assert starting.result().pid is not None
+    assert stopping.result()
     assert server.find_running(local) is None
 
 
