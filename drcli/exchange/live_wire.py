@@ -61,7 +61,12 @@ def enter(peer: socket.socket, key: bytes) -> None:
 
 def send(peer: socket.socket, data: bytes) -> None:
     """Send a message; OSError if the other side left or does not read in time."""
-    peer.sendall(len(data).to_bytes(_LENGTH_BYTES, "big") + data)
+    peer.sendall(framed(data))
+
+
+def framed(data: bytes) -> bytes:
+    """A message as it travels."""
+    return len(data).to_bytes(_LENGTH_BYTES, "big") + data
 
 
 def receive(peer: socket.socket, most_bytes: int) -> bytes:

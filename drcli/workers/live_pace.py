@@ -18,9 +18,9 @@ FASTEST_S = 0.1
 SLOWEST_S: Mapping[LiveView, float] = {"camera": 5.0, "scene": 5.0, "chase": 60.0}
 """Most time between two messages of a view while cars drive."""
 
-_FULL_SPEED: Mapping[LiveView, float] = {"camera": 0.2, "scene": 0.2, "chase": 1.0}
+_FULL_SPEED: Mapping[LiveView, float] = {"camera": 0.03, "scene": 0.1, "chase": 1.0}
 """How full the account must be for the fastest rate. The view from behind costs by far the most,
-so it becomes rarer first."""
+so it becomes rarer first; what the car sees is what people look at longest, so it does so last."""
 
 
 class WorkTime:
@@ -73,15 +73,18 @@ class Pace:
         """Note that these views were shown now."""
         self._shown_s |= dict.fromkeys(views, self._clock())
 
-    def pause_s(self, view: LiveView) -> float:
-        """How long a view is not to be shown yet; 0 if it may be shown now."""
+    def pauses_s(self, views: Iterable[LiveView]) -> dict[LiveView, float]:
+        """How long each of these views is not to be shown yet; 0 if it may be shown now."""
         now_s, worked_s = self._clock(), self._worked_s()
         earned_s = BUDGET_SHARE * (worked_s - self._counted_s)
         self._left_s = min(self._most_s, self._left_s + earned_s)
         self._counted_s = worked_s
-        if view not in self._shown_s:
-            return 0.0
-        return max(0.0, self._shown_s[view] + self.interval_s(view) - now_s)
+        return {
+            view: max(0.0, self._shown_s[view] + self.interval_s(view) - now_s)
+            if view in self._shown_s
+            else 0.0
+            for view in views
+        }
 
     def interval_s(self, view: LiveView) -> float:
         """Time between two messages of a view with what is left now."""

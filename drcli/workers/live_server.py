@@ -1,18 +1,18 @@
 """Lets viewers on this machine connect to a worker, and sends each of them the newest it wants.
 
-Each viewer has two threads that mostly wait. What is not sent yet is replaced by what is newer, so
-a slow viewer sees less, and nobody waits for it.
+Each viewer has two threads that wait nearly all the time. What is not sent yet is replaced by what
+is newer, so a slow viewer sees less, and nobody waits for it.
 """
 
 import socket
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from time import thread_time
+from time import monotonic, thread_time
 
 from drcli.base.json_record import RecordError
 from drcli.exchange.live_record import LiveRequest, LiveView
-from drcli.exchange.live_wire import HOST, MOST_REQUEST_BYTES, WireError, admit, receive, send
+from drcli.exchange.live_wire import HOST, MOST_REQUEST_BYTES, WireError, admit, framed, receive
 
 MOST_VIEWERS = 8
 """Visitors at a time, those included that have not proved the key yet."""
@@ -41,46 +41,89 @@ class Viewer:
         self.request = request
         self.is_new = True
         self._peer = peer
+        self._direct = peer.dup()
+        self._direct.setblocking(False)
         self._waiting: dict[LiveView, bytes] = {}
-        self._state: dict[LiveView, bytes] = {}
+        self._rest = b""
+        self._state: bytes | None = None
         self._changed = threading.Condition()
+        self._writes = False
         self._closed = False
+        self._sent_s = monotonic()
         self._spent_s = self._told_s = 0.0
 
     def cost_s(self) -> float:
-        """Processor time that sending to it has taken since the last call."""
+        """Processor time that its own thread has taken since the last call."""
         before_s, self._told_s = self._told_s, self._spent_s
         return self._told_s - before_s
 
     def offer(self, messages: Mapping[LiveView, bytes]) -> None:
-        """Send messages as soon as the viewer takes them; returns at once."""
+        """Send messages, now or as soon as the viewer takes them; returns at once.
+
+        What the connection takes at once is sent by the caller: to wake a thread for each viewer
+        and message costs more than all the rest of a picture.
+        """
         with self._changed:
+            if self._closed:
+                return
             self._waiting |= messages
-            self._changed.notify()
+            self._state = messages.get("state", self._state)
+            if not self._writes:
+                self._send_now()
+            if self._waiting or self._rest:
+                self._changed.notify()
+
+    def _send_now(self) -> None:
+        """Send what the connection takes without waiting; the lock is held."""
+        while self._waiting and not self._rest:
+            view = next(iter(self._waiting))
+            data = framed(self._waiting[view])
+            try:
+                count = self._direct.send(data)
+            except BlockingIOError:
+                return
+            except OSError:  # it left; the thread that reads from it notices that, too
+                self._waiting.clear()
+                return
+            del self._waiting[view]
+            self._rest = data[count:]
+            self._sent_s = monotonic()
 
     def close(self) -> None:
         """End the connection."""
         with self._changed:
             self._closed = True
+            self._direct.close()
             self._changed.notify()
         with suppress(OSError):
             self._peer.shutdown(socket.SHUT_RDWR)
 
     def write(self) -> None:
-        """Send what is offered until the connection ends."""
+        """Send what did not fit, and signs of life, until the connection ends."""
         try:
             while not self._closed:
-                with self._changed:
-                    if not (self._waiting or self._closed):
-                        self._changed.wait(SIGN_OF_LIFE_S)
-                    messages, self._waiting = self._waiting or self._state, {}
-                    if "state" in messages:
-                        self._state = {"state": messages["state"]}
-                for data in messages.values():
-                    send(self._peer, data)
+                data = self._taken()
+                if data:
+                    self._peer.sendall(data)
+                    self._sent_s = monotonic()
                 self._spent_s = thread_time()
         except OSError:
             self.close()
+
+    def _taken(self) -> bytes:
+        """What is to be sent next; nothing if there is nothing yet."""
+        with self._changed:
+            self._writes = False
+            if not (self._rest or self._waiting or self._closed):
+                self._changed.wait(SIGN_OF_LIFE_S)
+            rest, waiting = self._rest, self._waiting
+            self._rest, self._waiting = b"", {}
+            if not (rest or waiting) and self._state is not None:
+                if monotonic() - self._sent_s < SIGN_OF_LIFE_S:
+                    return b""
+                waiting = {"state": self._state}
+            self._writes = True
+            return rest + b"".join(map(framed, waiting.values()))
 
 
 class LiveServer:

@@ -156,7 +156,7 @@ class LiveShow:
     def _due(self, viewers: Sequence[Viewer]) -> tuple[list[LiveView], float]:
         """The views that may be shown now, and how long to wait for the first if none may."""
         wanted = {view for viewer in viewers for view in viewer.request.views}
-        pauses = {view: self._pace.pause_s(view) for view in _DRIVEN if view in wanted}
+        pauses = self._pace.pauses_s([view for view in _DRIVEN if view in wanted])
         due = [view for view, pause_s in pauses.items() if pause_s == 0.0]
         return due, LOOK_S if due else min(pauses.values(), default=LOOK_S)
 

@@ -10,7 +10,10 @@ is one object with
 
     steps_per_s             driven steps/s without a live view
     idle_cost               share of the steps/s that a live view costs if nobody watches
-    watched_cost            the same with the viewers
+    idle_share              the same as measured inside: time of calls and threads of a live view
+                            that nobody watches, as a share of the time of driving; the clock that
+                            measures it is in it, so it is an upper bound, but free of the noise
+    watched_cost            the same as idle_cost with the viewers
     idle_processor_cost     idle_cost by processor time of this process instead of wall time: a
                             better measure where other programs use the machine
     watched_processor_cost  the same for watched_cost
@@ -62,6 +65,30 @@ def live_s() -> float:
     own = [thread.native_id for thread in threading.enumerate() if thread.name.startswith("live-")]
     texts = [Path(f"/proc/self/task/{each}/schedstat").read_text() for each in own]
     return sum(int(text.split()[0]) for text in texts) / 1e9
+
+
+class Timed:
+    """An onlooker that measures how long another one keeps the driving loop."""
+
+    def __init__(self, onlooker: Any) -> None:
+        self._onlooker = onlooker
+        self._kept: list[Any] = []  # freeing episodes is work of the driving loop in any case
+        self.spent_s = 0.0
+
+    @property
+    def wanted(self) -> bool:
+        """Whether the next step is wanted."""
+        began_s = time.perf_counter()
+        wanted = bool(self._onlooker.wanted)
+        self.spent_s += time.perf_counter() - began_s
+        return wanted
+
+    def ended(self, *arguments: Any) -> None:
+        """Note an episode that has ended."""
+        self._kept.append(arguments)
+        began_s = time.perf_counter()
+        self._onlooker.ended(*arguments)
+        self.spent_s += time.perf_counter() - began_s
 
 
 class Drive:
@@ -191,12 +218,16 @@ def measure(
                 found[way].append(ways[way](block_s))
         watched_s += wall()
         seen = json.loads(audience.communicate()[0])
+    timed, before_s = Timed(alone), live_s()
+    _, idle_s, _ = drive.block(timed, 5 * block_s)
+    idle_share = (timed.spent_s + live_s() - before_s) / idle_s
     show.close()
     alone.close()
     return {
         "steps_per_s": round(median(_pace(each) for each in found["none"])),
         "idle_cost": _cost(found["none"], found["idle"], 1),
         "idle_processor_cost": _cost(found["none"], found["idle"], 2),
+        "idle_share": round(idle_share, 6),
         "watched_cost": _cost(found["none"], found["watched"], 1),
         "watched_processor_cost": _cost(found["none"], found["watched"], 2),
         "live_share": round(fmean(shares), 4),

@@ -66,6 +66,20 @@ def test_an_episode_that_ended_is_told_once_if_a_late_viewer_looks_at_it():
     assert len(episodes.finished) == 1
 
 
+def test_what_was_watched_in_part_is_told_once_although_it_is_counted_later():
+    episodes = LiveEpisodes()
+    rows = rows_of(0.0, 100.0, 30.0)
+    episodes.follow(rider(rows[:2]), DRIVE)
+    watched = rows[:2]
+    episodes.follow(rider(watched), DRIVE)
+    watched.append(rows[2])
+    episodes.end(Episode(7, "evaluation", watched), 0, DRIVE)
+
+    episodes.forget()
+
+    assert [each.lap for each in episodes.finished if each.reward == 2.0] == [2]
+
+
 def test_only_the_newest_are_remembered_and_an_empty_episode_is_none():
     episodes = LiveEpisodes()
     for number in range(REMEMBERED + 5):

@@ -20,7 +20,7 @@ def spent(costs, seconds, worked=1.0):
     counts, total_s = dict.fromkeys(costs, 0), 0.0
     for _ in range(round(seconds / 0.01)):
         clock.now_s += 0.01
-        for view in [view for view in costs if pace.pause_s(view) == 0.0]:
+        for view in [view for view, pause_s in pace.pauses_s(costs).items() if not pause_s]:
             counts[view] += 1
             total_s += costs[view]
             pace.spend(costs[view])
@@ -57,7 +57,7 @@ def test_time_in_which_nothing_drove_is_saved_but_not_for_ever():
     assert pace.interval_s("chase") == SLOWEST_S["chase"]
 
     clock.now_s += 1e7
-    pace.pause_s("chase")
+    pace.pauses_s(["chase"])
 
     assert pace.interval_s("chase") == FASTEST_S
     pace.spend(BUDGET_SHARE * SAVED_S)
