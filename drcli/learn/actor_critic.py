@@ -66,11 +66,10 @@ class ActorCritic(nn.Module):
 
     def forward(self, seen: Observation) -> Output:
         """Evaluate policy and value for n steps."""
+        # Only the body may use bfloat16: probability ratios need more than its three digits.
         features = self.body(seen).to(self.policy_head.weight.dtype)
-        # Only the body uses bfloat16: probability ratios need more than its three digits.
-        with torch.autocast(features.device.type, enabled=False):
-            value = self.value_head(seen.state if self.spec.state_dims else features)
-            return Output(self.policy_head(features), value.squeeze(-1))
+        value = self.value_head(seen.state if self.spec.state_dims else features)
+        return Output(self.policy_head(features), value.squeeze(-1))
 
     def without_critic(self) -> list[Tensor]:
         """The parameters of policy and body: all but those of the critic."""

@@ -1,6 +1,5 @@
 """Chooses device and number format of the learner by a fixed rule."""
 
-import contextlib
 import os
 from dataclasses import dataclass
 
@@ -12,11 +11,6 @@ FORMATS = ("fp32", "bf16")
 
 _LIMITS = ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA")
 """Variables that limit the instructions that oneDNN uses."""
-
-FEWEST_SAMPLES = 32
-"""Samples of a part from which on bfloat16 is worth its casts. On one core with AMX it computes
-1.45 to 2.05 times as many samples/s with 64 samples (four networks), but only 1.03 times as many
-with 16 (the compact one)."""
 
 _EAGER = "not compiled: torch.compile reached 0.8 to 1.0 of this speed where it was measured"
 """On two cores, in fp32, both bodies; compiling took half a minute to more than one."""
@@ -46,17 +40,6 @@ class Compute:
         """One of `FORMATS`."""
         return FORMATS[self.bf16]
 
-    def autocast(self) -> contextlib.AbstractContextManager[None]:
-        """The context of a forward pass.
-
-        Its cache of cast weights is off. All threads share that cache, and it is cleared when any
-        thread ends a pass. So timing would decide whether two uses of a weight share a cast, and
-        how their gradients are rounded.
-        """
-        return torch.autocast(
-            self.device.type, dtype=torch.bfloat16, enabled=self.bf16, cache_enabled=False
-        )
-
 
 def flush_denormals() -> None:
     """Let this thread, and those that it starts, treat numbers next to 0 as 0.
@@ -72,9 +55,10 @@ def choose_compute(
 ) -> Compute:
     """Choose device and number format by a rule, so that equal seeds train equally.
 
-    bfloat16 is for processors with matrix units for it (AMX). With vector instructions only
-    (AVX512_BF16) it computes 0.64 to 0.91 times as many samples/s as float32, and without these
-    0.32 to 0.43 times as many. On a GPU, float32 already uses the tensor cores for convolutions.
+    bfloat16 is for processors with instructions for it: matrix units (AMX), or vectors
+    (AVX512_BF16), where it computes 1.1 to 1.9 times as many samples/s as float32. Without these it
+    is emulated, 0.32 to 0.43 times as many. On a GPU, float32 already uses the tensor cores for
+    convolutions.
 
     Args:
         wanted: "fp32", "bf16", or "auto" for the rule.
@@ -84,12 +68,12 @@ def choose_compute(
     """
     torch.set_num_threads(threads)
     if torch.cuda.is_available():
-        device, parts, units = "cuda", 1, False
+        device, parts, units = "cuda", 1, ""
         where = torch.cuda.get_device_name()
     else:
-        device, parts, units = "cpu", parts_of(batch_size, threads), has_bfloat16_units()
+        device, parts, units = "cpu", parts_of(batch_size, threads), bfloat16_units()
         where = f"{threads} threads, which compute {parts} parts of a minibatch at a time"
-    usual = "bf16" if units and batch_size // parts >= FEWEST_SAMPLES else "fp32"
+    usual = "bf16" if units else "fp32"
     name = wanted if wanted in FORMATS else before if before in FORMATS else usual
     if wanted in FORMATS:
         why = "as set"
@@ -98,16 +82,24 @@ def choose_compute(
     elif device == "cuda":
         why = "convolutions use its tensor cores anyway"
     elif units:
-        why = "this processor has matrix units for bfloat16 (AMX)"
-        why += "" if usual == "bf16" else ", but the parts are small"
+        why = f"this processor has instructions for bfloat16 ({units})"
     else:
-        why = "no matrix units for bfloat16 (AMX) here"
+        why = "no instructions for bfloat16 (AMX, AVX512_BF16) here"
     reason = f"{name} on {where}: {why}; minibatches of {batch_size}, {_EAGER}"
     return Compute(torch.device(device), name == "bf16", reason, threads, parts)
 
 
-def has_bfloat16_units() -> bool:
-    """Whether PyTorch can use matrix units for bfloat16, as far as ONEDNN_MAX_CPU_ISA allows it."""
-    limit = next((os.environ[name] for name in _LIMITS if os.environ.get(name)), "DEFAULT")
-    allowed = limit.upper() in ("DEFAULT", "ALL") or "AMX" in limit.upper()
-    return allowed and bool(torch.cpu.get_capabilities().get("amx_bf16", False))
+def bfloat16_units() -> str:
+    """Instructions for bfloat16 that PyTorch can use, as far as ONEDNN_MAX_CPU_ISA allows it.
+
+    Returns:
+        "AMX", "AVX512_BF16", or nothing without any.
+    """
+    limit = next((os.environ[name] for name in _LIMITS if os.environ.get(name)), "DEFAULT").upper()
+    known = torch.cpu.get_capabilities()
+    anything = limit in ("DEFAULT", "ALL") or "AMX" in limit or "AVX10" in limit
+    if anything and known.get("amx_bf16", False):
+        return "AMX"
+    if (anything or "BF16" in limit or "FP16" in limit) and known.get("avx512_bf16", False):
+        return "AVX512_BF16"
+    return ""

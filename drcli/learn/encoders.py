@@ -107,23 +107,84 @@ class Encoder(nn.Module):
 
     def forward(self, seen: Observation) -> Tensor:
         """Features of n observations. Shape (n, features)."""
-        first, *others = (cast(nn.Conv2d, layer) for layer in self.convolutions)
-        # The memory layout of the first input decides for all layers, and channels last makes them
-        # two to four times as fast, even with a single channel. Scaling the kernel instead of the
-        # pixels saves a pass over the batch. Cutting frames into blocks of 4 x 4 pixels, for a
-        # kernel of 2 x 2 on 16 channels, was not faster.
-        pixels = seen.frames.to(first.weight.dtype, memory_format=torch.channels_last)
-        if pixels.shape[1] == 1:
-            pixels = pixels.squeeze(1).unsqueeze(-1).permute(0, 3, 1, 2)
-        x = functional.conv2d(pixels, first.weight / 255.0, first.bias, stride=first.stride)
-        x = functional.relu(x, inplace=True)
-        for convolution in others:
+        x = functional.relu(self._first(seen.frames), inplace=True)
+        for convolution in self.convolutions[1:]:
             x = functional.relu(convolution(x), inplace=True)
         x = x.permute(0, 2, 3, 1)
         x = _through(self.per_pixel, x).flatten(1)
         if len(self.lidar):
-            x = torch.cat([x, _through(self.lidar, seen.scan)], dim=1)
+            x = torch.cat([x, _through(self.lidar, seen.scan.to(x.dtype))], dim=1)
         return _through(self.dense, x)
+
+    @property
+    def block(self) -> int:
+        """Side of the blocks of pixels that the first convolution takes in bfloat16; 1 for none."""
+        return int(cast(nn.Conv2d, self.convolutions[0]).stride[0])
+
+    def _first(self, frames: Tensor) -> Tensor:
+        """The first convolution.
+
+        Channels last makes all layers two to four times as fast, even with a single channel; the
+        memory layout of the first input decides for all. Scaling the kernel instead of the pixels
+        saves a pass over the batch. A convolution of blocks is the same sum in another order: in
+        bfloat16, it is twice to ten times as fast, because its products get enough channels; in
+        float32, it gains nothing.
+        """
+        first = cast(nn.Conv2d, self.convolutions[0])
+        weight = first.weight / 255.0
+        if weight.dtype is torch.bfloat16 and self.block > 1:
+            cut = in_blocks(frames, self.block) if frames.dim() == 4 else frames
+            count, _, height, width, _ = cut.shape
+            pixels = cut.permute(0, 2, 3, 1, 4).reshape(count, height, width, -1).to(weight.dtype)
+            return functional.conv2d(
+                pixels.permute(0, 3, 1, 2), kernel_in_blocks(weight, self.block), first.bias
+            )
+        pixels = frames.to(weight.dtype, memory_format=torch.channels_last)
+        if pixels.shape[1] == 1:
+            pixels = pixels.squeeze(1).unsqueeze(-1).permute(0, 3, 1, 2)
+        return functional.conv2d(pixels, weight, first.bias, stride=first.stride)
+
+
+def in_blocks(frames: Tensor, size: int) -> Tensor:
+    """Frames cut into square blocks, whose pixels follow each other row by row.
+
+    Args:
+        frames: uint8. Shape (n, c, height, width); both must be multiples of `size`.
+        size: Side of a block in pixels, a power of two up to 8.
+
+    Returns:
+        uint8, shape (n, c, height / size, width / size, size * size).
+    """
+    count, channels, height, width = frames.shape
+    # Whole rows of blocks are moved as one number each, which is several times as fast.
+    rows = frames.contiguous().view(_WHOLE[size])
+    rows = rows.view(count, channels, height // size, size, width // size)
+    cut = rows.transpose(3, 4).contiguous().view(torch.uint8)
+    return cut.view(count, channels, height // size, width // size, size * size)
+
+
+_WHOLE = {1: torch.uint8, 2: torch.int16, 4: torch.int32, 8: torch.int64}
+"""Numbers with as many bytes as a row of a block."""
+
+
+def kernel_in_blocks(weight: Tensor, size: int) -> Tensor:
+    """The kernel of a convolution with stride `size` for frames in blocks, whose stride is 1.
+
+    Args:
+        weight: Shape (filters, c, k, k).
+        size: Side of a block in pixels.
+
+    Returns:
+        Shape (filters, c * size * size, m, m), where m * size is the first multiple from k on; the
+        pixels that k lacks to it have weight 0.
+    """
+    filters, channels, kernel, _ = weight.shape
+    count = -(-kernel // size)
+    lacking = count * size - kernel
+    if lacking:
+        weight = functional.pad(weight, (0, lacking, 0, lacking))
+    cut = weight.reshape(filters, channels, count, size, count, size).permute(0, 2, 4, 1, 3, 5)
+    return cut.reshape(filters, count, count, -1).permute(0, 3, 1, 2)
 
 
 def _dense(width: int, widths: Sequence[int]) -> nn.ModuleList:

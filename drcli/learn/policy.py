@@ -57,7 +57,8 @@ class Observation(NamedTuple):
 
     Attributes:
         frames: Camera frames, uint8; the oldest frame of a stack first, and in each the left eye
-            before the right one. Shape (n, stack * eyes, 120, 160).
+            before the right one. Shape (n, stack * eyes, 120, 160), or in the blocks of a network
+            in bfloat16, see `encoders.in_blocks`.
         scan: Lidar values. Shape (n, d), d = 0 without a lidar.
         state: Values that only the critic sees. Shape (n, k), k = 0 if there are none.
     """

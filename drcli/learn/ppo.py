@@ -48,7 +48,7 @@ class PPO:
         self.critic_warmup = 0
         self.lr_factor = 1.0
         self.optimizer = Adam(model.parameters(), config.lr, config.adam_eps)
-        self._parallel = DataParallel(self.model, compute.parts, compute.threads)
+        self._parallel = DataParallel(self.model, compute.parts, compute.threads, bf16=compute.bf16)
 
     @property
     def most_samples(self) -> int | None:
@@ -137,6 +137,7 @@ class PPO:
         batch = RolloutTensors.of(
             rollout,
             self.model.spec.stack,
+            self.model.body.block if self.compute.bf16 else 1,
             values=self.model.returns.units(values),
             advantages=normalized(advantages).clip(-clip, clip),
             returns=self.model.returns.units(returns),
@@ -152,8 +153,7 @@ class PPO:
         """
         rows = rows[part]
         advantages = batch.advantages[rows]
-        with self.compute.autocast():
-            policy, value = model(batch.observation(rows))
+        policy, value = model(batch.observation(rows))
         log_ratio = model.log_prob(policy, batch.actions[rows]) - batch.log_probs[rows]
         ratio = log_ratio.exp()
         low, high = 1.0 - self.config.clip_range, 1.0 + self.config.clip_range

@@ -1,5 +1,6 @@
 """The rollout of one iteration: as arrays, and as tensors for an update."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from drcli.learn.encoders import in_blocks
 from drcli.learn.policy import Float32s, Float64s, Observation
 
 Ints = NDArray[np.int64]
@@ -84,17 +86,33 @@ class RolloutTensors:
 
     @staticmethod
     def of(
-        rollout: Rollout, stack: int, values: Tensor, advantages: Float64s, returns: Tensor
+        rollout: Rollout,
+        stack: int,
+        block: int,
+        *,
+        values: Tensor,
+        advantages: Float64s,
+        returns: Tensor,
     ) -> "RolloutTensors":
-        """Join a rollout with the results of an update, on their device."""
+        """Join a rollout with the results of an update, on their device.
+
+        Args:
+            rollout: What was driven.
+            stack: Frames that are seen together.
+            block: Side of the blocks into which frames are cut; see `encoders.in_blocks`.
+            values: For the critic, see above.
+            advantages: Normalised.
+            returns: For the critic.
+        """
 
         def tensor(column: NDArray[Any]) -> Tensor:
             return torch.from_numpy(np.ascontiguousarray(column)).to(returns.device)
 
-        try:
-            frames = tensor(rollout.frames)
-        except torch.OutOfMemoryError:
-            frames = torch.from_numpy(np.ascontiguousarray(rollout.frames))
+        frames = torch.from_numpy(np.ascontiguousarray(rollout.frames))
+        if block > 1:
+            frames = in_blocks(frames, block)  # once, and not for each epoch
+        with suppress(torch.OutOfMemoryError):
+            frames = frames.to(returns.device)
         return RolloutTensors(
             frames=frames,
             frame_rows=tensor(rollout.stacked_rows(stack)),

@@ -48,7 +48,7 @@ class SAC:
         )
         learned = [p for p in model.parameters() if p.requires_grad]
         self.optimizer = Adam(learned, config.lr)
-        self._parallel = DataParallel(self.model, compute.parts, compute.threads)
+        self._parallel = DataParallel(self.model, compute.parts, compute.threads, bf16=compute.bf16)
 
     @property
     def memory_steps(self) -> int:
@@ -146,8 +146,7 @@ class SAC:
         noise_before, noise_after = noise[:, part].to(self.compute.device).unbind()
         alpha = self.alpha()
 
-        with self.compute.autocast():
-            features = model.features(batch.before)
+        features = model.features(batch.before)
         target = self._target(model, batch, noise_after, alpha)
         values = model.critics(model.critic_input(features, batch.before), batch.actions)
         critic_loss = self._critic_loss(values, target)
@@ -189,8 +188,7 @@ class SAC:
         R is the return of the k steps up to the observation after them.
         """
         with torch.no_grad():
-            with self.compute.autocast():
-                features = model.features(batch.after)
+            features = model.features(batch.after)
             mean, log_std = model(features)
             actions, log_probs = squash(mean, log_std, noise)
             q: Tensor = model.targets(model.critic_input(features, batch.after), actions).amin(0)

@@ -97,7 +97,7 @@ class TrainSettings(Group, title="Training"):
     torch_precision: Literal["auto", "fp32", "bf16"] = setting(
         "DR_TORCH_PRECISION",
         "auto",
-        "Number format of the trainer; auto uses bf16 if the processor has matrix units for it.",
+        "Number format of the trainer; auto uses bf16 if the processor has instructions for it.",
         file="system.env",
     )
     sagemaker_cuda_devices: Gpus = setting(

@@ -88,13 +88,14 @@ def test_heads_start_with_nearly_equal_chances_and_a_value_of_unit_length():
 def test_heads_compute_in_single_precision_while_the_body_runs_in_bfloat16():
     spec = PolicySpec(5, network=COMPACT)
     model = ActorCritic(spec)
+    model.body.to(torch.bfloat16)
     seen = _random(spec, steps=2)
 
-    with torch.autocast("cpu", dtype=torch.bfloat16):
-        features = model.body(seen)
-        output = model(seen)
+    features = model.body(seen)
+    output = model(seen)
 
     assert features.dtype == torch.bfloat16
+    assert output.policy.dtype == torch.float32
     assert torch.equal(output.policy, model.policy_head(features.float()))
     assert torch.equal(output.value, model.value_head(features.float()).squeeze(-1))
 

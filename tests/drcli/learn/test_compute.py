@@ -16,26 +16,32 @@ from drcli.learn.rollout_buffer import Rollout
 
 @pytest.fixture
 def processor(monkeypatch):
-    """Pretend a processor with or without matrix units for bfloat16, and no GPU."""
+    """Pretend a processor with or without instructions for bfloat16, and no GPU."""
     for name in ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
 
-    def pretend(amx: bool) -> None:
-        monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"amx_bf16": amx})
+    def pretend(amx: bool, vectors: bool = False) -> None:
+        known = {"amx_bf16": amx, "avx512_bf16": vectors}
+        monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: known)
 
     return pretend
 
 
-@pytest.mark.parametrize("amx", [True, False])
-def test_the_format_follows_from_the_processor_and_the_reason_names_it(processor, amx):
-    processor(amx)
+@pytest.mark.parametrize(
+    ("amx", "vectors", "name"),
+    [(True, True, "AMX"), (False, True, "AVX512_BF16"), (False, False, None)],
+)
+def test_the_format_follows_from_the_processor_and_the_reason_names_it(
+    processor, amx, vectors, name
+):
+    processor(amx, vectors)
 
     compute = choose_compute("auto", batch_size=64, threads=1)
 
-    assert compute.bf16 is amx
-    assert compute.reason.startswith("bf16" if amx else "fp32")
-    assert "AMX" in compute.reason
+    assert compute.bf16 is (name is not None)
+    assert compute.reason.startswith("bf16" if name else "fp32")
+    assert f"({name})" in compute.reason if name else "no instructions" in compute.reason
 
 
 def test_on_a_gpu_the_reason_says_nothing_about_the_processor(processor, monkeypatch):
@@ -49,21 +55,22 @@ def test_on_a_gpu_the_reason_says_nothing_about_the_processor(processor, monkeyp
     assert "AMX" not in reason
 
 
-def test_small_parts_are_not_worth_the_casts(processor):
-    processor(amx=True)
-
-    assert not choose_compute("auto", batch_size=16, threads=1).bf16
-
-
 @pytest.mark.parametrize(
-    ("limit", "bf16"),
-    [("AVX512_CORE_BF16", False), ("avx2", False), ("AVX512_CORE_AMX", True), ("DEFAULT", True)],
+    ("limit", "units"),
+    [
+        ("AVX512_CORE_BF16", "AVX512_BF16"),
+        ("AVX512_CORE_FP16", "AVX512_BF16"),
+        ("AVX512_CORE_VNNI", ""),
+        ("avx2", ""),
+        ("AVX512_CORE_AMX", "AMX"),
+        ("DEFAULT", "AMX"),
+    ],
 )
-def test_a_limit_on_the_kernels_instructions_is_obeyed(processor, monkeypatch, limit, bf16):
-    processor(amx=True)
+def test_a_limit_on_the_kernels_instructions_is_obeyed(processor, monkeypatch, limit, units):
+    processor(amx=True, vectors=True)
     monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", limit)
 
-    assert choose_compute("auto", batch_size=64, threads=1).bf16 is bf16
+    assert precision.bfloat16_units() == units
 
 
 @pytest.mark.parametrize("amx", [True, False])
@@ -92,7 +99,7 @@ def test_a_checkpoint_that_names_no_format_gets_that_of_the_processor(processor)
 
 
 def test_this_processor_is_known():
-    assert isinstance(precision.has_bfloat16_units(), bool)
+    assert precision.bfloat16_units() in ("AMX", "AVX512_BF16", "")
     assert "amx_bf16" in torch.cpu.get_capabilities() or not sys.platform.startswith("linux")
 
 

@@ -1,10 +1,14 @@
 """The gradient of a minibatch in parts equals that of the whole, whatever the parts do."""
 
+import copy
+
 import pytest
 import torch
 from torch import nn
 
+from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.data_parallel import DataParallel, parts_of
+from drcli.learn.policy import Observation, PolicySpec
 
 SAMPLES = 7
 INPUT = torch.linspace(-1.0, 1.0, SAMPLES * 3).view(SAMPLES, 3)
@@ -102,6 +106,40 @@ def test_all_parts_see_new_weights_at_once():
     DataParallel(fresh).backward(_loss, SAMPLES)
 
     torch.testing.assert_close(network[0].weight.grad, fresh[0].weight.grad)
+
+
+@pytest.mark.parametrize("parts", [1, 2])
+def test_bodies_in_bfloat16_give_nearly_the_same_gradient_to_the_same_weights(parts):
+    torch.manual_seed(1)
+    exact = ActorCritic(PolicySpec(3, network="COMPACT_CONVOLUTIONAL_NETWORK"))
+    rounded = copy.deepcopy(exact)
+    frames = torch.randint(0, 256, (4, 1, 120, 160), dtype=torch.uint8)
+    nothing = torch.zeros(4, 0)
+
+    def loss_of(model, part):
+        policy, value = model(Observation(frames[part], nothing[part], nothing[part]))
+        loss = (policy.square().mean(-1) + value.square()).mean()
+        return loss, loss[None]
+
+    parallel = DataParallel(rounded, parts, threads=parts, bf16=True)
+    for _ in range(2):  # weights that have changed meanwhile are those that count
+        for model in (exact, rounded):
+            model.zero_grad()
+        expected = DataParallel(exact).backward(loss_of, 4)
+        found = parallel.backward(loss_of, 4)
+        torch.testing.assert_close(found, expected, rtol=0.1, atol=0.0)
+        for one, other in zip(exact.parameters(), rounded.parameters(), strict=True):
+            assert other.dtype == other.grad.dtype == torch.float32
+            assert other.grad.stride() == other.stride()
+            near = torch.nn.functional.cosine_similarity(
+                other.grad.flatten(), one.grad.flatten(), dim=0
+            )
+            assert near > 0.99
+        with torch.no_grad():
+            for one, other in zip(exact.parameters(), rounded.parameters(), strict=True):
+                assert torch.equal(one, other)
+                one.mul_(1.5)
+                other.mul_(1.5)
 
 
 def test_what_no_sample_needs_has_no_gradient():

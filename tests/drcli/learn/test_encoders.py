@@ -6,7 +6,7 @@ from torch import nn
 from torch.nn import functional
 from torch.utils.flop_counter import FlopCounterMode
 
-from drcli.learn.encoders import Encoder
+from drcli.learn.encoders import Encoder, in_blocks, kernel_in_blocks
 from drcli.learn.policy import Observation, PolicySpec
 from observations import camera_only
 
@@ -165,3 +165,38 @@ def _plainly(encoder: Encoder, seen: Observation) -> torch.Tensor:
     for layer in encoder.dense:
         x = layer(x).relu()
     return x
+
+
+@pytest.mark.parametrize(("kernel", "stride"), [(8, 4), (5, 2), (3, 1), (8, 8), (2, 4)])
+@pytest.mark.parametrize("channels", [1, 2, 3])
+def test_a_convolution_of_blocks_is_the_convolution_of_the_picture(kernel, stride, channels):
+    torch.manual_seed(1)
+    frames = torch.randint(0, 256, (2, channels, 120, 160), dtype=torch.uint8)
+    weight = torch.randn(4, channels, kernel, kernel, dtype=torch.float64)
+
+    cut = in_blocks(frames, stride)
+    count, _, height, width, _ = cut.shape
+    pixels = cut.permute(0, 1, 4, 2, 3).reshape(count, -1, height, width).double()
+    found = functional.conv2d(pixels, kernel_in_blocks(weight, stride))
+
+    torch.testing.assert_close(found, functional.conv2d(frames.double(), weight, stride=stride))
+
+
+@pytest.mark.parametrize("network", [SHALLOW, DEEP, COMPACT])
+@pytest.mark.parametrize(("eyes", "stack"), [(1, 1), (1, 3), (2, 1)])
+@pytest.mark.parametrize("scan_dims", [0, 8])
+def test_a_body_in_bfloat16_sees_the_same_cut_or_not(network, eyes, stack, scan_dims):
+    torch.manual_seed(1)
+    spec = PolicySpec(2, network=network, eyes=eyes, stack=stack, scan_dims=scan_dims)
+    encoder = Encoder(spec)
+    frames = torch.randint(0, 256, (2, eyes * stack, 120, 160), dtype=torch.uint8)
+    seen = Observation(frames, torch.rand(2, scan_dims), torch.zeros(2, 0))
+    with torch.no_grad():
+        exact = encoder(seen)
+        encoder.to(torch.bfloat16)
+        found = encoder(seen)
+        cut = in_blocks(frames, encoder.block) if encoder.block > 1 else frames
+        again = encoder(seen._replace(frames=cut))
+
+    assert torch.equal(found, again)
+    torch.testing.assert_close(found.float(), exact, rtol=0.05, atol=0.02 * exact.max().item())
