@@ -26,8 +26,9 @@ from drcli.base.system_calls import peak_memory_bytes
 from drcli.benchmark.work_order import Rates, Ready, WorkOrder
 from drcli.exchange.rollout import encode_episodes
 from drcli.formats.build_network import build_policy
-from drcli.learn.compute import choose_compute, flush_denormals
+from drcli.learn.compute import choose_compute, driving_format, flush_denormals
 from drcli.learn.data_parallel import DataParallelPolicy
+from drcli.learn.encoders import compute_in
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.update_result import UpdateInterruptedError
 from drcli.modelfiles.hyperparameters import Hyperparameters
@@ -84,6 +85,8 @@ def main() -> None:
     learner = build_learner(metadata, parameters, compute)
     torch.set_num_threads(1)
     policy = build_policy(metadata, parameters)
+    weights = sum(t.numel() * t.element_size() for t in policy.state_dict().values())
+    compute_in(policy, driving_format(compute.number_format))
     track = load_world(order.race)
     actions = actions_of(metadata)
     count = parameters.num_episodes_between_training
@@ -105,7 +108,6 @@ def main() -> None:
     drawn.step()  # compiles what is not in the cache
     rounds = _Rounds(driver, count)
     rounds.drive()
-    weights = sum(t.numel() * t.element_size() for t in policy.state_dict().values())
     device = torch.cuda.get_device_name() if compute.device.type == "cuda" else "cpu"
     prepared_s = time.time() - psutil.Process().create_time()
     ready = Ready(

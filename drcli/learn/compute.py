@@ -89,6 +89,15 @@ def choose_compute(
     return Compute(torch.device(device), name == "bf16", reason, threads, parts)
 
 
+def driving_format(learner: str | None) -> torch.dtype:
+    """In which number format cars are driven for a learner with that one, one of `FORMATS`.
+
+    The same, because the learner compares its probabilities with those of the drive; but float32 on
+    a processor that is slow in bfloat16.
+    """
+    return torch.bfloat16 if learner == "bf16" and bfloat16_units() else torch.float32
+
+
 def bfloat16_units() -> str:
     """Instructions for bfloat16 that PyTorch can use, as far as ONEDNN_MAX_CPU_ISA allows it.
 

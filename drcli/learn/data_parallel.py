@@ -15,7 +15,7 @@ from typing import Generic, TypeVar
 import torch
 from torch import Tensor, nn
 
-from drcli.learn.encoders import Encoder
+from drcli.learn.encoders import compute_in
 from drcli.learn.policy import Observation, Policy, PolicySpec
 
 SMALLEST_PART = 16
@@ -250,9 +250,7 @@ def _copy_on_same_weights(model: M) -> M:
 def _with_bodies_in_bfloat16(model: M) -> M:
     """A network on the same weights, but for a copy of its bodies' in bfloat16."""
     twin = _copy_on_same_weights(model)
-    for module in twin.modules():
-        if isinstance(module, Encoder):
-            module.to(torch.bfloat16)
+    compute_in(twin, torch.bfloat16)
     return twin
 
 

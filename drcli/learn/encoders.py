@@ -145,6 +145,16 @@ class Encoder(nn.Module):
         return functional.conv2d(pixels, weight, first.bias, stride=first.stride)
 
 
+def compute_in(model: nn.Module, number_format: torch.dtype) -> None:
+    """Convert the weights of a network's bodies, which then compute in that format.
+
+    Heads keep float32. What was rounded stays so until weights are loaded again.
+    """
+    for module in model.modules():
+        if isinstance(module, Encoder):
+            module.to(number_format)
+
+
 def in_blocks(frames: Tensor, size: int) -> Tensor:
     """Frames cut into square blocks, whose pixels follow each other row by row.
 

@@ -19,8 +19,9 @@ from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
 from drcli.exchange.scores import EvaluationResult
 from drcli.exchange.stage import Stage, StageMark
 from drcli.formats.build_network import build_policy, load_weights
-from drcli.learn.compute import flush_denormals
+from drcli.learn.compute import driving_format, flush_denormals
 from drcli.learn.data_parallel import DataParallelPolicy
+from drcli.learn.encoders import compute_in
 from drcli.modelfiles.network_shape import Design
 from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.checkpoints import CheckpointStore
@@ -183,8 +184,10 @@ class SimWorker:
                 self._enter(stage)
                 iteration = newest  # what was driven ahead belongs to the stage before
             self._waiter.learn_from(checkpoint.record)
+            counters = checkpoint.record.counters
+            compute_in(self._model, driving_format(counters.number_format))
             load_weights(self._model, checkpoint.tensors, checkpoint.record.name)
-            self._rollbacks = checkpoint.record.counters.rollbacks or 0
+            self._rollbacks = counters.rollbacks or 0
             self._iterate(iteration, name)
             iteration += 1
 

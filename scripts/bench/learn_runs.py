@@ -21,8 +21,9 @@ from drcli.exchange.job import PROCESS_TUNING
 from drcli.formats.build_network import policy_spec
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.algorithm_config import PPOConfig
-from drcli.learn.compute import Compute, choose_compute, flush_denormals
+from drcli.learn.compute import Compute, choose_compute, driving_format, flush_denormals
 from drcli.learn.data_parallel import DataParallelPolicy
+from drcli.learn.encoders import compute_in
 from drcli.learn.policy import PolicySpec
 from drcli.learn.ppo import PPO
 from drcli.learn.rollout_buffer import Rollout
@@ -194,6 +195,7 @@ class MemoryTraining:
         torch.manual_seed(seed)
         self._ppo = PPO(ActorCritic(work.spec), work.config, work.compute)
         self._driving = ActorCritic(work.spec).eval()
+        compute_in(self._driving, driving_format(work.compute.number_format))
         torch.set_num_threads(1)
         racer = Racer(DataParallelPolicy(self._driving, work.threads), work.actions)
         self._driver = Driver(self._simulation, [racer], seed)

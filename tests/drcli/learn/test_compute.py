@@ -98,6 +98,23 @@ def test_a_checkpoint_that_names_no_format_gets_that_of_the_processor(processor)
     assert choose_compute("auto", batch_size=64, threads=1, before=None).bf16
 
 
+@pytest.mark.parametrize(
+    ("learner", "vectors", "expected"),
+    [
+        ("bf16", True, torch.bfloat16),
+        ("bf16", False, torch.float32),
+        ("fp32", True, torch.float32),
+        (None, True, torch.float32),
+    ],
+)
+def test_cars_are_driven_in_the_learner_s_format_where_it_is_fast(
+    processor, learner, vectors, expected
+):
+    processor(amx=False, vectors=vectors)
+
+    assert precision.driving_format(learner) is expected
+
+
 def test_this_processor_is_known():
     assert precision.bfloat16_units() in ("AMX", "AVX512_BF16", "")
     assert "amx_bf16" in torch.cpu.get_capabilities() or not sys.platform.startswith("linux")

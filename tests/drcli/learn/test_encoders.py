@@ -6,7 +6,7 @@ from torch import nn
 from torch.nn import functional
 from torch.utils.flop_counter import FlopCounterMode
 
-from drcli.learn.encoders import Encoder, in_blocks, kernel_in_blocks
+from drcli.learn.encoders import Encoder, compute_in, in_blocks, kernel_in_blocks
 from drcli.learn.policy import Observation, PolicySpec
 from observations import camera_only
 
@@ -200,3 +200,17 @@ def test_a_body_in_bfloat16_sees_the_same_cut_or_not(network, eyes, stack, scan_
 
     assert torch.equal(found, again)
     torch.testing.assert_close(found.float(), exact, rtol=0.05, atol=0.02 * exact.max().item())
+
+
+def test_a_format_is_left_again_when_weights_are_loaded():
+    torch.manual_seed(1)
+    model = nn.Sequential(Encoder(PolicySpec(2, network=COMPACT)), nn.Linear(256, 2))
+    weights = {name: tensor.clone() for name, tensor in model.state_dict().items()}
+
+    compute_in(model, torch.bfloat16)
+    assert model[0].dense[0].weight.dtype is torch.bfloat16
+    assert model[1].weight.dtype is torch.float32
+    compute_in(model, torch.float32)
+    model.load_state_dict(weights)
+
+    assert all(torch.equal(model.state_dict()[name], weights[name]) for name in weights)
