@@ -49,6 +49,8 @@ export function workerCard(runId, name, signal) {
     h("option", { value: "" }, "the one that has come furthest"),
   );
   const carRow = h("p", { class: "live-car" }, h("label", { for: `${heading}-car` }, "Car "), car);
+  // What is evaluated comes with the first scene; the digits of the name say when it began.
+  const title = h("h3", { id: heading }, evaluation ? "Evaluation" : name);
   const camera = livePicture("Camera", `What the car of ${name} sees`, [160, 120]);
   const chase = livePicture("View from behind", `The car of ${name} from behind`, [320, 240]);
   const pictures = h("div", { class: "live-views" }, camera.element, chase.element);
@@ -77,12 +79,7 @@ export function workerCard(runId, name, signal) {
   const element = h(
     "article",
     { class: "live-card", "aria-labelledby": heading, "data-worker": name },
-    h(
-      "div",
-      { class: "live-card-head" },
-      h("h3", { id: heading }, evaluation ? `Evaluation ${name.slice(11)}` : name),
-      carRow,
-    ),
+    h("div", { class: "live-card-head" }, title, carRow),
     does,
     hint,
     h(
@@ -196,6 +193,10 @@ export function workerCard(runId, name, signal) {
   function takeScene({ scene }) {
     if (!scene) return;
     setWorld(scene.world);
+    if (evaluation) {
+      const text = `${scene.racers.length > 1 ? "Race of" : "Evaluation of"} ${scene.racers.map((racer) => racer.model).join(" and ")}`;
+      if (title.textContent !== text) title.textContent = text;
+    }
     setCars(Math.max(0, ...scene.cars.map((each) => each.car + 1)));
     const many = scene.racers.length > 1,
       shown = scene.cars.find((each) => each.car === scene.shown?.car);
@@ -325,9 +326,12 @@ export function workerCard(runId, name, signal) {
         does.textContent = `${value.activity || "starts"}.`.replace(/^./, (letter) =>
           letter.toUpperCase(),
         );
+        const starts = value.restarts
+          ? `it was started again (${number(value.restarts)} times by now)`
+          : "it is just starting";
         hint.textContent = value.alive
-          ? "It shows no live pictures: it is just starting, or DR_LIVE_VIEW is off."
-          : "It is not running. Its pictures come back when it is started again.";
+          ? `It shows no live pictures: ${starts}, or DR_LIVE_VIEW is off.`
+          : "It has ended before its time. Its pictures come back when it is started again.";
       }
       const chosen = value.car === null || value.car === undefined ? "" : String(value.car);
       if (live && car.value !== chosen && document.activeElement !== car) {

@@ -236,8 +236,13 @@ export function trackMap({ label, height = 380, pick = null }, signal) {
     pen.lineWidth = 3 * ratio;
     pen.strokeStyle = css("paper");
     pen.fillStyle = css("ink");
-    pen.strokeText(car.name, px, py - size - 6 * ratio);
-    pen.fillText(car.name, px, py - size - 6 * ratio);
+    // Above the car, but inside the picture.
+    const above = py - size - 6 * ratio,
+      half = pen.measureText(car.name).width / 2 + 2 * ratio;
+    const y = above < 14 * ratio ? py + size + 16 * ratio : above,
+      x = Math.max(half, Math.min(canvas.width - half, px));
+    pen.strokeText(car.name, x, y);
+    pen.fillText(car.name, x, y);
   }
 
   function tell() {

@@ -23,9 +23,11 @@ def driving(served):
             raise Ended
 
     class Driving:
+        name = "sim-0"
+
         def __enter__(self):
             ended.clear()
-            self._shown = shown(served.folder)
+            self._shown = shown(served.folder, name=self.name)
             show, _ = self._shown.__enter__()
             self.show = show
             self._thread = threading.Thread(target=self._drive, args=(show,), daemon=True)
@@ -106,3 +108,62 @@ def test_names_of_settings_in_advice_are_shown_as_code(served, visit):
         "Learning curve: the car zigzags. Reward less steering, or lower discount_factor.",
         ["discount_factor"],
     ]
+
+
+def test_the_card_of_an_evaluation_is_headed_by_its_model(served, visit, driving):
+    driving.name = "evaluation-20260102030405"
+    page = visit(served.url).page
+    with driving:
+        page.get_by_role("heading", name="Evaluation of model-1").wait_for()
+
+
+def test_a_worker_that_was_started_again_is_not_said_to_be_just_starting(served, visit):
+    page = visit(served.url).page
+    page.get_by_text("There is no training yet.").wait_for()
+
+    told = page.evaluate(
+        """async () => {
+            const { workerCard } = await import("/live_worker.js");
+            const card = workerCard(0, "sim-0", new AbortController().signal);
+            const texts = [];
+            for (const facts of [{ alive: true, restarts: 2 }, { alive: true, restarts: 0 }, {}]) {
+                card.update({ place: "here", activity: "starts", world: null, ...facts });
+                texts.push(card.element.textContent);
+            }
+            return texts;
+        }"""
+    )
+
+    assert "it was started again (2 times by now)" in told[0]
+    assert "it is just starting" in told[1]
+    assert "It has ended before its time." in told[2]
+
+
+def test_a_button_that_is_replaced_leaves_the_focus_to_the_next_one(served, visit):
+    page = visit(served.url).page
+    page.get_by_text("There is no training yet.").wait_for()
+
+    focused = page.evaluate(
+        """async () => {
+            const { fillButtons, h } = await import("/dom.js");
+            const place = h("p", {}, h("button", { id: "before" }, "Stop"));
+            document.getElementById("main").append(place);
+            const found = [];
+            const tell = () => found.push(document.activeElement.id);
+            document.getElementById("before").focus();
+            const off = h("button", { id: "off", disabled: true });
+            fillButtons(place, off, h("button", { id: "on" }));
+            tell();
+            fillButtons(place, document.getElementById("on"), h("button", { id: "more" }, "More"));
+            tell();
+            fillButtons(place);
+            tell();
+            document.body.focus();
+            document.activeElement.blur();
+            fillButtons(place, h("button", { id: "late" }, "Start"));
+            tell();
+            return found;
+        }"""
+    )
+
+    assert focused == ["on", "on", "main", ""]
