@@ -40,6 +40,9 @@ PROCESS_TUNING = {
 }
 """Environment of the worker processes, unless the user's own says otherwise."""
 
+FAST_LAPS = 5
+"""Evaluation laps that show that a checkpoint drives fast laps, and not only one."""
+
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -61,6 +64,8 @@ class Job:
         session: Unique name of this start; rollouts of an earlier start have another one.
         seed: All random numbers of the run are derived from it.
         until_laps: Finish when an evaluation completes all its laps, and at least so many.
+        until_lap_time_s: Finish only when each of these laps took at most so long, simulated
+            seconds; without `until_laps`, there must be `FAST_LAPS`.
         max_minutes: Finish after so much wall time: of this start, or of all starts together if
             `whole_run`.
         folder: Where workers write their `WorkerExit`.
@@ -95,6 +100,12 @@ class Job:
     stages: tuple[Stage, ...] = ()
     tasks: tuple[EvaluationTask, ...] = ()
     training: str = ""
+    until_lap_time_s: float | None = None
+
+    @property
+    def wanted_laps(self) -> int:
+        """How many laps of an evaluation must be completed to finish; 0 if that is no goal."""
+        return self.until_laps or (FAST_LAPS if self.until_lap_time_s is not None else 0)
 
     @property
     def directory(self) -> Path:

@@ -53,6 +53,7 @@ class StartOptions:
 
     Attributes:
         until_laps: The least number of laps that must be completed.
+        until_lap_time_s: How long each of them may take, simulated seconds.
         whole_run: Whether any machine may continue the run with the same command: see `Job`.
         over_aborted: Whether the model's prefix may hold what a start wrote that ended before its
             first checkpoint.
@@ -65,6 +66,7 @@ class StartOptions:
     seed: int | None = None
     whole_run: bool = False
     over_aborted: bool = False
+    until_lap_time_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -237,6 +239,7 @@ def _job(settings: Settings, options: StartOptions, seed: int, began_at: float) 
         seed=seed,
         began_at=began_at,
         until_laps=options.until_laps,
+        until_lap_time_s=options.until_lap_time_s,
         max_minutes=options.max_minutes,
         whole_run=options.whole_run,
     )

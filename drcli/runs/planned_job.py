@@ -21,6 +21,7 @@ def planned_job(
     seed: int,
     began_at: float,
     until_laps: int | None = None,
+    until_lap_time_s: float | None = None,
     max_minutes: float | None = None,
     whole_run: bool = False,
     stages: tuple[Stage, ...] = (),
@@ -32,6 +33,7 @@ def planned_job(
         seed: Of the run.
         began_at: Unix seconds of the very first start of the run.
         until_laps: As for `Job`.
+        until_lap_time_s: As for `Job`.
         max_minutes: Of the command; the setting counts without it.
         whole_run: As for `Job`.
         stages: As for `Job`.
@@ -42,6 +44,7 @@ def planned_job(
         session=secrets.token_hex(6),
         seed=seed,
         until_laps=until_laps,
+        until_lap_time_s=until_lap_time_s,
         max_minutes=max_minutes or settings.train_max_minutes or None,
         folder=run_folder(settings.directory, settings.run_id),
         launcher_pid=os.getpid(),

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from drcli.runs.plan import StartOptions
 
 LONGEST_MINUTES = 10_000_000
+LONGEST_LAP_S = 10_000.0
 """As for `dr-start-training --max-minutes`."""
 
 MOST_LAPS = 100_000
@@ -75,6 +76,7 @@ def _options(body: dict[str, Any], settings: Settings) -> "StartOptions":
         max_minutes=_bounded(body, "max_minutes", 0.01, LONGEST_MINUTES),
         until_laps=_whole(body, "until_laps", 1, MOST_LAPS),
         seed=_whole(body, "seed", 0, LARGEST_SEED),
+        until_lap_time_s=_bounded(body, "until_lap_time_s", 0.1, LONGEST_LAP_S),
     )
 
 

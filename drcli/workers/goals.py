@@ -86,8 +86,12 @@ class Goals:
         """Why the training is complete because the car drives well enough."""
         job, settings = self._job, self._job.config.train
         evaluated = [record for record in records if record.evaluation_progress]
-        if job.until_laps is not None and evaluated and all_laps(evaluated[-1], job.until_laps):
-            return "Training is complete: all evaluation laps of a checkpoint were completed."
+        most_s = job.until_lap_time_s
+        if job.wanted_laps and evaluated and all_laps(evaluated[-1], job.wanted_laps, most_s):
+            within = f", each in {most_s:g} s or less" if most_s is not None else ""
+            return (
+                f"Training is complete: all evaluation laps of a checkpoint were completed{within}."
+            )
         slowest_s, lap_s = settings.train_stop_lap_time, mean_lap_s(evaluated[-1:])
         if lap_s is not None and lap_s <= slowest_s:
             return (
@@ -132,10 +136,11 @@ def mean_lap_s(evaluated: Sequence[IterationRecord]) -> float | None:
     return sum(laps) / len(laps)
 
 
-def all_laps(record: IterationRecord, wanted: int) -> bool:
-    """Whether all laps of an evaluation were completed, and at least so many."""
-    done = len(record.evaluation_lap_s)
-    return done >= wanted and done == len(record.evaluation_progress)
+def all_laps(record: IterationRecord, wanted: int, most_s: float | None = None) -> bool:
+    """Whether all laps of an evaluation were completed, at least so many, each within `most_s`."""
+    laps = record.evaluation_lap_s
+    complete = len(laps) >= wanted and len(laps) == len(record.evaluation_progress)
+    return complete and (most_s is None or max(laps, default=0.0) <= most_s)
 
 
 def ending(job: Job, parameters: Hyperparameters) -> str:
@@ -146,7 +151,12 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
     if job.stages and not job.stages[-1].goal.empty:
         last = job.stages[-1]
         ways.append(f"with the last of {_stages(job)}, {last.name}: {last.goal}")
-    if job.until_laps is not None:
+    if job.until_lap_time_s is not None:
+        ways.append(
+            f"once each evaluation lap of a checkpoint{judged}, at least {job.wanted_laps}, takes "
+            f"{job.until_lap_time_s:g} s or less (--until-lap-time)"
+        )
+    elif job.until_laps is not None:
         ways.append(
             f"once a checkpoint completes all its evaluation laps{judged}, "
             f"at least {job.until_laps} (--until-laps)"

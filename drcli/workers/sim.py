@@ -310,7 +310,7 @@ class SimWorker:
         """Whether to evaluate the checkpoint during this drive, which takes time."""
         if not self._simulation.trials or name.number == self._evaluated:
             return False
-        by_laps, stage = self._job.until_laps is not None, self._simulation.stage
+        by_laps, stage = self._job.wanted_laps > 0, self._simulation.stage
         if stage is not None:
             by_laps = by_laps or stage.goal.evaluated
         evaluates = by_laps or self._budget.allows_another()

@@ -86,7 +86,7 @@ class TrainingSimulation:
         )
         plain.info(reference_log.start_lines(prefix, race, metadata, self._parameters, "TRAINING"))
         # Every checkpoint is evaluated at least once, or there would be no best checkpoint.
-        wanted = job.until_laps or 0, (stage.goal.laps or 0) if stage is not None else 0
+        wanted = job.wanted_laps, (stage.goal.laps or 0) if stage is not None else 0
         trials = max(1, train.train_min_eval_trials, *wanted)
         self.trials = trials if worker == 0 else 0
         num_cars = -(-(race.train_lanes or self.share.count + self.trials) // divisor)

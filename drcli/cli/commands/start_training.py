@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 
 _LONGEST_MINUTES = 10_000_000
+
+_LONGEST_LAP_S = 10_000.0
 """19 years: a finite number, for the workers' JSON."""
 
 
@@ -94,6 +96,17 @@ def start_training(
             help="Stop when a checkpoint completes all its evaluation laps, N or more.",
         ),
     ] = None,
+    until_lap_time: Annotated[
+        float | None,
+        typer.Option(
+            "--until-lap-time",
+            min=0.1,
+            max=_LONGEST_LAP_S,
+            callback=_a_number,
+            metavar="S",
+            help="Stop when each evaluation lap of a checkpoint takes S seconds or less.",
+        ),
+    ] = None,
     seed: Annotated[
         int | None,
         typer.Option(
@@ -136,6 +149,8 @@ def start_training(
     With --resume-or-start, --max-minutes counts the time of all starts together, and a training
     that SIGTERM or the cloud ends exits 75: it can be resumed.
 
+    --until-lap-time asks for five evaluation laps, or for as many as --until-laps says.
+
     Example: dr-start-training --until-laps 3
     """
     if no_wait and not resume_or_start:
@@ -147,7 +162,9 @@ def start_training(
         loaded = loaded.replaced(on_end=on_end)
     followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
     bring_tracks(loaded)
-    options = StartOptions(wipe, resume, max_minutes, until_laps, seed)
+    options = StartOptions(
+        wipe, resume, max_minutes, until_laps, seed, until_lap_time_s=until_lap_time
+    )
     how = _How(quiet, verbose, foreground, as_json, followed)
     if not resume_or_start:
         raise typer.Exit(_run(loaded, _planned(loaded, options), how))

@@ -43,6 +43,13 @@ export function startSteps({ unsaved, lead }, signal) {
     placeholder: "no limit",
     autocomplete: "off",
   });
+  const lapTime = h("input", {
+    type: "text",
+    inputmode: "decimal",
+    id: "until-lap-time",
+    placeholder: "no limit",
+    autocomplete: "off",
+  });
   const seed = h("input", {
     type: "text",
     inputmode: "numeric",
@@ -86,6 +93,17 @@ export function startSteps({ unsaved, lead }, signal) {
             "p",
             { class: "help" },
             "Ends when a checkpoint completes all its evaluation laps, this many or more.",
+          ),
+        ),
+        h(
+          "div",
+          { class: "field" },
+          h("label", { for: "until-lap-time" }, "Stop at a lap time, s (this start only)"),
+          lapTime,
+          h(
+            "p",
+            { class: "help" },
+            "Ends when each evaluation lap of a checkpoint takes this many seconds or less: five laps, or as many as stand beside.",
           ),
         ),
         h(
@@ -214,11 +232,26 @@ export function startSteps({ unsaved, lead }, signal) {
     }
     return Number(text);
   };
+  const seconds = (control, name) => {
+    const text = control.value.trim();
+    if (!text) return null;
+    if (!/^\d+(\.\d+)?$/.test(text)) {
+      control.focus();
+      throw Object.assign(new Error(`${name} ${text} is not a number of seconds.`), {
+        remedy: "Write a number such as 8.5, or leave it empty.",
+      });
+    }
+    return Number(text);
+  };
   async function start(how) {
     fill(result);
     let wanted;
     try {
-      wanted = { until_laps: whole(laps, "Laps"), seed: whole(seed, "Seed") };
+      wanted = {
+        until_laps: whole(laps, "Laps"),
+        until_lap_time_s: seconds(lapTime, "Lap time"),
+        seed: whole(seed, "Seed"),
+      };
     } catch (error) {
       startState.textContent = "Not started.";
       fill(result, failure(error));

@@ -59,6 +59,8 @@ def test_deleting_and_continuing_must_be_confirmed(client, how, confirmed):
         {"until_laps": 0},
         {"until_laps": 1.5},
         {"until_laps": "3"},
+        {"until_lap_time_s": 0},
+        {"until_lap_time_s": "8"},
         {"max_minutes": -1},
         {"max_minutes": True},
         {"seed": 2**32},

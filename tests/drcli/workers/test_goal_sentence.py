@@ -1,5 +1,6 @@
 """A start says in one line what ends the training."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,11 +13,12 @@ from drcli.workers.goals import ending
 
 @pytest.fixture
 def told(tmp_path):
-    def tell(*lines: str, until_laps=None, max_minutes=None, **parameters) -> str:
+    def tell(*lines: str, until_laps=None, max_minutes=None, lap_time_s=None, **parameters) -> str:
         (tmp_path / "run.env").write_text("\n".join(lines))
         (tmp_path / "system.env").write_text("")
         settings = load_settings(tmp_path, environ={})
         job = Job(settings.run, "s", 1, until_laps, max_minutes, Path(), 1)
+        job = replace(job, until_lap_time_s=lap_time_s)
         return ending(job, Hyperparameters(**parameters))
 
     return tell
@@ -44,6 +46,14 @@ def test_everything_that_ends_a_training_is_in_the_line(told):
         "(DR_TRAIN_MAX_ITERATIONS), or at a mean reward of 400 over 100 episodes "
         "(DR_TRAIN_STOP_MEAN_SCORE), or at 99 % of mean progress in 3 evaluations in a row "
         "(DR_TRAIN_STOP_PROGRESS), or with dr-stop-training."
+    )
+
+
+@pytest.mark.parametrize(("until_laps", "laps"), [(None, 5), (3, 3)])
+def test_a_lap_time_is_told_with_its_number_of_laps(told, until_laps, laps):
+    assert told(until_laps=until_laps, lap_time_s=8.0).startswith(
+        f"Ends once each evaluation lap of a checkpoint, at least {laps}, takes 8 s or less "
+        "(--until-lap-time), or after"
     )
 
 

@@ -102,6 +102,21 @@ def test_laps_are_reached_when_every_evaluation_episode_of_a_checkpoint_was_one(
     assert "all evaluation laps" in limited.reached([nearly, all_laps, record(2)])
 
 
+@pytest.mark.parametrize(("until_laps", "laps"), [(None, 5), (3, 3), (8, 8)])
+def test_a_lap_time_is_reached_when_the_slowest_of_enough_laps_is_fast_enough(
+    goals, until_laps, laps
+):
+    limited = goals(until_laps=until_laps, job_changes={"until_lap_time_s": 8.0})
+
+    def after(*times):
+        full = [100.0] * len(times)
+        return limited.reached([record(0, evaluation_progress=full, evaluation_lap_s=list(times))])
+
+    assert after(*[7.0] * (laps - 1)) is None
+    assert after(*[7.0] * (laps - 1), 8.1) is None
+    assert "each in 8 s or less" in after(*[7.0] * (laps - 1), 8.0)
+
+
 def test_progress_must_be_held_for_some_evaluations_in_a_row(goals):
     limited = goals("DR_TRAIN_STOP_PROGRESS=95", "DR_TRAIN_STOP_EVALUATIONS=2")
     good, bad = [100.0, 94.0], [100.0, 80.0]

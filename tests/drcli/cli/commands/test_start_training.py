@@ -205,12 +205,16 @@ def test_what_is_allowed_but_odd_is_said(dr, run, make_report, capsys):
 def test_options_reach_the_start(dr, run, make_report):
     run.looks = [make_report("finished", 1)]
 
-    dr("start-training", "-w", "--max-minutes", "1.5", "--until-laps", "3", "--seed", "5")
+    dr(
+        *("start-training", "-w", "--max-minutes", "1.5", "--seed", "5"),
+        *("--until-laps", "3", "--until-lap-time", "8.5"),
+    )
 
     assert run.options is not None
     assert run.options.wipe
     assert not run.options.resume
     assert (run.options.max_minutes, run.options.until_laps, run.options.seed) == (1.5, 3, 5)
+    assert run.options.until_lap_time_s == 8.5
 
 
 def test_in_the_foreground_this_process_runs_the_training(dr, run, make_report, capsys):
