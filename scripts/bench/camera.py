@@ -26,7 +26,6 @@ it are null.
 """
 
 import argparse
-import json
 import os
 import statistics
 import sys
@@ -36,6 +35,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from machine import print_json
 from numpy.typing import NDArray
 from opengl_scene import OpenGLCamera, choose_opengl, shrunk
 
@@ -92,7 +92,7 @@ def main() -> None:
     for name, value in result.items():
         print(f"{name:24} {value}", file=sys.stderr)
     if arguments.json:
-        print(json.dumps(result))
+        print_json(result)
 
 
 def stay_on_one_core() -> None:

@@ -31,6 +31,7 @@ from statistics import median
 from typing import Any
 
 import psutil
+from machine import print_json
 from websockets.sync.client import ClientConnection, connect
 
 from drcli.web.viewer_process import running_viewer
@@ -144,7 +145,7 @@ def main() -> None:
     for name, value in found.items():
         print(f"{name:20} {value}")
     if options.json:
-        print(json.dumps(found))
+        print_json(found)
 
 
 if __name__ == "__main__":

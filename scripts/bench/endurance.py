@@ -36,6 +36,7 @@ import psutil
 import record_growth
 from counting_proxy import CountingProxy
 from late_model import age
+from machine import print_json
 
 from drcli.store.server.engines import launch_of
 
@@ -333,7 +334,7 @@ def main() -> None:
                 values = "  ".join(f"{quarter[name]:9.2f}" for quarter in of_file)
                 print(f"{file:22}{name:10}{values}")
         if given.json:
-            print(json.dumps(result))
+            print_json(result)
         return
     with workspace(given.traces_mb) as work:
         samples = watch(work, given.iterations, given.minutes)
@@ -351,7 +352,7 @@ def main() -> None:
             names = ["first quarter", "second", "third", "fourth"]
             print(f"\nAfter {given.late} more iterations:\n{table(late, names)}")
     if given.json:
-        print(json.dumps(result))
+        print_json(result)
 
 
 if __name__ == "__main__":

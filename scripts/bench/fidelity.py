@@ -11,7 +11,6 @@ those of each policy here, with their standard errors and ratios.
 
 import argparse
 import csv
-import json
 import os
 import sys
 from collections.abc import Callable
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from machine import print_json
 from numpy.typing import NDArray
 
 from drsim import EpisodeRules, Simulation, Track, centre_line_reward, load_track
@@ -152,7 +152,7 @@ def main() -> None:
         report[name] = found
         show(name, found)
     if options.json:
-        print(json.dumps(report))
+        print_json(report)
 
 
 def show(name: str, found: dict[str, Any]) -> None:

@@ -14,7 +14,6 @@ The last lines are the errors and the `CarParameters`; with --json the last line
 """
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -24,6 +23,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from machine import print_json
 from scipy.optimize import minimize
 
 from drsim.arrays import Floats
@@ -228,7 +228,7 @@ def main() -> int:
     }
     if options.json:
         result: dict[str, Any] = {"parameters": asdict(found), "evaluations": evaluations}
-        print(json.dumps(result | {name: vars(each) for name, each in report.items()}))
+        print_json(result | {name: vars(each) for name, each in report.items()})
         return 0
     for name, each in report.items():
         print(f"{name:13} {_text(each)}")

@@ -27,6 +27,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from learn_runs import SHIPPED_FILES, MemoryTraining, Work, become_like_a_worker
+from machine import print_json
 from steps_to_lap import TRIALS, add_options, append, checkpoints, records, settings_of
 
 CASES: Mapping[str, Mapping[str, Any]] = {
@@ -76,7 +77,7 @@ def main() -> None:
             append(options.results, results[-1])
             print(results[-1], file=sys.stderr, flush=True)
     if options.json:
-        print(json.dumps(report(results)))
+        print_json(report(results))
 
 
 def changed(work: Work, change: Mapping[str, Any]) -> Work:

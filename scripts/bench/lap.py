@@ -39,6 +39,7 @@ from pathlib import Path
 from typing import Any
 
 import psutil
+from machine import print_json
 
 from drcli.config.loading import load_settings
 from drcli.store.server import server
@@ -78,7 +79,7 @@ def main() -> None:
     median = {name: _median([result[name] for result in results]) for name in FIGURES}
     print(f"median: {json.dumps(median)}", file=sys.stderr)
     if arguments.json:
-        print(json.dumps({"seeds": results, "median": median}))
+        print_json({"seeds": results, "median": median})
 
 
 def run_seed(seed: int, arguments: argparse.Namespace) -> dict[str, Any]:

@@ -31,7 +31,6 @@ as many threads as ours; with --lend they get the process settings of our worker
 
 import argparse
 import importlib.util
-import json
 import os
 import platform
 import statistics
@@ -53,6 +52,7 @@ from learn_runs import (
     together,
     train_through_bucket,
 )
+from machine import print_json
 
 from drcli.learn.rollout_buffer import Rollout
 
@@ -118,7 +118,7 @@ def main() -> None:
     for name, value in figures.items():
         say(f"{name:28} {value}")
     if options.json:
-        print(json.dumps(figures))
+        print_json(figures)
 
 
 @dataclass

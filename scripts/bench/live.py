@@ -37,6 +37,8 @@ from statistics import fmean, median
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from machine import print_json
+
 
 class Gated:
     """A clock that stands still while nobody shall watch: nothing is saved or due meanwhile."""
@@ -264,7 +266,7 @@ def main() -> None:
     for name, value in found.items():
         print(f"{name:24} {value}")
     if options.json:
-        print(json.dumps(found))
+        print_json(found)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import psutil
+from machine import print_json
 
 from drcli.config.loading import load_settings
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH
@@ -40,7 +41,10 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="bench-memory-") as name:
         result = measure(Path(name))
-    print(json.dumps(result) if arguments.json else result)
+    if arguments.json:
+        print_json(result)
+    else:
+        print(result)
 
 
 def measure(folder: Path) -> dict[str, Any]:

@@ -21,6 +21,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from machine import print_json
+
 from drcli.config.loading import load_settings
 from drcli.store.server import server
 
@@ -66,7 +68,10 @@ def main() -> None:
     }
     if arguments.picture:
         draw(reference, history, arguments.picture)
-    print(json.dumps(result) if arguments.json else result)
+    if arguments.json:
+        print_json(result)
+    else:
+        print(result)
 
 
 def read_reference(folder: Path) -> list[tuple[int, float]]:

@@ -15,7 +15,6 @@ cannot be used, one sentence on stderr says why, and the exit code is 3.
 """
 
 import argparse
-import json
 import os
 import sys
 from collections.abc import Sequence
@@ -23,6 +22,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from machine import print_json
 from numpy.typing import NDArray
 
 from drcli.base.errors import DrError, SettingsError
@@ -220,7 +220,7 @@ def main() -> int:
     if not options.json:
         for result in results:
             print(_text(result))
-    print(json.dumps({"cars": [asdict(result) for result in results]}))
+    print_json({"cars": [asdict(result) for result in results]})
     return 0
 
 

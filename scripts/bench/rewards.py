@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 from learn_runs import SHIPPED_FILES, MemoryTraining, Work, become_like_a_worker
+from machine import print_json
 from steps_to_lap import TRIALS, add_options, append, checkpoints, records, settings_of
 
 STYLES = Path(__file__).resolve().parent / "reward_styles"
@@ -111,7 +112,7 @@ def main() -> int:
         print(f"{name:24} {median}", file=sys.stderr)
     print(f"scales {figures['scales_ratio']}, missed: {figures['missed']}", file=sys.stderr)
     if options.json:
-        print(json.dumps(figures))
+        print_json(figures)
     return int(bool(figures["missed"]))
 
 

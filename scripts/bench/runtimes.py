@@ -19,6 +19,7 @@ from typing import get_args
 
 import numpy as np
 import torch
+from machine import print_json
 from numpy.typing import NDArray
 
 import drsim
@@ -69,7 +70,7 @@ def main() -> None:
                 flush=True,
             )
     if arguments.json:
-        print(json.dumps({"frames": len(frames), "cases": cases}))
+        print_json({"frames": len(frames), "cases": cases})
 
 
 def real_inputs(count: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:

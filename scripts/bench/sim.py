@@ -28,7 +28,6 @@ Figures that need OpenGL are null where none works.
 """
 
 import argparse
-import json
 import statistics
 import sys
 import time
@@ -39,6 +38,7 @@ from typing import Any
 import gymnasium as gym
 import mujoco
 import numpy as np
+from machine import print_json
 from numpy.typing import NDArray
 from opengl_scene import OpenGLCamera, choose_opengl
 
@@ -105,7 +105,7 @@ def main() -> None:
     for name, value in figures.items():
         print(f"{name:26} {'-' if value is None else f'{value:,.2f}'}", file=sys.stderr)
     if options.json:
-        print(json.dumps(figures))
+        print_json(figures)
 
 
 def measure_extras(track: Track, cars: int, threads: int, rounds: int) -> dict[str, float | None]:

@@ -8,7 +8,6 @@ user waits.
 """
 
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -17,6 +16,8 @@ import time
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
+
+from machine import print_json
 
 from drcli.cli.completion import ASKS, LINE
 from drcli.config.new_folder import plan_folder
@@ -86,7 +87,7 @@ def main() -> None:
         ]
     late = [one.call for one in measured if one.wall_s > one.bar_s]
     report = {"calls": [asdict(one) for one in measured], "over_the_bar": late}
-    print(json.dumps(report, indent=1))
+    print_json(report, indent=1)
 
 
 def question(line: str) -> dict[str, str]:

@@ -1,5 +1,7 @@
 """`python scripts/bench` lists the benchmarks and runs them, also under their former names."""
 
+import importlib
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -32,3 +34,19 @@ def test_an_unknown_benchmark_is_refused_with_the_known_ones():
 
     assert done.returncode == 1
     assert "'nonsense' is not a benchmark. Names: analyze, sim, learn," in done.stderr
+
+
+def test_figures_come_with_the_machine_that_they_were_measured_on(capsys):
+    sys.path.insert(0, str(SCRIPTS / "bench"))
+    try:
+        machine = importlib.import_module("machine")
+    finally:
+        sys.path.pop(0)
+
+    machine.print_json({"steps_per_s": 3})
+
+    told = json.loads(capsys.readouterr().out)
+    assert told["steps_per_s"] == 3
+    assert told["machine"]["processor"]
+    assert told["machine"]["cores"] >= 1
+    assert told["machine"]["memory_gb"] > 0
