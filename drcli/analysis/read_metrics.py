@@ -9,8 +9,8 @@ import csv
 import io
 import math
 import re
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from drcli.analysis.model_source import ModelSource
 from drcli.base.errors import DrError
@@ -21,6 +21,8 @@ from drcli.exchange.trace import STATUS_LABELS
 
 if TYPE_CHECKING:
     import pandas as pd
+
+R = TypeVar("R", EpisodeMetrics, IterationRecord)
 
 RECORD_COLUMNS = (
     *("phase", "iteration", "worker", "episode", "reward", "progress", "time", "complete"),
@@ -108,8 +110,15 @@ def _row(record: EpisodeMetrics, worker: int, per_iteration: int) -> tuple[Any, 
 
 
 def _records(source: ModelSource, name: str, problems: list[str]) -> list[EpisodeMetrics]:
+    return _decoded(source, name, decode_metrics, problems)
+
+
+def _decoded(
+    source: ModelSource, name: str, decode: Callable[[bytes], list[R]], problems: list[str]
+) -> list[R]:
+    """The records of a file; none if it is damaged or cannot be read, which is a problem."""
     try:
-        return decode_metrics(source.objects.read_whole(name))
+        return decode(source.objects.read_whole(name))
     except RecordError as error:
         problems.append(f"{name} is damaged: {error}. It is left out.")
     except DrError as error:
@@ -120,15 +129,7 @@ def _records(source: ModelSource, name: str, problems: list[str]) -> list[Episod
 def learning_curve(source: ModelSource, problems: list[str]) -> list[IterationRecord]:
     """The learning curve of a model of ours; empty for others."""
     name = source.files.others.get("metrics/history.json")
-    if name is None:
-        return []
-    try:
-        return decode_history(source.objects.read_whole(name))
-    except RecordError as error:
-        problems.append(f"{name} is damaged: {error}. It is left out.")
-    except DrError as error:
-        problems.append(f"{name} cannot be read: {error}")
-    return []
+    return [] if name is None else _decoded(source, name, decode_history, problems)
 
 
 def learner_table(

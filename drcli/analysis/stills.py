@@ -15,9 +15,8 @@ from drcli.analysis.report.graphs import Graph, Series
 from drcli.analysis.report.progress_sections import lap_section, learner_section, reward_section
 from drcli.analysis.report.reward_rate_section import reward_rate_section
 from drcli.base.atomic_file import rewrite
-from drcli.base.errors import SettingsError
 from drcli.base.png_picture import INK, LINES, png
-from drcli.base.replaceable import refuse_replacing
+from drcli.base.replaceable import make_picture_folder, refuse_replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,13 +44,7 @@ def write_pngs(analysis: Analysis, folder: Path) -> tuple[Path, ...]:
     Raises:
         SettingsError: One cannot be written, or would replace a file that is not a picture.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SettingsError(
-            f"{folder} cannot be made ({error.strerror or error}).",
-            remedy="Name a folder that you can write to, such as --png pictures.",
-        ) from None
+    make_picture_folder(folder)
     pictures = {folder / name: draw for name, draw in _pictures(analysis)}
     for path in pictures:
         refuse_replacing(path)

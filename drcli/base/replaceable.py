@@ -57,6 +57,21 @@ def refuse_replacing(path: Path, kind: FileKind = PNG_PICTURE) -> None:
         )
 
 
+def make_picture_folder(folder: Path) -> None:
+    """Make a folder for pictures, if it does not exist.
+
+    Raises:
+        SettingsError: It cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SettingsError(
+            f"{folder} cannot be made ({error.strerror or error}).",
+            remedy="Name a folder that you can write to, such as --png pictures.",
+        ) from None
+
+
 def refuse_new_file(path: Path) -> None:
     """Refuse a place where no file can be made, by making one there for a moment.
 

@@ -9,7 +9,7 @@ import torch
 
 from drcli.base.atomic_file import rewrite
 from drcli.base.errors import SettingsError
-from drcli.base.replaceable import HTML_PAGE, refuse_replacing
+from drcli.base.replaceable import HTML_PAGE, make_picture_folder, refuse_replacing
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import Settings
 from drcli.models.checkpoint_choice import find_choice
@@ -153,13 +153,7 @@ def write_stills(folder: Path, explained: ExplainedEpisode) -> list[str]:
     Raises:
         SettingsError: They cannot be written.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SettingsError(
-            f"{folder} cannot be made: {error.strerror or error}.",
-            remedy="Name another folder with --png.",
-        ) from None
+    make_picture_folder(folder)
     written = []
     for number, step in enumerate(explained.chosen):
         path = folder / f"saliency-{explained.episode.rows[step].steps:04d}.png"
