@@ -70,7 +70,8 @@ def test_two_laps_fit_side_by_side(console, visit):
     for theme, width in (("light", 360), ("dark", 800), ("light", 1920)):
         page.emulate_media(color_scheme=theme)
         page.set_viewport_size({"width": width, "height": 900})
-        assert page.locator("html").get_attribute("data-theme") == theme
+        # The page hears of it a moment later.
+        page.locator(f"html[data-theme={theme}]").wait_for(state="attached")
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
