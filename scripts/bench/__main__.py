@@ -21,6 +21,7 @@ NAMES = (
     "memory",
     "reference",
     "guide_values",
+    "fast_lap",
     "rewards",
     "runtimes",
     "startup",

@@ -23,7 +23,7 @@ import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from learn_runs import SHIPPED_FILES, MemoryTraining, Work, become_like_a_worker
@@ -80,17 +80,12 @@ def main() -> None:
         print_json(report(results))
 
 
-def changed(work: Work, change: Mapping[str, Any]) -> Work:
-    """The same work with other hyperparameters."""
-    return replace(work, parameters=work.parameters.model_copy(update=dict(change)))
-
-
 def train(case: str, seed: int, options: argparse.Namespace) -> Result:
     """Train until a checkpoint completes all evaluation laps, or until the limit."""
     metadata = json.loads((SHIPPED_FILES / "model_metadata.json").read_text("utf-8"))
     work = Work.load(settings_of(options), metadata["neural_network"], options.threads)
     started_s = time.process_time()
-    training = MemoryTraining(changed(work, CASES[case]), seed, TRIALS)
+    training = MemoryTraining(work.changed(CASES[case]), seed, TRIALS)
     first = every = None
     for steps, completed in checkpoints(training, options.cap):
         first = steps if first is None and any(completed) else first

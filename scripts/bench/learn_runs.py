@@ -7,10 +7,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -133,6 +133,12 @@ class Work:
             threads,
             choose_compute(settings.torch_precision, parameters.batch_size, threads),
         )
+
+    def changed(self, change: Mapping[str, Any]) -> "Work":
+        """The same work with other hyperparameters."""
+        parameters = self.parameters.model_copy(update=dict(change))
+        metadata = ModelMetadata.from_bytes(self.files["model_metadata.json"])
+        return replace(self, parameters=parameters, spec=policy_spec(metadata, parameters))
 
     @property
     def config(self) -> PPOConfig:
