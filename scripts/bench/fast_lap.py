@@ -1,12 +1,12 @@
 """Changes of the speed example compared: steps until all evaluation laps are fast.
 
     python scripts/bench fast_lap [--case NAME ...] [--seeds 1 2 3 4 5] [--results FILE]
-        [--cap 40000] [--threads 1] [--precision auto] [--json]
+        [--files FOLDER] [--cap 40000] [--threads 1] [--precision auto] [--json]
 
-`defaults/rewards/speed` is trained as it is, and with each of CASES. Each training drives and
-learns in this process as the workers do. Every checkpoint drives five evaluation laps, and what
-counts is the slowest of them. Only steps count, so other programs make it slower and change
-nothing.
+`defaults/rewards/speed`, or the three files in another folder, are trained as they are, and with
+each of CASES. Each training drives and learns in this process as the workers do. Every checkpoint
+drives five evaluation laps, and what counts is the slowest of them. Only steps count, so other
+programs make it slower and change nothing.
 
 With --results each finished training is appended to a file, one JSON object a line. A training that
 is already in the file is not repeated.
@@ -27,6 +27,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from learn_runs import SHIPPED_FILES, MemoryTraining, Work, become_like_a_worker
@@ -42,11 +43,10 @@ STEADY_S = 9.0
 CASES: Mapping[str, Mapping[str, Any]] = {
     "shipped": {},
     "critic state": {"critic": "state"},
-    "discount 0.95": {"discount_factor": 0.95},
+    "discount 0.97": {"discount_factor": 0.97},
     "discount 0.98": {"discount_factor": 0.98},
-    "discount 0.99": {"discount_factor": 0.99},
-    "lambda 0.9": {"gae_lambda": 0.9},
-    "lambda 0.98": {"gae_lambda": 0.98},
+    "lambda 0.8": {"gae_lambda": 0.8},
+    "lambda 0.95": {"gae_lambda": 0.95},
     "entropy 0.005": {"beta_entropy": 0.005},
     "entropy 0": {"beta_entropy": 0.0},
     "lr 0.0005": {"lr": 0.0005},
@@ -55,7 +55,7 @@ CASES: Mapping[str, Mapping[str, Any]] = {
     "batch 128": {"batch_size": 128},
     "epochs 5": {"num_epochs": 5},
     "epochs 2": {"num_epochs": 2},
-    "episodes 10": {"num_episodes_between_training": 10},
+    "episodes 20": {"num_episodes_between_training": 20},
     "episodes 40": {"num_episodes_between_training": 40},
     "target_kl 0.03": {"target_kl": 0.03},
     "clip 0.1": {"clip_range": 0.1},
@@ -104,6 +104,7 @@ def main() -> None:
     """Train, and report."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--case", nargs="+", default=list(CASES), choices=CASES, metavar="NAME")
+    parser.add_argument("--files", type=Path, default=FOLDER, help="folder of what is trained")
     add_options(parser, cap=40_000)
     parser.set_defaults(seeds=[1, 2, 3, 4, 5], precision="auto")
     options = parser.parse_args()
@@ -123,8 +124,9 @@ def main() -> None:
 
 def train(case: str, seed: int, options: argparse.Namespace) -> Result:
     """Train until the limit."""
-    metadata = json.loads((FOLDER / "model_metadata.json").read_text("utf-8"))
-    work = Work.load(settings_of(options), metadata["neural_network"], options.threads, FOLDER)
+    metadata = json.loads((options.files / "model_metadata.json").read_text("utf-8"))
+    network = metadata["neural_network"]
+    work = Work.load(settings_of(options), network, options.threads, options.files)
     started_s = time.process_time()
     training = MemoryTraining(work.changed(CASES[case]), seed, TRIALS)
     checkpoints: list[tuple[int, float | None]] = []

@@ -73,8 +73,8 @@ The trainings with lr 0.0003 used seeds 1 and 2 only, the one with 10 epochs see
   is allowed. For long trainings take `"lr_schedule": "linear"`, so that it falls.
 - **The discount makes no clear difference to the first lap** with the shipped reward, which pays at
   every step. So few seeds cannot show a small one. 0.95 plans 20 steps (1.3 s) ahead. We chose it
-  because a short horizon is enough for such a reward; take 0.97 for fast laps, as
-  `defaults/rewards/speed` does, and 0.99 or more for a reward at the finish.
+  because a short horizon is enough for such a reward; take 0.99 for fast laps, as
+  `defaults/rewards/speed` does, and for a reward at the finish.
 - The other shipped values are those of the guides, except `num_epochs`: 3 instead of 5 or 10.
   10 epochs took no fewer steps here, and about twice the processor time for each step.
 """
