@@ -19,21 +19,25 @@
 set -u
 
 INTERRUPTED=75
+STOPPED=143 # also if SIGTERM came before the command could do anything about it
 NO_CHILD=127 # answer of `wait` if the process was waited for already
 
 cd "${SLURM_SUBMIT_DIR:-.}" || exit 3
 PATH=${DRCLI_BIN:-$HOME/drcli/.venv/bin}:$PATH
 
 signals=0
+training=
 # shellcheck disable=SC2317,SC2329 # the trap calls it
 pass_on() {
     signals=$((signals + 1))
-    kill -TERM "$training" 2>/dev/null
+    [ -z "$training" ] || kill -TERM "$training" 2>/dev/null
 }
 
+# Before the start: a signal in between would end this shell and leave the training behind.
+trap pass_on TERM INT
 dr-start-training --resume-or-start --foreground &
 training=$!
-trap pass_on TERM INT
+[ "$signals" -eq 0 ] || kill -TERM "$training"
 
 # A signal ends `wait`, not the training: wait until no signal came in between.
 code=0
@@ -45,6 +49,9 @@ while :; do
     [ "$before" -eq "$signals" ] && break
 done
 
+if [ "$code" -eq "$STOPPED" ] && [ "$signals" -gt 0 ]; then
+    code=$INTERRUPTED
+fi
 if [ "$code" -eq "$INTERRUPTED" ]; then
     # Not after scancel: then the job is no longer running.
     if [ "$(squeue --noheader --jobs "$SLURM_JOB_ID" --format %T)" = RUNNING ]; then

@@ -1,35 +1,22 @@
-"""A model that version 0.1.0 trained goes on here: evaluated, trained further, uploaded.
-
-`scripts/make_old_model.sh` has made the archive.
-"""
+"""A model that version 0.1.0 trained goes on here: evaluated, trained further, uploaded."""
 
 import json
-import tarfile
-from pathlib import Path
 
 import pytest
-import zstandard
 from moto.server import ThreadedMotoServer
 
 from drcli.store.endpoint import Endpoint
 from drcli.store.s3_bucket import S3Bucket
+from old_model import extract_old_model
 
 pytestmark = pytest.mark.slow
-
-ARCHIVE = Path(__file__).resolve().parents[1] / "data" / "trained-with-0.1.0.tar.zst"
 
 
 @pytest.fixture
 def racer(workspace):
     """A working folder whose bucket holds that model."""
     bucket = workspace.model.parent
-    bucket.mkdir(parents=True)
-    with (
-        ARCHIVE.open("rb") as packed,
-        zstandard.ZstdDecompressor().stream_reader(packed) as plain,
-        tarfile.open(fileobj=plain, mode="r|") as archive,
-    ):
-        archive.extractall(bucket, filter="data")
+    extract_old_model(bucket)
     for name in ("model_metadata.json", "reward_function.py", "hyperparameters.json"):
         (workspace.folder / "custom_files" / name).write_bytes(
             (bucket / "custom_files" / name).read_bytes()

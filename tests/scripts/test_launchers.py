@@ -316,6 +316,16 @@ def test_slurm_passes_the_signal_on_and_waits_for_the_training(fake_root):
     assert fake_root.called[-1] == "scontrol requeue 17"
 
 
+@pytest.mark.parametrize("trap", ["trap 'exit 75' TERM", ":"])
+def test_slurm_passes_on_a_signal_that_comes_during_the_start(fake_root, trap):
+    fake_root.training(f"{trap}; kill -TERM $PPID; while :; do sleep 0.05; done")
+
+    job = fake_root.start(["bash", FOLDER / "slurm.sh"])
+
+    assert job.wait(20) == INTERRUPTED
+    assert fake_root.called[-1] == "scontrol requeue 17"
+
+
 def test_slurm_does_not_queue_a_cancelled_job_again(fake_root):
     fake_root.training(f"exit {INTERRUPTED}")
     fake_root.program("squeue", "echo COMPLETING")

@@ -14,15 +14,12 @@ from subprocess import CompletedProcess
 from typing import Any
 
 import psutil
-import zstandard
 
 from drcli.config.loading import load_settings
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
 from forks import Forks
-
-ARCHIVE = Path(__file__).resolve().parents[1] / "data" / "trained-with-0.1.0.tar.zst"
-"""A real training: the bucket that it left."""
+from old_model import extract_old_model
 
 PATIENCE_S = 60.0
 """A command that takes longer hangs. The machine may be busy, and every call of a reward function
@@ -139,13 +136,7 @@ class FuzzSpace:
 
     def _write_files(self) -> None:
         (self.root / "home").mkdir()
-        self.bucket.mkdir(parents=True)
-        with (
-            ARCHIVE.open("rb") as packed,
-            zstandard.ZstdDecompressor().stream_reader(packed) as plain,
-            tarfile.open(fileobj=plain, mode="r|") as archive,
-        ):
-            archive.extractall(self.bucket, filter="data")
+        extract_old_model(self.bucket)
         shutil.copytree(self.bucket / "custom_files", self.folder / "custom_files")
         (self.bucket.parent / "uploads").mkdir()
         (self.folder / "run.env").write_text(
