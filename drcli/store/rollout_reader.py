@@ -17,8 +17,9 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 PREFETCH_BYTES = 24 << 20
 """Limit for downloads ahead of their use: three thousand steps."""
 
-FIRST_LOOK_S = 0.1
-"""First pause between two looks for rollouts. A look takes 7 ms of the workers' time."""
+FIRST_LOOK_S, WOKEN_LOOK_S = 0.1, 0.5
+"""First pause between two looks for rollouts: in any case, and for a trainer that its workers wake.
+A look takes 7 ms of the workers' time."""
 
 QUIET_SHARE, REMEMBERED = 0.7, 5
 """Share of the shortest of the last waits in which a frugal reader does not look. After that, it
@@ -49,7 +50,8 @@ class RolloutReader:
     Rollouts from another start of the training than `session` may come from other weights, so they
     count as missing, unless the session is empty. A `frugal` one looks less often, for buckets that
     are not on this machine. What was driven with weights that were given up in one of the
-    `rollbacks` counts as missing, too. Tests replace `clock` and `pause`.
+    `rollbacks` counts as missing, too. `pause` waits, and returns True if it was ended early
+    because there may be something new; the first one lasts `first_look_s`. Tests replace `clock`.
     """
 
     def __init__(
@@ -61,7 +63,8 @@ class RolloutReader:
         frugal: bool = False,
         rollbacks: Rollbacks = NO_ROLLBACKS,
         clock: Callable[[], float] = time.monotonic,
-        pause: Callable[[float], None] = time.sleep,
+        pause: Callable[[float], bool | None] = time.sleep,
+        first_look_s: float = FIRST_LOOK_S,
     ) -> None:
         self._frugal = frugal
         self._rollbacks = rollbacks
@@ -71,6 +74,7 @@ class RolloutReader:
         self._session = session
         self._clock = clock
         self._pause = pause
+        self._first_look_s = first_look_s
         self._fetcher = ThreadPoolExecutor(2, thread_name_prefix="rollout-download")
         self._fetched: dict[str, Future[bytes]] = {}
         self._fetched_bytes = 0
@@ -109,7 +113,7 @@ class RolloutReader:
         known = dict(arrived or {})
         started_s = reported_s = self._clock()
         quiet_s = 0.0 if arrived else self._quiet_s()
-        first_s = max(FIRST_LOOK_S, LATE_SHARE * quiet_s / QUIET_SHARE)
+        first_s = max(self._first_look_s, LATE_SHARE * quiet_s / QUIET_SHARE)
         lists = True
         for delay_s in delays_s(first_s, growth=SLOW_GROWTH):
             if lists or not self._frugal:
@@ -152,7 +156,8 @@ class RolloutReader:
     def _keep_quiet(self, until_s: float, should_stop: Callable[[], bool]) -> None:
         """Ask for nothing until then, or until it should stop."""
         while (left_s := until_s - self._clock()) > 0.0 and not should_stop():
-            self._pause(min(left_s, QUIET_STEP_S))
+            if self._pause(min(left_s, QUIET_STEP_S)):
+                return
 
     def find_manifests(self, iteration: int, workers: Iterable[int]) -> list[Manifest]:
         """The manifests of some workers for an iteration, from any checkpoint."""

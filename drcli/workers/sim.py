@@ -13,6 +13,7 @@ import torch
 
 from drcli.base import signal_guard
 from drcli.base.log import get_logger, plain
+from drcli.base.wakeup import Wakeup, wake
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.job import Job
 from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
@@ -41,7 +42,7 @@ from drcli.workers.reward_failures import AllEpisodesDiscarded, RewardErrorsExce
 from drcli.workers.second_track import sentence_of
 from drcli.workers.stage_progress import stage_index
 from drcli.workers.training_simulation import TrainingSimulation
-from drcli.workers.wait_for_trainer import CheckpointWaiter
+from drcli.workers.wait_for_trainer import POLL_S, WOKEN_POLL_S, CheckpointWaiter
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 from drsim.errors import RewardError
 
@@ -107,6 +108,7 @@ class SimWorker:
         self._drives = 0
         self._driven_steps = 0
         self._delivered_s = time.monotonic()
+        self._wakeup = Wakeup(job.folder, f"sim-{worker}")
         self._waiter = CheckpointWaiter(
             self._bucket,
             self._prefix,
@@ -116,6 +118,8 @@ class SimWorker:
             frugal=job.config.storage.cloud != "local",
             should_stop=lifeline.should_stop,
             say=self._activity.wait,
+            pause=self._wakeup.pause,
+            poll_s=WOKEN_POLL_S if self._wakeup.works else POLL_S,
         )
 
     def _stage_of(self, mark: StageMark | None) -> Stage | None:
@@ -154,6 +158,8 @@ class SimWorker:
         except _FAILURES:
             self._results.close()
             raise
+        finally:
+            self._wakeup.close()
         self._results.close()
 
     def _drive(self) -> None:
@@ -220,6 +226,7 @@ class SimWorker:
                 evaluation.append(episode)
                 if len(evaluation) == trials:  # now, so that they count even if the drive fails
                     self._result = self._results.score(name, evaluation, self._rollbacks)
+                    wake(self._job.folder, "trainer")
                 return
             log_training(episode, iteration, self._worker)
             training.append(episode)
@@ -248,6 +255,7 @@ class SimWorker:
                 clock = begin, begin + driven_s()
                 self._results.publish_training(iteration, name, training, clock)
                 writer.finish(notes)
+                wake(self._job.folder, "trainer")
                 self._delivered_s = time.monotonic()
                 if len(evaluation) < trials:
                     self._activity.say(f"evaluates checkpoint {name.number}")

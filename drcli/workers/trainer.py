@@ -12,6 +12,7 @@ from safetensors.torch import save as save_tensors
 
 from drcli.base.errors import StorageError, TrainingFailed
 from drcli.base.log import get_logger, plain
+from drcli.base.wakeup import Wakeup, wake
 from drcli.exchange.checkpoint import Counters
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job, WorkerExit
@@ -27,7 +28,7 @@ from drcli.store.checkpoint_retention import KeepRules
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History
 from drcli.store.repair import Model, repair
-from drcli.store.rollout_reader import RolloutReader
+from drcli.store.rollout_reader import FIRST_LOOK_S, WOKEN_LOOK_S, RolloutReader
 from drcli.store.trace_retention import TraceRetention
 from drcli.tracking.figure_sender import FigureSender
 from drcli.workers import reference_log, worker_process
@@ -100,12 +101,15 @@ class Trainer:
         )
         self.goals = goals or Goals(job, parameters, before_s=before_s)
         frugal = job.config.storage.cloud != "local"
+        self._wakeup = Wakeup(job.folder, "trainer")
         self._reader = RolloutReader(
             self._bucket,
             self._prefix,
             job.session,
             frugal=frugal,
             rollbacks=self._rollbacks.known,
+            pause=self._wakeup.pause,
+            first_look_s=WOKEN_LOOK_S if self._wakeup.works else FIRST_LOOK_S,
         )
         self._collector = Collector(
             self._reader, train.workers, train.train_max_steps_per_iteration
@@ -400,6 +404,7 @@ class Trainer:
             stage=self._stages.mark,
         )
         self._publisher.publish(self._progress.newest, self._learner, counters)
+        self._wake_workers()
 
     def _finish_files(self, *, finished: bool = False) -> None:
         """Write the files that grow for the last time, and send the last figures."""
@@ -407,11 +412,18 @@ class Trainer:
         self._publisher.submit(self._metrics.finish)
         self._history.finish()
         self._publisher.close()
+        self._wakeup.close()
 
     def _mark_end(self, reason: str) -> None:
         """Tell the simulation workers to drive no further iteration."""
         end = TrainingEnd(self._job.session, reason)
         self._bucket.put(keys.finished(self._prefix), end.encode())
+        self._wake_workers()
+
+    def _wake_workers(self) -> None:
+        """Let the simulation workers on this machine look into the bucket now."""
+        workers = range(self._job.config.train.workers)
+        wake(self._job.folder, *(f"sim-{worker}" for worker in workers))
 
     def _finish(self, reason: str) -> None:
         """Complete everything, and give the supervisor the reason."""

@@ -19,8 +19,9 @@ from drcli.workers.worker_process import StopRequested
 
 _logger = get_logger(__name__)
 
-POLL_S = 0.06
-"""Pause between two looks for a new checkpoint."""
+POLL_S, WOKEN_POLL_S = 0.06, 0.25
+"""Pause between two looks for a new checkpoint: in any case, and for a worker that the trainer
+wakes."""
 
 FRUGAL_SHARE, LONGEST_POLL_S = 0.03, 1.0
 """The pause if each look costs money: this share of the time since the rollouts were delivered, so
@@ -60,13 +61,15 @@ class CheckpointWaiter:
         should_stop: Callable[[], bool],
         say: Callable[[str], None],
         clock: Callable[[], float] = time.monotonic,
-        pause: Callable[[float], None] = time.sleep,
+        pause: Callable[[float], bool | None] = time.sleep,
+        poll_s: float = POLL_S,
     ) -> None:
         """Begin.
 
         `session` names this start of the training, and `say` publishes what the worker waits for.
-        `frugal` is for a bucket that is not on this machine: it is asked less often. `clock`
-        (monotonic seconds) and `pause` are for tests.
+        `frugal` is for a bucket that is not on this machine: it is asked less often. `pause` waits,
+        usually for `poll_s`, and returns True if it was ended early because there may be a new
+        checkpoint. `clock` (monotonic seconds) is for tests.
         """
         self._bucket = bucket
         self._prefix = prefix
@@ -78,6 +81,7 @@ class CheckpointWaiter:
         self._say = say
         self._clock = clock
         self._pause = pause
+        self._shortest_s = poll_s
         self._workers = workers
         self._frugal = frugal
         self._learn_s_per_step: deque[float] = deque(maxlen=REMEMBERED)
@@ -137,17 +141,17 @@ class CheckpointWaiter:
                     return name
                 rechecked = self._clock()
             self._say(f"waits for the trainer (checkpoint {number})")
-            self._pause(self._poll_s(since_s))
-            while (left_s := quiet_until - self._clock()) > 0.0:
+            woken = self._pause(self._poll_s(since_s))
+            while not woken and (left_s := quiet_until - self._clock()) > 0.0:
                 self._check_stop()
-                self._pause(min(left_s, LONGEST_PAUSE_S))
+                woken = self._pause(min(left_s, LONGEST_PAUSE_S))
 
     def _poll_s(self, since_s: float) -> float:
         """Pause before the next look, for rollouts that were delivered at this time."""
         if not self._frugal:
-            return POLL_S
+            return self._shortest_s
         waited_s = self._clock() - since_s
-        return min(max(POLL_S, FRUGAL_SHARE * waited_s), LONGEST_POLL_S)
+        return min(max(self._shortest_s, FRUGAL_SHARE * waited_s), LONGEST_POLL_S)
 
     def _is_lost(self, newest: CheckpointName) -> bool:
         """Whether the rollouts that this worker delivered for an iteration are lost."""

@@ -322,6 +322,21 @@ def test_a_bucket_elsewhere_is_listed_less_often_and_hardly_later(drive_s):
     assert ends[1] < 1.06 * drive_s + 0.1
 
 
+@pytest.mark.parametrize("frugal", [False, True])
+def test_a_reader_that_is_woken_looks_at_once(memory, clock, frugal):
+    def pause(seconds):
+        clock.pause(min(seconds, 5.0))
+        hand_in(memory)
+        return True
+
+    reader = RolloutReader(memory, PREFIX, frugal=frugal, clock=clock, pause=pause, first_look_s=30)
+    reader._waits_s.extend([60.0, 60.0])
+
+    assert list(wait(reader, [0])) == [0]
+    assert clock.now_s <= 5.0
+    reader.close()
+
+
 def test_a_frugal_reader_notices_within_a_second_that_it_should_stop(memory, clock):
     reader = RolloutReader(memory, PREFIX, frugal=True, clock=clock, pause=clock.pause)
     reader._waits_s.extend([60.0, 60.0])

@@ -21,6 +21,7 @@ class World:
         self.looks_s: list[float] = []
         self.events: list[tuple[float, object]] = []
         self.stops = False
+        self.wakes_s: float | None = None
         self.bucket = MemoryBucket()
         self.store = CheckpointStore(self.bucket, PREFIX)
         self.waiter = CheckpointWaiter(
@@ -38,12 +39,17 @@ class World:
     def at(self, time_s: float, event) -> None:
         self.events.append((time_s, event))
 
-    def pause(self, seconds: float) -> None:
-        self.now_s += seconds
+    def pause(self, seconds: float) -> bool:
+        until_s = self.now_s + seconds
+        woken = self.wakes_s is not None and self.wakes_s <= until_s
+        if woken:
+            until_s, self.wakes_s = max(self.now_s, self.wakes_s), None
+        self.now_s = until_s
         assert self.now_s < 1000.0, "waits for ever"
         for due in [e for e in self.events if e[0] <= self.now_s]:
             self.events.remove(due)
             due[1]()
+        return woken
 
     def publish(self, number: int) -> None:
         """A new checkpoint, and what was driven with it by the time that anybody waits."""
@@ -101,6 +107,27 @@ def test_nobody_looks_while_the_learner_cannot_be_ready_yet(world):
     assert first == 0.0
     assert second == pytest.approx(QUIET_SHARE * 20.0)
     assert world.now_s < 20.5
+
+
+def test_a_worker_that_is_woken_looks_at_once_also_in_its_quiet_time(world):
+    learn_from(world, 10.0, 10.0)
+    world.hand_in(1, "1_Step-500.ckpt")
+    world.at(2.0, lambda: world.publish(2))
+    world.wakes_s = 2.0
+
+    name = world.waiter.wait(2, newest=1, steps=1000, since_s=0.0)
+
+    assert name.number == 2
+    assert world.now_s == 2.0
+
+
+def test_a_worker_that_is_woken_for_nothing_waits_on(world):
+    world.publish(1)
+    world.at(3.0, lambda: world.publish(2))
+    world.wakes_s = 1.0
+
+    assert world.waiter.wait(2, newest=1, steps=500, since_s=0.0).number == 2
+    assert 3.0 <= world.now_s < 3.1
 
 
 def test_where_several_workers_drive_the_learner_takes_as_much_longer(world):

@@ -1,0 +1,78 @@
+"""Ends the pause of another process on this machine, so that it need not look often.
+
+A wake-up carries no information and may be lost: who pauses looks again after it, and after some
+time in any case. Linux only; elsewhere nobody is woken. The sockets have abstract names, so there
+is no file that a later start would find.
+"""
+
+import hashlib
+import select
+import socket
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+_MOST_QUEUED = 1_000
+"""Wake-ups that are taken from the queue at once; the kernel keeps far fewer."""
+
+
+class Wakeup:
+    """Where one process of a folder can be woken. Close it when done.
+
+    Attributes:
+        works: Whether others can wake this process. If not, `pause` only waits.
+    """
+
+    def __init__(self, folder: Path, name: str) -> None:
+        """Listen under a name that is unique in the folder."""
+        self.works = False
+        self._socket: socket.socket | None = None
+        if sys.platform != "linux":
+            return
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        listener.setblocking(False)
+        try:
+            listener.bind(_address(folder, name))
+        except OSError:  # a process of an earlier start still has that name
+            listener.close()
+            return
+        self._socket, self.works = listener, True
+
+    def pause(self, seconds: float) -> bool:
+        """Wait so long, or until somebody wakes this process; return whether somebody did.
+
+        A wake-up that came before the pause ends it at once.
+        """
+        if self._socket is None:
+            time.sleep(seconds)
+            return False
+        if not select.select([self._socket], [], [], max(0.0, seconds))[0]:
+            return False
+        with suppress(OSError):
+            for _ in range(_MOST_QUEUED):
+                self._socket.recv(1)
+        return True
+
+    def close(self) -> None:
+        """Free the name."""
+        if self._socket is not None:
+            self._socket.close()
+        self._socket, self.works = None, False
+
+
+def wake(folder: Path, *names: str) -> None:
+    """Wake the processes of a folder that listen under these names; others are skipped."""
+    if sys.platform != "linux":
+        return
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+        sender.setblocking(False)
+        for name in names:
+            with suppress(OSError):  # nobody listens, or it has enough wake-ups in its queue
+                sender.sendto(b"w", _address(folder, name))
+
+
+def _address(folder: Path, name: str) -> bytes:
+    """The abstract name of a socket, which begins with a zero byte. At most 108 bytes."""
+    key = hashlib.sha256(f"{folder.resolve()}\n{name}".encode()).hexdigest()[:32]
+    return f"\0drcli-{key}".encode()
