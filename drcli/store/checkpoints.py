@@ -4,7 +4,7 @@ A checkpoint has tensors, maybe an optimizer state, and a record with sizes, has
 Readers use it when the pointer names it, which is written last. Only the trainer writes here.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -66,6 +66,7 @@ class CheckpointStore:
         optimizer: bytes | None = None,
         sim_time_s: float = 0.0,
         counters: Counters | None = None,
+        on_pointed: Callable[[], None] = lambda: None,
     ) -> CheckpointRecord:
         """Write a checkpoint, point to it, and delete old ones.
 
@@ -76,6 +77,7 @@ class CheckpointStore:
             optimizer: State to continue with, a safetensors file.
             sim_time_s: Simulated seconds driven until now.
             counters: The trainer continues with them.
+            on_pointed: Called as soon as others can load the weights.
         """
         name = str(CheckpointName(number, steps))
         record = CheckpointRecord(
@@ -89,7 +91,9 @@ class CheckpointStore:
         if optimizer is not None:
             self._bucket.put(keys.checkpoint_optimizer(self._prefix, name), optimizer)
         self._bucket.put(keys.checkpoint_record(self._prefix, name), record.encode())
-        self.point_to(record)
+        self._put_pointer(record)
+        on_pointed()
+        self._put_last_score(record)
         self._prune(record)
         return record
 
@@ -131,7 +135,13 @@ class CheckpointStore:
         `save` does this. A trainer that goes back to an older checkpoint points to that one, so
         that the workers use it too.
         """
+        self._put_pointer(record)
+        self._put_last_score(record)
+
+    def _put_pointer(self, record: CheckpointRecord) -> None:
         self._bucket.put(keys.coach_checkpoint(self._prefix), record.name.encode())
+
+    def _put_last_score(self, record: CheckpointRecord) -> None:
         try:
             known = read_scores(self._bucket, self._prefix)
         except ObjectDamaged:

@@ -27,6 +27,7 @@ class CheckpointPublisher:
         graphs: Writes the graph of each.
         traces: Is applied after each.
         is_ending: Whether the process was asked to stop.
+        on_weights: Called as soon as the weights of a checkpoint can be loaded.
     """
 
     def __init__(
@@ -35,11 +36,13 @@ class CheckpointPublisher:
         graphs: GraphWriter,
         traces: TraceRetention,
         is_ending: Callable[[], bool],
+        on_weights: Callable[[], None] = lambda: None,
     ) -> None:
         self._checkpoints = checkpoints
         self._graphs = graphs
         self._traces = traces
         self._is_ending = is_ending
+        self._on_weights = on_weights
         self._uploader = ThreadPoolExecutor(1, thread_name_prefix="upload")
         self._uploads: list[Future[object]] = []
 
@@ -58,7 +61,12 @@ class CheckpointPublisher:
         state = {name: t.contiguous() for name, t in learner.model.state_dict().items()}
         weights = save_tensors(state)
         record = self._checkpoints.save(
-            name.number, name.steps, weights, optimizer=moments, counters=counters
+            name.number,
+            name.steps,
+            weights,
+            optimizer=moments,
+            counters=counters,
+            on_pointed=self._on_weights,
         )
         plain.info("Checkpoint> Saving in path=['%s']", record.name)
         if tensors and moments is None:

@@ -159,6 +159,7 @@ class SimWorker:
             self._results.close()
             raise
         finally:
+            self._activity.close()
             self._wakeup.close()
         self._results.close()
 

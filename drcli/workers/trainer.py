@@ -127,7 +127,7 @@ class Trainer:
             enabled=train.train_frozen_graph,
         )
         self._publisher = CheckpointPublisher(
-            self._checkpoints, graphs, self._traces, lifeline.should_stop
+            self._checkpoints, graphs, self._traces, lifeline.should_stop, self._wake_workers
         )
 
     def _build_learner(self, number_format: str | None) -> Learner:
@@ -155,6 +155,9 @@ class Trainer:
             self._reader.close()
             self._finish_files()
             raise
+        finally:
+            self._activity.close()
+            self._wakeup.close()
 
     def _train(self) -> None:
         self._restore()
@@ -404,7 +407,6 @@ class Trainer:
             stage=self._stages.mark,
         )
         self._publisher.publish(self._progress.newest, self._learner, counters)
-        self._wake_workers()
 
     def _finish_files(self, *, finished: bool = False) -> None:
         """Write the files that grow for the last time, and send the last figures."""
@@ -412,7 +414,6 @@ class Trainer:
         self._publisher.submit(self._metrics.finish)
         self._history.finish()
         self._publisher.close()
-        self._wakeup.close()
 
     def _mark_end(self, reason: str) -> None:
         """Tell the simulation workers to drive no further iteration."""

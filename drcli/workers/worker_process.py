@@ -7,6 +7,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -72,13 +73,19 @@ class StopRequested(Exception):
 
 
 class Activity:
-    """Publishes in the bucket, and in the pulse, what this worker is doing."""
+    """Publishes in the bucket, and in the pulse, what this worker is doing.
+
+    Nobody waits for the bucket, and if it fails, only this text is missing there: what the worker
+    does next meets the same failure.
+    """
 
     def __init__(self, bucket: Bucket, prefix: str, name: str, pulse: Pulse) -> None:
         self._bucket = bucket
         self._key = keys.status(prefix, name)
         self._pulse = pulse
         self._last = ""
+        self._sender = ThreadPoolExecutor(1, thread_name_prefix="activity")
+        self._unsent: Future[None] | None = None
 
     def wait(self, text: str) -> None:
         """Publish for which other worker this one waits, if that has changed."""
@@ -91,7 +98,13 @@ class Activity:
             return
         self._last = text
         record = ActivityRecord(text, time.time(), os.getpid(), socket.gethostname())
-        self._bucket.put(self._key, record.encode())
+        if self._unsent is not None:
+            self._unsent.cancel()
+        self._unsent = self._sender.submit(self._bucket.put, self._key, record.encode())
+
+    def close(self) -> None:
+        """Wait until the last text has arrived; nothing may be said afterwards."""
+        self._sender.shutdown()
 
 
 def open_own_bucket(job: Job, lifeline: Lifeline) -> S3Bucket:
