@@ -21,9 +21,12 @@ while; ratios are medians over the rounds. With --json the last line of stdout i
     flops_ratio_bf16             the same in bfloat16; a few samples where that is emulated
     *_steps_per_s, *_gflops      the medians behind them
     sb3_cars, cleanrl_cars       cars side by side with which they were fastest
+    sb3_autocast, ...            whether they were fastest with their body in bfloat16 by
+                                 torch.autocast
     ranges                       least and greatest ratio of a round
 
-The others may choose among 8, 16 and 32 cars; their iterations have 1,024 steps, ours the 20
+The others may choose among 8, 16 and 32 cars and, where the processor has instructions for
+bfloat16, between float32 and torch.autocast; their iterations have 1,024 steps, ours the 20
 episodes of hyperparameters.json, whole ones, from the first iteration on that has as many steps.
 They run as their users would run them, in processes of their own that wait for their turn, with
 as many threads as ours; with --lend they get the process settings of our workers as well.
@@ -42,7 +45,7 @@ from pathlib import Path
 from typing import Any
 
 from learn_arithmetic import Arithmetic
-from learn_peers import STEPS, Peer, Training
+from learn_peers import STEPS, Choice, Peer, Training
 from learn_runs import (
     FEWEST_EVALUATIONS,
     MemoryTraining,
@@ -108,7 +111,9 @@ def main() -> None:
     ours = warmed_up(work)
     if options.rounds:
         parts.append(
-            measure_throughput(work, ours, options.rounds, options.cars, lend=options.lend)
+            measure_throughput(
+                work, ours, options.rounds, choices(work, options.cars), options.lend
+            )
         )
     if options.flops_rounds:
         shallow = Work.load(environment, SHALLOW, options.threads)
@@ -167,14 +172,15 @@ def warmed_up(work: Work) -> MemoryTraining:
 
 
 def measure_throughput(
-    work: Work, ours: MemoryTraining, rounds: int, choices: Sequence[int], *, lend: bool
+    work: Work, ours: MemoryTraining, rounds: int, choices: Sequence[Choice], lend: bool
 ) -> Measured:
-    """Our training in one process, and those of the others, which choose their cars."""
+    """Our training in one process, and those of the others, which choose how they run."""
     measured = Measured(figures={"network": work.spec.network})
     contestants: dict[str, Training] = {"ours": ours}
     for name, script in scripts().items():
-        cars, contestants[name] = fastest(work, script, choices, lend=lend)
-        measured.figures[f"{name}_cars"] = cars
+        choice, contestants[name] = fastest(work, script, choices, lend=lend)
+        measured.figures[f"{name}_cars"] = choice.cars
+        measured.figures[f"{name}_autocast"] = choice.autocast
     paces: dict[str, list[Pace]] = {name: [] for name in contestants}
     for count in range(rounds + 1):
         for name, training in contestants.items():
@@ -200,17 +206,25 @@ def scripts() -> dict[str, str]:
     return known
 
 
-def fastest(work: Work, script: str, choices: Sequence[int], *, lend: bool) -> tuple[int, Training]:
-    """The number of cars with which a training is fastest, and that training."""
-    candidates = {cars: Peer(script, work, cars, lend=lend) for cars in choices}
-    rates: dict[int, list[float]] = {cars: [] for cars in choices}
+def choices(work: Work, cars: Sequence[int]) -> list[Choice]:
+    """How the others may run, with one of these numbers of cars."""
+    formats = (False, True) if work.compute.bf16 else (False,)
+    return [Choice(number, autocast) for autocast in formats for number in cars]
+
+
+def fastest(
+    work: Work, script: str, choices: Sequence[Choice], *, lend: bool
+) -> tuple[Choice, Training]:
+    """How a training is fastest, and that training."""
+    candidates = {choice: Peer(script, work, choice, lend=lend) for choice in choices}
+    rates: dict[Choice, list[float]] = {choice: [] for choice in choices}
     for _ in range(TRIALS if len(choices) > 1 else 0):
-        for cars, training in candidates.items():
-            rates[cars].append(training.iterate().steps_per_s)
-            say(f"{script}, {cars} cars: {rates[cars][-1]:.1f} steps/s")
-    best = max(choices, key=lambda cars: max(rates[cars], default=0.0))
-    for cars, training in candidates.items():
-        if cars != best:
+        for choice, training in candidates.items():
+            rates[choice].append(training.iterate().steps_per_s)
+            say(f"{script}, {choice}: {rates[choice][-1]:.1f} steps/s")
+    best = max(choices, key=lambda choice: max(rates[choice], default=0.0))
+    for choice, training in candidates.items():
+        if choice != best:
             training.close()
     return best, candidates[best]
 

@@ -17,7 +17,7 @@ import time
 import numpy as np
 import psutil
 from learn_peer_sb3 import Sb3Training
-from learn_peers import STEPS
+from learn_peers import STEPS, Choice
 from learn_runs import Work, become_like_a_worker
 
 from drsim import Simulation
@@ -40,7 +40,7 @@ def main() -> None:
 
     environment = {"DR_WORLD_NAME": options.world, "DR_TORCH_PRECISION": "fp32"}
     work = Work.load(environment, options.network, os.cpu_count() or 1)
-    training = Sb3Training(work, options.cars, STEPS, seed=options.seed)
+    training = Sb3Training(work, STEPS, Choice(options.cars), seed=options.seed)
     judge = work.simulation(TRIALS)
     spent_s, steps = time.time() - psutil.Process().create_time(), 0
     found: float | None = None

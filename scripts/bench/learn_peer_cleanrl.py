@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 import torch
-from learn_peers import plain_body, serve
+from learn_peers import Choice, plain_body, serve
 from learn_runs import Pace, Work
 from torch import Tensor, nn
 from torch.distributions import Categorical
@@ -24,9 +24,9 @@ UPDATES = 1_000
 class Agent(nn.Module):
     """Policy and value on the layers of our network."""
 
-    def __init__(self, spec: PolicySpec) -> None:
+    def __init__(self, spec: PolicySpec, *, autocast: bool) -> None:
         super().__init__()
-        self.network, features = plain_body(spec)
+        self.network, features = plain_body(spec, autocast=autocast)
         for layer in self.network:
             if isinstance(layer, nn.Conv2d | nn.Linear):
                 _prepare(layer)
@@ -52,14 +52,15 @@ class Agent(nn.Module):
 class CleanRlTraining:
     """The script's loop, one iteration at a time."""
 
-    def __init__(self, work: Work, cars: int, steps: int) -> None:
+    def __init__(self, work: Work, steps: int, choice: Choice) -> None:
         """Begin.
 
         Args:
             work: What to train.
-            cars: How many drive side by side.
             steps: Of an iteration, all cars together. Those in which a car starts again count.
+            choice: How it runs.
         """
+        cars = choice.cars
         self._p = work.parameters
         self._device = work.compute.device
         self._cars, self._length = cars, steps // cars
@@ -73,7 +74,7 @@ class CleanRlTraining:
         )
         self._random = np.random.default_rng(0)
         torch.manual_seed(0)
-        self._agent = Agent(work.spec).to(self._device)
+        self._agent = Agent(work.spec, autocast=choice.autocast).to(self._device)
         self._optimizer = torch.optim.Adam(self._agent.parameters(), lr=self._p.lr, eps=1e-5)
         self._updates = 0
         shape = (self._length, cars)

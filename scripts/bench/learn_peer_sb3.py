@@ -6,7 +6,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from learn_peers import plain_body, serve
+from learn_peers import Choice, plain_body, serve
 from learn_runs import Pace, Work
 from numpy.typing import NDArray
 from stable_baselines3 import PPO
@@ -80,8 +80,10 @@ class CarVecEnv(VecEnv):
 class Body(BaseFeaturesExtractor):
     """The layers of our network as the library wants them."""
 
-    def __init__(self, observation_space: gym.Space[Any], spec: PolicySpec) -> None:
-        body, features = plain_body(spec)
+    def __init__(
+        self, observation_space: gym.Space[Any], spec: PolicySpec, *, autocast: bool
+    ) -> None:
+        body, features = plain_body(spec, autocast=autocast)
         super().__init__(observation_space, features)
         self.body = body
 
@@ -98,22 +100,22 @@ class Sb3Training:
     library adds by default (gradients clipped, advantages normalised in each minibatch) stays.
     """
 
-    def __init__(self, work: Work, cars: int, steps: int, seed: int = 0) -> None:
+    def __init__(self, work: Work, steps: int, choice: Choice, seed: int = 0) -> None:
         """Begin.
 
         Args:
             work: What to train.
-            cars: How many drive side by side.
             steps: Of an iteration, all cars together.
+            choice: How it runs.
             seed: Of everything that is random.
         """
         p = work.parameters
         self._steps = steps
-        self._envs = CarVecEnv(work.simulation(cars), work.actions, seed)
+        self._envs = CarVecEnv(work.simulation(choice.cars), work.actions, seed)
         self._model = PPO(
             "CnnPolicy",
             self._envs,
-            n_steps=steps // cars,
+            n_steps=steps // choice.cars,
             batch_size=p.batch_size,
             n_epochs=p.num_epochs,
             learning_rate=p.lr,
@@ -123,7 +125,7 @@ class Sb3Training:
             ent_coef=p.beta_entropy,
             policy_kwargs={
                 "features_extractor_class": Body,
-                "features_extractor_kwargs": {"spec": work.spec},
+                "features_extractor_kwargs": {"spec": work.spec, "autocast": choice.autocast},
             },
             seed=seed,
             device=work.compute.device,

@@ -9,11 +9,13 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+import torch
 from learn_runs import Pace, Work
-from torch import nn
+from torch import Tensor, nn
 
 from drcli.exchange.job import PROCESS_TUNING
 from drcli.learn.compute import flush_denormals
@@ -34,6 +36,22 @@ class Training(Protocol):
         """Let go of threads and processes."""
 
 
+@dataclass(frozen=True)
+class Choice:
+    """How a peer runs.
+
+    Attributes:
+        cars: How many drive side by side.
+        autocast: Whether its body computes in bfloat16, by torch.autocast.
+    """
+
+    cars: int
+    autocast: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.cars} cars, {'autocast to bf16' if self.autocast else 'fp32'}"
+
+
 class Peer:
     """A training in another process, as its users would run it; it waits while others have turns.
 
@@ -41,13 +59,13 @@ class Peer:
     our launcher gives to our workers, nor our way with numbers next to 0, unless they are lent.
     """
 
-    def __init__(self, script: str, work: Work, cars: int, *, lend: bool) -> None:
+    def __init__(self, script: str, work: Work, choice: Choice, *, lend: bool) -> None:
         """Begin.
 
         Args:
             script: Name of the peer's module, in this folder.
             work: What to train.
-            cars: How many drive side by side.
+            choice: How it runs.
             lend: Lend it the process settings of our workers.
         """
         environment = {k: v for k, v in os.environ.items() if PROCESS_TUNING.get(k) != v}
@@ -56,7 +74,8 @@ class Peer:
             "network": work.spec.network,
             "threads": work.threads,
             "precision": "bf16" if work.compute.bf16 else "fp32",
-            "cars": cars,
+            "cars": choice.cars,
+            "autocast": choice.autocast,
             "lend": lend,
         }
         self._process = subprocess.Popen(
@@ -88,14 +107,27 @@ class Peer:
         self._process.communicate()
 
 
-def plain_body(spec: PolicySpec) -> tuple[nn.Sequential, int]:
+class Body(nn.Sequential):
+    """Layers one after the other, in bfloat16 if `autocast` is set. Features are float32."""
+
+    autocast = False
+
+    def forward(self, frames: Tensor) -> Tensor:
+        """Features, shape (n, features)."""
+        with torch.autocast(frames.device.type, torch.bfloat16, enabled=self.autocast):
+            features: Tensor = super().forward(frames)
+        return features.float()
+
+
+def plain_body(spec: PolicySpec, *, autocast: bool) -> tuple[Body, int]:
     """The layers of one of our bodies for one camera, put together as their users would.
 
     Returns:
         The body, with initial weights of PyTorch's, and how many features come out.
     """
     layers = MONO[spec.network]
-    body = nn.Sequential()
+    body = Body()
+    body.autocast = autocast
     channels = spec.channels
     for filters, kernel, stride in layers.convolutions:
         body.append(nn.Conv2d(channels, filters, kernel, stride))
@@ -109,11 +141,11 @@ def plain_body(spec: PolicySpec) -> tuple[nn.Sequential, int]:
     return body, layers.dense[-1]
 
 
-def serve(make: Callable[[Work, int, int], Training]) -> None:
+def serve(make: Callable[[Work, int, Choice], Training]) -> None:
     """The main function of a peer's process.
 
     Args:
-        make: Makes the training from the work, the number of cars, and the steps of an iteration.
+        make: Makes the training from the work, the steps of an iteration, and how it runs.
     """
     arguments = json.loads(sys.argv[1])
     if arguments["lend"]:
@@ -123,7 +155,8 @@ def serve(make: Callable[[Work, int, int], Training]) -> None:
         arguments["network"],
         arguments["threads"],
     )
-    training = make(work, arguments["cars"], STEPS)
+    choice = Choice(arguments["cars"], arguments["autocast"])
+    training = make(work, STEPS, choice)
     for _ in sys.stdin:
         print(json.dumps(training.iterate()), flush=True)
     training.close()
