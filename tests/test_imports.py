@@ -92,6 +92,7 @@ PROGRAMS = {"drcli.store.server.moto_server"}
 
 
 UNIMPORTED = {
+    "drcli.base.start_module",
     "drcli.cli.program",
     "drcli.cli.called_command",
     "drcli.checks.sandbox.sandbox_process",

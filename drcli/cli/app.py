@@ -1,7 +1,6 @@
 """Runs the command line, and turns errors into exit codes."""
 
 import errno
-import gc
 import io
 import os
 import sys
@@ -12,6 +11,7 @@ from pathlib import Path
 
 from drcli.base import notices
 from drcli.base.errors import DrError, SettingsError
+from drcli.base.garbage import search_rarely
 from drcli.base.problems import shown
 from drcli.cli import ascii_only, completion, console
 from drcli.cli.command_line import application
@@ -44,8 +44,7 @@ def main(args: list[str] | None = None) -> None:
     Raises:
         SystemExit: Always, with the exit code.
     """
-    # Imports make many objects and no garbage; by default, Python would look for it every 700.
-    gc.set_threshold(50_000)
+    search_rarely()
     console.quiet = False
     notices.show = console.say
     notices.warn = cache(console.warn)  # once for each object

@@ -39,7 +39,7 @@ def start_process(
     with path.open("ab") as log:  # append, because several processes may share it
         return job.spawn(
             # -P: a file of the working folder must not replace a module of the same name.
-            [sys.executable, "-P", "-m", module, *arguments],
+            [sys.executable, "-P", "-m", "drcli.base.start_module", module, *arguments],
             with_secrets=True,
             private=name == "supervisor",
             stdout=log,

@@ -15,6 +15,7 @@ from types import FrameType
 
 from drcli.base import log, log_files, notices
 from drcli.base.errors import DrError
+from drcli.base.garbage import search_as_usual
 from drcli.base.low_priority import lower_priority
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_state import ActivityRecord
@@ -126,6 +127,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     with 1 for a bug, whose traceback goes to the log. Without a job that it can read, it only
     explains that in the log: the job says where its `WorkerExit` belongs.
     """
+    search_as_usual()
     job = Job.received_or_exit()
     lifeline = Lifeline(job.launcher_pid)
     WorkerExit.delete(job.folder, name)
