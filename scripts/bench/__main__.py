@@ -22,6 +22,7 @@ NAMES = (
     "reference",
     "guide_values",
     "fast_lap",
+    "flame",
     "rewards",
     "runtimes",
     "startup",
