@@ -106,6 +106,7 @@ class SimWorker:
         self._evaluated = -1
         self._rollbacks = 0
         self._drives = 0
+        self._lapped = False
         self._driven_steps = 0
         self._delivered_s = time.monotonic()
         self._wakeup = Wakeup(job.folder, f"sim-{worker}")
@@ -231,6 +232,7 @@ class SimWorker:
                 return
             log_training(episode, iteration, self._worker)
             training.append(episode)
+            self._lapped |= episode.completed
             if episode.discarded:
                 episode.frames.clear()
             else:
@@ -319,13 +321,22 @@ class SimWorker:
         """Whether to evaluate the checkpoint during this drive, which takes time."""
         if not self._simulation.trials or name.number == self._evaluated:
             return False
-        by_laps, stage = self._job.wanted_laps > 0, self._simulation.stage
-        if stage is not None:
-            by_laps = by_laps or stage.goal.evaluated
-        evaluates = by_laps or self._budget.allows_another()
+        stage = self._simulation.stage
+        by_stage = stage is not None and stage.goal.evaluated
+        evaluates = by_stage or self._evaluates_all() or self._budget.allows_another()
         if evaluates:
             self._evaluated = name.number
         return evaluates
+
+    def _evaluates_all(self) -> bool:
+        """Whether any checkpoint may end the training, so that each is evaluated.
+
+        Where laps must be fast, that takes a policy of which a training episode, with its random
+        actions, has completed a lap.
+        """
+        if self._job.until_lap_time_s is not None:
+            return self._lapped
+        return self._job.wanted_laps > 0
 
 
 def main(job: Job, lifeline: Lifeline) -> None:

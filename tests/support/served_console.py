@@ -43,7 +43,11 @@ class ServedConsole:
     def raw(self, data: bytes = b"") -> socket.socket:
         """A connection over which something was sent."""
         peer = socket.create_connection(("127.0.0.1", self.port), timeout=SOON_S)
-        peer.sendall(data)
+        try:
+            peer.sendall(data)
+        except OSError:  # the server has ended it before it read everything
+            peer.close()
+            raise
         return peer
 
 

@@ -149,7 +149,9 @@ def start_training(
     With --resume-or-start, --max-minutes counts the time of all starts together, and a training
     that SIGTERM or the cloud ends exits 75: it can be resumed.
 
-    --until-lap-time asks for five evaluation laps, or for as many as --until-laps says.
+    --until-lap-time asks for five evaluation laps, or for as many as --until-laps says. Each
+    checkpoint is evaluated once a training episode has completed a lap; until then, evaluations
+    keep to DR_TRAIN_EVAL_SHARE.
 
     Example: dr-start-training --until-laps 3
     """
