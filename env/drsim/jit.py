@@ -8,10 +8,14 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 _numba_config: Any = numba.config  # numba sets its names at run time
+_insert_function: Any = cgutils.get_or_insert_function
 
 
 def kernel(function: F) -> F:
@@ -39,6 +43,48 @@ def kernel(function: F) -> F:
         return _compiled(function, cache=True)
     except (OSError, RuntimeError):
         return _compiled(function, cache=False)
+
+
+def _prefetch(_context: Any, array: Any, index: Any) -> tuple[Any, Callable[..., Any]]:
+    """The type of a call, and what writes its machine code."""
+
+    def instruction(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        values = context.make_array(signature.args[0])(context, builder, arguments[0])
+        step = builder.extract_value(values.strides, 0)
+        word, number = ir.IntType(64), ir.IntType(32)
+        place = builder.mul(builder.zext(arguments[1], word), step)
+        address = builder.add(builder.ptrtoint(values.data, word), place)
+        byte = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
+        function = _insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        # To read, to be kept in all caches, data rather than instructions.
+        builder.call(function, [builder.inttoptr(address, byte), number(0), number(3), number(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, index), instruction
+
+
+def _take_number(_context: Any, counter: Any) -> tuple[Any, Callable[..., Any]]:
+    """The type of a call, and what writes its machine code."""
+
+    def instruction(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        count = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        return builder.atomic_rmw("add", count, count.type.pointee(1), "monotonic")
+
+    return counter.dtype(counter), instruction
+
+
+prefetch: Any = intrinsic(_prefetch)
+"""For kernels: `prefetch(array, index)` asks the memory for an element, and goes on without it.
+
+The array has one dimension; the index is unsigned and lies within it.
+"""
+
+take_number: Any = intrinsic(_take_number)
+"""For kernels: `take_number(counter)` returns the first integer of an array and adds 1 to it.
+
+Threads that take numbers from one counter at the same time all get different ones.
+"""
 
 
 def _compiled(function: F, *, cache: bool) -> F:

@@ -5,11 +5,15 @@ import os
 import re
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
+import numba
+import numpy as np
 import pytest
 
 import drsim
+from drsim.jit import kernel, prefetch, take_number
 
 MODULE = """
 from drsim.jit import kernel
@@ -78,6 +82,43 @@ def test_a_named_folder_that_cannot_be_written_stops_nobody(run, kept):
     run(NUMBA_CACHE_DIR="/dev/null/cache")
 
     assert list(kept.rglob("*.nbi"))
+
+
+def test_a_kernel_asks_the_memory_for_an_element_without_changing_it():
+    @numba.njit  # not cached, because cached code cannot be looked at
+    def asked_and_read(numbers, index):
+        prefetch(numbers, np.uint32(index))
+        return numbers[index]
+
+    numbers = np.arange(10, dtype=np.uint32)[::2]
+
+    assert asked_and_read(numbers, 3) == 6
+
+    (code,) = asked_and_read.inspect_llvm().values()
+    assert "call void @llvm.prefetch" in code
+
+
+@kernel
+def take_all(counter, mine):
+    while True:
+        number = take_number(counter)
+        if number >= len(mine):
+            break
+        mine[number] += 1
+
+
+def test_threads_that_share_a_counter_take_each_number_once():
+    counter, taken = np.zeros(1, np.int64), np.zeros(200_000, np.int64)
+    take_all(np.zeros(1, np.int64), np.zeros(0, np.int64))  # compiles
+
+    threads = [threading.Thread(target=take_all, args=(counter, taken)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+    assert (taken == 1).all()
+    assert counter[0] == len(taken) + len(threads)
 
 
 def files_with_kernels() -> list[Path]:

@@ -242,6 +242,8 @@ class CarBatch:
         self._qpos: Floats = self._batch.bind("qpos")
         self._qvel: Floats = self._batch.bind("qvel")
         self._ctrl: Floats = self._batch.bind("ctrl")
+        self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
+        self._reset_state: Floats = self._batch.state[0].copy()
 
     def vary(self, cars: Ints, variation: Variation) -> None:
         """Change cars, shape (k,), from their parameters until the next call for them.
@@ -283,7 +285,10 @@ class CarBatch:
         """
         if not len(cars):
             return
-        self._batch.reset(ids=cars, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        if self._variation is None:
+            self._batch.state[cars] = self._reset_state
+        else:  # a car's own latency is part of its state; ten times as slow
+            self._batch.reset(ids=cars, stage=mujoco.mjtStage.mjSTAGE_NONE)
         half_yaw, half_pitch = poses[:, 2] / 2, self._rest_pitch_rad / 2
         qpos = np.zeros((len(cars), self._qpos.shape[1]))
         qpos[:, :2] = poses[:, :2]

@@ -65,6 +65,10 @@ class Disturbances:
         """Give the next frames of cars new noise. Shape (k,)."""
         self._noise_key[cars] += np.uint64(1)
 
+    def spoils(self, cars: Ints) -> bool:
+        """Whether `spoil` changes a frame of any of some cars. Shape (k,)."""
+        return bool(self._spoilt[cars].any())
+
     def spoil(self, frames: Frames, cars: slice) -> None:
         """Blur, brighten and add noise to frames of some cars in place, without the GIL.
 

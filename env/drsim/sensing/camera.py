@@ -5,13 +5,12 @@ sky, then `drsim.sensing.cuboids` draws what stands on the ground.
 """
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.arrays import Cuboids, Floats, Singles
+from drsim.arrays import Cuboids, Floats, Ints, Singles
 from drsim.car.camera_mount import FRONT, CameraModel
 from drsim.sensing import cuboids, raycast
 from drsim.sensing.scene import Scene
@@ -63,8 +62,6 @@ def render(
     boxes: Cuboids | None = None,
     light: Light | None = None,
     rounding: bool = False,
-    on_ground: Callable[[Frames, LensParts], None] | None = None,
-    over_all: Callable[[Frames, LensParts], None] | None = None,
 ) -> None:
     """Draw what lenses see, one frame each.
 
@@ -81,8 +78,6 @@ def render(
         light: What changes the scene's greys.
         rounding: Round greys to whole ones instead of cutting their fractions off, as the
             reference's filter of stereo frames does.
-        on_ground: Called with frames that show ground, walls and sky only, to change them.
-        over_all: Called with the finished frames.
 
     Raises:
         ValueError: When the shapes do not fit together.
@@ -98,18 +93,37 @@ def render(
         raise ValueError(f"There are boxes for {len(boxes)} lenses, but {cars} lenses.")
     if light is not None and len(light.palettes) != cars:
         raise ValueError(f"There is light for {len(light.palettes)} lenses, but {cars} lenses.")
-    lenses = lens_pos, lens_mat, camera.focal_px, 0.5 if rounding else _WHOLE
+    lenses = lens_parts(lens_pos, lens_mat, camera, rounding=rounding)
+    draw_ground(scene, lenses, out, np.arange(cars), np.zeros(1, np.int64), light)
+    if boxes is not None:
+        draw_solids(boxes, lenses, out, light)
+
+
+def lens_parts(
+    lens_pos: Floats, lens_mat: Floats, camera: CameraModel = FRONT, *, rounding: bool = False
+) -> LensParts:
+    """Lenses as the loops that draw need them; the arguments are those of `render`."""
+    return lens_pos, lens_mat, camera.focal_px, 0.5 if rounding else _WHOLE
+
+
+def draw_ground(
+    scene: Scene, lenses: LensParts, out: Frames, wanted: Ints, taken: Ints, light: Light | None
+) -> None:
+    """Draw ground, walls and sky into the `wanted` frames, indices of shape (k,).
+
+    Threads that call it at the same time with the same counter `taken`, an array of one 0, share
+    the work. The rest is as in `render`.
+    """
     backdrop = scene.backdrop
     if light is not None:
         greys = light.wall_greys, light.sky_greys, light.palettes
         backdrop = scene.walls_m, scene.wall_height_m, *greys
-    raycast.draw(scene.picture, backdrop, lenses, out)
-    if on_ground is not None:
-        on_ground(out, lenses)
-    if boxes is not None:
-        cuboids.draw(boxes, _on_solids(light, cars), lenses, out)
-    if over_all is not None:
-        over_all(out, lenses)
+    raycast.draw(scene.picture, backdrop, lenses, out, wanted, taken)
+
+
+def draw_solids(boxes: Cuboids, lenses: LensParts, out: Frames, light: Light | None) -> None:
+    """Draw what stands on the ground over frames that show it; as in `render`."""
+    cuboids.draw(boxes, _on_solids(light, len(boxes)), lenses, out)
 
 
 _WHOLE = 1e-3

@@ -1,16 +1,16 @@
 """Camera frames of many cars, rendered on other threads in the background."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from drsim.arrays import Bytes, Floats, Ints
 from drsim.car.camera_mount import EYES_APART_M, FRONT
 from drsim.race.solids import Solids
-from drsim.sensing.camera import render
+from drsim.sensing.camera import LensParts, draw_ground, draw_solids, lens_parts
 from drsim.sensing.lamps import Lamps
 from drsim.sensing.lighting import Lighting
 from drsim.sensing.scene import Scene
@@ -22,8 +22,28 @@ _FRAMES_ALONE = 2
 """So few frames are rendered before another thread would wake up."""
 
 
+class _Eye(NamedTuple):
+    """The frames of one eye of all cars that are being rendered.
+
+    Attributes:
+        lenses: Lenses of all cars.
+        frames: Frames of all cars. Shape (n, 120, 160).
+        cars: The cars whose ground is drawn. Shape (k,).
+        taken: How many of them a thread has begun. Shape (1,).
+    """
+
+    lenses: LensParts
+    frames: Bytes
+    cars: Ints
+    taken: Ints
+
+
 class FrameRenderer:
     """The current frame of every car.
+
+    Ground, walls and sky come first. Threads share them frame by frame without Python in between,
+    because the caller computes in Python meanwhile, and only one thread at a time can. What comes
+    over them is drawn by all threads once all frames have their ground.
 
     Attributes:
         frames: Grey frames, rewritten between `start` and `finish`; with two eyes the left one
@@ -41,11 +61,13 @@ class FrameRenderer:
         lighting: Lighting | None = None,
         lamps: Lamps | None = None,
         after: Callable[[slice], None] | None = None,
+        changes: Callable[[Ints], bool] | None = None,
     ) -> None:
         """Prepare black frames for one or two eyes; `num_threads` render, the caller's included.
 
         `solids` must not move between `start` and `finish`. `after` is called with the rows of
-        frames that have just been rendered, on the thread that rendered them.
+        frames that have been rendered, on the thread that finished them, unless `changes` says that
+        it would change none of these cars' frames.
         """
         self.frames: Bytes = np.zeros((num_cars, eyes, FRONT.rows, FRONT.columns), np.uint8)
         self._scene = scene
@@ -53,9 +75,11 @@ class FrameRenderer:
         self._lighting = lighting
         self._lamps = lamps
         self._after = after
+        self._changes = changes
         self._num_threads = num_threads
         self._pool = _pool(num_threads)
-        self._jobs: list[tuple[slice, Floats, Floats]] = []
+        self._cars: Ints = np.empty(0, np.int64)
+        self._eyes: list[_Eye] = []
         self._futures: list[Future[None]] = []
 
     def __getstate__(self) -> dict[str, Any]:
@@ -69,56 +93,82 @@ class FrameRenderer:
 
     def start(self, cars: Ints, lens_pos: Floats, lens_mat: Floats) -> None:
         """Begin to render the frames of some cars, in rising order, with the lenses of all."""
-        # Copied, because the caller may move the cars while other threads render.
-        lens_pos, lens_mat = lens_pos.copy(), lens_mat.copy()
-        for first, last in _runs(cars):
-            for begin in range(first, last, _FRAMES_PER_JOB):
-                rows = slice(begin, min(begin + _FRAMES_PER_JOB, last))
-                self._jobs.append((rows, lens_pos[rows], lens_mat[rows]))
+        self._cars = cars
+        if not len(cars):
+            return
+        lens_mat = lens_mat.copy()  # the caller may move the cars while other threads render
+        eyes = self.frames.shape[1]
+        for eye in range(eyes):
+            to_left_m = (0.5 * (eyes - 1) - eye) * EYES_APART_M
+            lenses = lens_parts(
+                lens_pos + to_left_m * lens_mat[:, :, 1], lens_mat, rounding=eyes > 1
+            )
+            taken = np.zeros(1, np.int64)
+            self._eyes.append(_Eye(lenses, self.frames[:, eye], cars, taken))
         if self._pool is not None and len(cars) > _FRAMES_ALONE:
-            self._futures = [self._pool.submit(self._render, *job) for job in self._jobs]
+            self._futures = [
+                self._pool.submit(self._draw_ground) for _ in range(self._num_threads - 1)
+            ]
 
     def finish(self) -> None:
         """Render what no other thread has begun, and wait for the rest."""
-        if not self._futures:
-            for job in self._jobs:
-                self._render(*job)
-        else:
-            # From the end, because the other threads work from the beginning.
-            for future, job in zip(reversed(self._futures), reversed(self._jobs), strict=True):
-                if future.cancel():
-                    self._render(*job)
-            for future in self._futures:
-                if not future.cancelled():
-                    future.result()
-        self._jobs = []
-        self._futures = []
+        try:
+            self._draw_ground()
+            _wait(self._futures)  # ends what has not begun: nothing is left for it
+            if len(self._cars) and self._is_more_to_draw():
+                self._share_out([partial(self._draw_over, rows) for rows in _jobs(self._cars)])
+        finally:
+            self._cars = np.empty(0, np.int64)
+            self._eyes = []
+            self._futures = []
 
     def close(self) -> None:
         """Stop the threads."""
         if self._pool is not None:
             self._pool.shutdown()
 
-    def _render(self, rows: slice, lens_pos: Floats, lens_mat: Floats) -> None:
-        boxes = None if self._solids is None else self._solids.boxes[rows]
+    def _draw_ground(self) -> None:
+        light = None if self._lighting is None else self._lighting.of(slice(None))
+        for eye in self._eyes:
+            draw_ground(self._scene, eye.lenses, eye.frames, eye.cars, eye.taken, light)
+
+    def _is_more_to_draw(self) -> bool:
+        return (
+            self._solids is not None
+            or (self._lamps is not None and self._lamps.lit(self._cars))
+            or (self._after is not None and (self._changes is None or self._changes(self._cars)))
+        )
+
+    def _share_out(self, jobs: Sequence[Callable[[], None]]) -> None:
+        """Do jobs on all threads."""
+        if self._pool is None or len(self._cars) <= _FRAMES_ALONE:
+            for job in jobs:
+                job()
+            return
+        futures = [self._pool.submit(job) for job in jobs]
+        try:
+            # From the end, because the other threads work from the beginning.
+            for future, job in zip(reversed(futures), reversed(jobs), strict=True):
+                if future.cancel():
+                    job()
+        finally:
+            _wait(futures)
+
+    def _draw_over(self, rows: slice) -> None:
+        """Draw what comes over the ground, into some rows of the frames."""
         light = None if self._lighting is None else self._lighting.of(rows)
-        eyes = self.frames.shape[1]
         lamps = self._lamps
         if lamps is not None and not lamps.lit(rows):
             lamps = None
-        for eye in range(eyes):
-            to_left_m = (0.5 * (eyes - 1) - eye) * EYES_APART_M
-            render(
-                self._scene,
-                lens_pos + to_left_m * lens_mat[:, :, 1],
-                lens_mat,
-                self.frames[rows, eye],
-                boxes=boxes,
-                light=light,
-                rounding=eyes > 1,
-                on_ground=None if lamps is None else partial(lamps.reflect, rows),
-                over_all=None if lamps is None else partial(lamps.shine, rows),
-            )
+        for eye in self._eyes:
+            pos, mat, focal_px, bias = eye.lenses
+            lenses, frames = (pos[rows], mat[rows], focal_px, bias), eye.frames[rows]
+            if lamps is not None:
+                lamps.reflect(rows, frames, lenses)
+            if self._solids is not None:
+                draw_solids(self._solids.boxes[rows], lenses, frames, light)
+            if lamps is not None:
+                lamps.shine(rows, frames, lenses)
         if self._after is not None:
             self._after(rows)
 
@@ -126,6 +176,22 @@ class FrameRenderer:
 def _pool(num_threads: int) -> ThreadPoolExecutor | None:
     """Threads beside the caller's own; they begin with the first job."""
     return ThreadPoolExecutor(num_threads - 1) if num_threads > 1 else None
+
+
+def _wait(futures: Sequence[Future[None]]) -> None:
+    """Cancel what has not begun, and wait for the rest. Raises what failed."""
+    for future in futures:
+        if not future.cancel():
+            future.result()
+
+
+def _jobs(cars: Ints) -> list[slice]:
+    """Rows of neighbouring cars, a few in each."""
+    return [
+        slice(begin, min(begin + _FRAMES_PER_JOB, last))
+        for first, last in _runs(cars)
+        for begin in range(first, last, _FRAMES_PER_JOB)
+    ]
 
 
 def _runs(cars: Ints) -> list[tuple[int, int]]:

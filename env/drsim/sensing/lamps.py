@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.arrays import Bytes, Floats, Singles
+from drsim.arrays import Bytes, Floats, Ints, Singles
 from drsim.jit import kernel
 from drsim.sensing.scene import Scene
 
@@ -68,7 +68,7 @@ class Lamps:
             self._floodlight_m[car] = self._floodlight(*random.random(2))
             self._lamps_m[car] = self._hanging(*random.random(3))
 
-    def lit(self, cars: slice) -> bool:
+    def lit(self, cars: slice | Ints) -> bool:
         """Whether any lamp disturbs any of some cars."""
         return bool((self._glare[cars] > 0.0).any() or (self._reflections[cars] > 0.0).any())
 

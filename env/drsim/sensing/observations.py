@@ -66,6 +66,7 @@ class Observations:
             lighting=self._lighting,
             lamps=self._lamps,
             after=self._spoil,
+            changes=disturbances.spoils,
         )
         self.frames = self._renderer.frames
         nothing = np.full((num_cars, LIDAR.samples), np.inf, np.float32)

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drsim.arrays import Floats, Singles
-from drsim.jit import kernel
+from drsim.arrays import Floats, Ints, Singles
+from drsim.jit import kernel, prefetch, take_number
 
 Ints32 = NDArray[np.int32]
 Words = NDArray[np.uint32]
@@ -111,18 +111,26 @@ def draw(
     backdrop_parts: tuple[Any, ...],
     lens_parts: tuple[Any, ...],
     out: Pixels,
+    wanted: Ints,
+    taken: Ints,
 ) -> None:
-    """Draw one frame for each lens. Shape of the frames: (n, rows, columns).
+    """Draw the frames of the `wanted` lenses, indices of shape (k,). Frames: (n, rows, columns).
 
-    The first three are the parts of a `Ground`, a `Backdrop` and `Lenses`.
+    The first three are the parts of a `Ground`, a `Backdrop` and `Lenses`. `taken` counts the
+    frames that have been begun, shape (1,): threads that share it share the work, however many
+    frames each of them manages.
     """
     ground, backdrop = Ground(*ground_parts), Backdrop(*backdrop_parts)
     lenses = Lenses(*lens_parts)
-    cars, rows, columns = out.shape
+    _, rows, columns = out.shape
     behind = np.empty((rows, columns), np.float32)
     share = np.empty((rows, columns), np.float32)
     wall_greys, sky_greys = backdrop.wall_greys, backdrop.sky_greys
-    for car in range(cars):
+    while True:
+        number = take_number(taken)
+        if number >= len(wanted):
+            break
+        car = wanted[number]
         frame = out[car]
         pos, mat = lenses.pos[car], lenses.mat[car]
         if not math.isfinite(pos.sum() + mat.sum()):
@@ -277,45 +285,62 @@ def _backdrop_row(
 def _floor(
     ground: Ground, palette: Pixels, lens: Lens, beyond: _Beyond, bias: float, frame: Pixels
 ) -> None:
-    """Draw the ground into the rows from `beyond.first` on."""
+    """Draw the ground into the rows from `beyond.first` on.
+
+    Each row is aimed while the row above waits to be read, so that its words come from memory
+    meanwhile.
+    """
     pos, first, clear = lens.pos, beyond.first, beyond.clear
     # Taken out of the records once: each access in a loop would count references.
     texels, levels, behind, share = ground.texels, ground.levels, beyond.behind, beyond.share
     corner_x_m, corner_y_m, finest_m = ground.x_m, ground.y_m, ground.texel_m
     rows, columns = frame.shape
-    at = np.empty(columns, np.int32)
-    between = np.empty(columns, np.int32)
+    at = np.empty((2, _MOST_LINES, columns), np.int32)
+    between = np.empty((2, _MOST_LINES, columns), np.int32)
     words = np.empty(columns, np.uint32)
     sums = np.zeros((2, columns), np.float32)
     lens_height_m = min(max(pos[2], 1e-3), 10.0)
-    for row in range(first - 1, rows):
-        # Sample lines lie between the centres of this row and the next. Each counts for both, by
+    lines = 0
+    for aimed in range(first - 1, rows + 1):
+        # Sample lines lie between the centres of a row and the next. Each counts for both, by
         # nearness: that is the tent filter.
-        here, below = sums[row & 1], sums[(row + 1) & 1]
+        lines_above = lines
+        if aimed < rows:
+            index, lines = _sampling(lens, aimed + 1.0, rows, lens_height_m, finest_m, levels)
+            texel_m = finest_m * (1 << index)
+            x = 256.0 * ((pos[0] - corner_x_m) / texel_m - 0.5)
+            y = 256.0 * ((pos[1] - corner_y_m) / texel_m - 0.5)
+            for line in range(lines):
+                ahead, step = _ray(lens, aimed + 0.5 + (line + 0.5) / lines, rows, columns)
+                _aim(
+                    Single(min(max(x, -_FURTHEST), _FURTHEST)),
+                    Single(min(max(y, -_FURTHEST), _FURTHEST)),
+                    Single(-256.0 * lens_height_m / texel_m),
+                    ahead,
+                    step,
+                    levels[index],
+                    at[aimed & 1, line],
+                    between[aimed & 1, line],
+                )
+                _order(texels, at[aimed & 1, line])
+        row = aimed - 1
+        if row < first - 1:
+            continue
+        here, below = sums[row & 1], sums[aimed & 1]
         below[:] = Single(0.0)
-        index, lines = _sampling(lens, row + 1.0, rows, lens_height_m, finest_m, levels)
-        texel_m = finest_m * (1 << index)
-        x = 256.0 * ((pos[0] - corner_x_m) / texel_m - 0.5)
-        y = 256.0 * ((pos[1] - corner_y_m) / texel_m - 0.5)
-        for line in range(lines):
-            part = (line + 0.5) / lines
-            ahead, step = _ray(lens, row + 0.5 + part, rows, columns)
-            _aim(
-                Single(min(max(x, -_FURTHEST), _FURTHEST)),
-                Single(min(max(y, -_FURTHEST), _FURTHEST)),
-                Single(-256.0 * lens_height_m / texel_m),
-                ahead,
-                step,
-                levels[index],
-                at,
-                between,
-            )
-            _fetch(texels, at, words)
+        for line in range(lines_above):
+            _fetch(texels, at[row & 1, line], words)
             if len(palette) > 0:
                 _recolour(words, palette)
-            weight = 1.0 / (65536.0 * lines)
+            part = (line + 0.5) / lines_above
+            weight = 1.0 / (65536.0 * lines_above)
             _blend(
-                words, between, Single(weight - part * weight), Single(part * weight), here, below
+                words,
+                between[row & 1, line],
+                Single(weight - part * weight),
+                Single(part * weight),
+                here,
+                below,
             )
         if row >= clear:
             _store(here, bias, frame[row])
@@ -334,9 +359,13 @@ def _sampling(
     fall = max(-(forward[2] + up * to_up[2]), _LEAST_FALL)
     across_m = lens_height_m / fall / lens.focal_px
     lean = to_up[2] / fall
-    down_m = across_m * math.hypot(to_up[0] + lean * x, to_up[1] + lean * y)
+    down_x, down_y = to_up[0] + lean * x, to_up[1] + lean * y
+    down_m = across_m * math.sqrt(down_x * down_x + down_y * down_y)
     wanted_m = max(_SHARPNESS * across_m, down_m / (_LINE_GAP * _MOST_LINES))
-    index = min(max(math.floor(math.log2(wanted_m / texel_m) + 0.5), 0), len(levels) - 1)
+    # The nearest power of two, without a logarithm: most rows see one of the first copies.
+    index, next_m = 0, math.sqrt(2.0) * texel_m
+    while index < len(levels) - 1 and wanted_m >= next_m:
+        index, next_m = index + 1, 2.0 * next_m
     lines = math.ceil(down_m / (_LINE_GAP * texel_m * (1 << index)))
     return index, min(max(lines, 1), _MOST_LINES)
 
@@ -371,6 +400,13 @@ def _aim(
         y = min(max(np.int32(origin_y + depth * (ahead_y + c * step_y)), zero), last_y)
         at[column] = first + (y >> np.int32(8)) * pitch + (x >> np.int32(8))
         between[column] = (x & np.int32(255)) << np.int32(8) | y & np.int32(255)
+
+
+@kernel
+def _order(texels: Words, at: Ints32) -> None:
+    """Ask the memory for the words of a sample line, which neighbouring pixels mostly share."""
+    for column in range(0, len(at), 4):
+        prefetch(texels, np.uint32(at[column]))
 
 
 @kernel

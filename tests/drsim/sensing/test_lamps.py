@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drsim.car.camera_mount import FRONT
-from drsim.sensing.camera import render
+from drsim.sensing.camera import lens_parts, render
 from drsim.sensing.lamps import Lamps
 from drsim.sensing.scene import build_scene
 from drsim.track.appearance import Look, Walls
@@ -38,14 +38,11 @@ def lit(scene, place, *, glare=0.0, reflections=0.0, yaw_rad=0.0) -> np.ndarray:
     lamps._lamps_m = np.array([[place]], np.float64)
     frames = np.zeros((2, 1, 120, 160), np.uint8)
     rows = slice(0, 1)
-    render(scene, *level_lens(yaw_rad=yaw_rad), frames[0])
-    render(
-        scene,
-        *level_lens(yaw_rad=yaw_rad),
-        frames[1],
-        on_ground=lambda *parts: lamps.reflect(rows, *parts),
-        over_all=lambda *parts: lamps.shine(rows, *parts),
-    )
+    for frame in frames:
+        render(scene, *level_lens(yaw_rad=yaw_rad), frame)
+    lenses = lens_parts(*level_lens(yaw_rad=yaw_rad))
+    lamps.reflect(rows, frames[1], lenses)
+    lamps.shine(rows, frames[1], lenses)
     return frames[1, 0].astype(float) - frames[0, 0]
 
 
@@ -143,13 +140,8 @@ def test_a_pose_that_is_not_finite_stays_black(scene):
     frame = np.full((1, 120, 160), 7, np.uint8)
     pos, mat = level_lens()
 
-    render(
-        scene,
-        pos * np.nan,
-        mat,
-        frame,
-        on_ground=lambda *parts: lamps.reflect(slice(0, 1), *parts),
-        over_all=lambda *parts: lamps.shine(slice(0, 1), *parts),
-    )
+    render(scene, pos * np.nan, mat, frame)
+    lamps.reflect(slice(0, 1), frame, lens_parts(pos * np.nan, mat))
+    lamps.shine(slice(0, 1), frame, lens_parts(pos * np.nan, mat))
 
     assert (frame == 0).all()
