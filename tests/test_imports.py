@@ -101,7 +101,7 @@ UNIMPORTED = {
     "drcli.web.reward_process",
     "drcli.playback.player_process",
     "drcli.web.serve",
-    "drcli.workers.sim",
+    "drcli.workers.joined_sim",
     "drcli.workers.trainer",
     "drcli.workers.evaluate_many",
     "drcli.workers.try_cars",

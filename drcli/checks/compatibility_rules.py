@@ -136,6 +136,8 @@ def review_balance(
     episodes, workers = parameters.num_episodes_between_training, settings.workers
     if workers > episodes:
         return  # review_parameters reports it
+    if not workers:
+        return  # they come and go
     if episodes % workers:
         around = (episodes // workers * workers, (episodes // workers + 1) * workers)
         better = " or ".join(str(n) for n in around if n <= MOST_EPISODES)

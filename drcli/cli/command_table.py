@@ -56,6 +56,7 @@ COMMANDS: tuple[Command, ...] = (
         "Train",
         Command("start-training", "Train the model that run.env describes."),
         Command("stop-training", "Stop the training; what was learned is kept.", "stop"),
+        Command("start-worker", "Drive for a training on another machine."),
         Command("increment-training", "Start a new model from this one's weights.", "increments"),
         Command("stop-all", "Stop everything that was started in this folder.", "stop"),
         Command("spot", "Train on spot machines of Amazon.", function="app"),

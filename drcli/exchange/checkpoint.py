@@ -55,6 +55,8 @@ class Counters:
             policy that came without its critic.
         rollbacks: How often the training had gone back to an older checkpoint; None for never.
         stage: The stage of the training that the weights are for; None without a curriculum.
+        shares: Version of the `Shares` that say who drives; None where each of DR_WORKERS drives
+            the same share.
     """
 
     episodes: int = 0
@@ -66,6 +68,7 @@ class Counters:
     critic_warmup: int | None = None
     rollbacks: int | None = None
     stage: StageMark | None = None
+    shares: int | None = None
 
 
 @dataclass(frozen=True)

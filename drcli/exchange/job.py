@@ -148,7 +148,7 @@ class Job:
             **options.get("env", {}),
         }
         secrets = secrets if with_secrets else {}
-        job = self if private else self._without_addresses()
+        job = self if private else self.without_addresses()
         sent = {"version": VERSION, "job": asdict(job), "secrets": secrets}
         data = json.dumps(sent, default=json_default, allow_nan=False).encode()
         process = subprocess.Popen(command, stdin=subprocess.PIPE, **options)
@@ -158,7 +158,7 @@ class Job:
         process.stdin = None
         return process
 
-    def _without_addresses(self) -> "Job":
+    def without_addresses(self) -> "Job":
         """The same for processes that send no messages and may run the racer's code."""
         public = self.config.unattended.replaced(webhook_url="", smtp_url="", on_end="")
         return replace(self, config=replace(self.config, unattended=public))

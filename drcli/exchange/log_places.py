@@ -15,7 +15,7 @@ def log_kind(name: str) -> str:
     simulation, others, reward = KINDS
     if name.startswith(REWARD):
         return reward
-    return simulation if name.startswith("sim") else others
+    return simulation if name.startswith(("sim", "joined")) else others
 
 
 def log_folder(directory: Path, prefix: str, kind: str) -> Path:

@@ -24,6 +24,7 @@ from drcli.runs.end_command import EndCommand
 from drcli.runs.end_of_training import EndOfTraining
 from drcli.runs.failed_start import READY_TIMEOUT_S, failed_start, log_bytes
 from drcli.runs.interruption_watch import InterruptionWatch
+from drcli.runs.join_offer import JoinOffer
 from drcli.runs.lease_renewal import Renewal
 from drcli.runs.plan import EndWorkPlan, RunPlan
 from drcli.runs.record_keeping import RecordKeeping
@@ -164,6 +165,7 @@ def _duties(job: Job) -> list[Duty]:
     board = WarningsBoard(job.folder, job.session)
     return [
         InterruptionWatch(),
+        JoinOffer(),
         *watches(job, board),
         StageWatch(job),
         TimedUploads(job, watch),

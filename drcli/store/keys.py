@@ -125,8 +125,11 @@ def comparison(stamp: str) -> str:
 
 
 def training_trace(prefix: str, iteration: int, *, worker: int = 0, workers: int = 1) -> str:
-    """The steps of one worker in one iteration; with several, each worker has a folder."""
-    of_worker = "" if workers == 1 else f"{worker}/"
+    """The steps of one worker in one iteration.
+
+    With several `workers`, each has a folder; those that join a training of one have one, too.
+    """
+    of_worker = "" if workers == 1 and worker == 0 else f"{worker}/"
     return f"{folder(prefix)}{of_worker}training-simtrace/{iteration}-iteration.csv"
 
 
@@ -276,6 +279,32 @@ def status(prefix: str, name: str) -> str:
     return f"{status_folder(prefix)}{name}.json"
 
 
+def join_record(prefix: str) -> str:
+    """What a simulation worker elsewhere needs to join the training."""
+    return run_folder(prefix) + "join.json"
+
+
+def shares(prefix: str) -> str:
+    """Who drives which episodes; missing until a worker has joined."""
+    return run_folder(prefix) + "shares.json"
+
+
+def members_folder(prefix: str) -> str:
+    """Folder with the records of the simulation workers that have joined."""
+    return run_folder(prefix) + "members/"
+
+
+def member(prefix: str, name: str) -> str:
+    """The record of a simulation worker that has joined."""
+    return f"{members_folder(prefix)}{name}.json"
+
+
+def member_of(prefix: str, key: str) -> str | None:
+    """The name of the worker whose record this is; None for other keys."""
+    found = re.fullmatch(re.escape(members_folder(prefix)) + r"([^/]+)\.json", key)
+    return found[1] if found else None
+
+
 def reward_errors_folder(prefix: str) -> str:
     """Folder with the failures of the reward function that each worker has counted."""
     return run_folder(prefix) + "reward-errors/"
@@ -290,10 +319,10 @@ def decides(key: str) -> bool:
     """Whether readers use this object directly: pointers, manifests, traces, metrics, curves.
 
     Tensors, parts and records are only read when such an object names them; activities, logs and
-    event files are for people.
+    event files are for people, and a worker writes a record of its own when it joins.
     """
     named = (".safetensors", ".ckpt.json")
-    folders = ("/status/", "/logs/", "/tensorboard/")
+    folders = ("/status/", "/logs/", "/tensorboard/", "/members/")
     return not (key.endswith(named) or any(name in key for name in folders))
 
 

@@ -159,8 +159,11 @@ class RolloutReader:
             if self._pause(min(left_s, QUIET_STEP_S)):
                 return
 
-    def find_manifests(self, iteration: int, workers: Iterable[int]) -> list[Manifest]:
-        """The manifests of some workers for an iteration, from any checkpoint."""
+    def find_manifests(self, iteration: int) -> list[Manifest]:
+        """The manifests of all workers for an iteration, from any checkpoint."""
+        listing = self._bucket.list(keys.iteration_folder(self._prefix, iteration))
+        named = (keys.rollout_key(self._prefix, info.key) for info in listing)
+        workers = sorted(key.worker for key in named if key is not None and key.is_manifest)
         found = (find_manifest(self._bucket, self._prefix, iteration, k) for k in workers)
         return [each for each in found if each is not None and self._counts(each)]
 
@@ -220,6 +223,10 @@ class RolloutReader:
         """Delete the manifests of some workers for an iteration, which must be driven again."""
         self._forget()
         self._bucket.delete([keys.rollout_manifest(self._prefix, iteration, k) for k in workers])
+
+    def look_often(self) -> None:
+        """Look as often as if nobody would wake this reader: workers elsewhere do not."""
+        self._first_look_s = FIRST_LOOK_S
 
     def close(self) -> None:
         """End the background downloads."""

@@ -1,8 +1,8 @@
 """Collects the rollouts of all simulation workers for the learner."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from drcli.base.log import get_logger
 from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.joined_worker import WorkerShare
 from drcli.exchange.rollout import Episodes
 from drcli.exchange.rollout_manifest import Manifest
 from drcli.learn.rollout_buffer import Rollout
@@ -27,6 +28,10 @@ STARTING_PATIENCE_S = 120.0
 before another, and analysis tools need the first trace of every worker."""
 
 
+JOINED_PATIENCE_S = 2.0
+"""The same for workers that have joined: if one of them dies, the others drive its share."""
+
+
 @dataclass(frozen=True)
 class Collected:
     """One iteration's rollouts and what the workers report about them.
@@ -42,6 +47,8 @@ class Collected:
         evaluates: Number of the checkpoint that a worker evaluates now, or None.
         reward_errors: Calls of the reward function that failed and were counted, of all workers.
         discarded: Episodes that the reward function declared broken, of all workers.
+        speeds: Steps per second of each worker, by its number.
+        late: Numbers of the workers that were waited for in vain.
     """
 
     rollout: Rollout
@@ -54,6 +61,8 @@ class Collected:
     evaluates: int | None
     reward_errors: int = 0
     discarded: int = 0
+    speeds: Mapping[int, float] = field(default_factory=dict)
+    late: tuple[int, ...] = ()
 
     def record(self, newest: CheckpointName, *, elapsed_s: float, stage: str) -> IterationRecord:
         """What is known about the iteration before anything is learned from it.
@@ -88,15 +97,18 @@ class Collector:
     An iteration has at most `max_steps`; further episodes are left out.
     """
 
-    def __init__(self, reader: RolloutReader, workers: int, max_steps: int) -> None:
+    def __init__(self, reader: RolloutReader, max_steps: int) -> None:
         self._reader = reader
-        self._workers = workers
         self._max_steps = max_steps
         self._absent: set[int] = set()
         self._least_patience_s = STARTING_PATIENCE_S
 
     def collect(
-        self, iteration: int, checkpoints: Sequence[str], should_stop: Callable[[], bool]
+        self,
+        iteration: int,
+        checkpoints: Sequence[str],
+        workers: Sequence[WorkerShare],
+        should_stop: Callable[[], bool],
     ) -> Collected | None:
         """Wait for an iteration's rollouts and read them.
 
@@ -106,26 +118,30 @@ class Collector:
         Args:
             iteration: Number of the iteration.
             checkpoints: Checkpoints that may have driven it, the newest last.
+            workers: Who drives it.
             should_stop: Called at every look; ends the wait.
 
         Returns:
             None if `should_stop` ended the wait, or if a part is missing or damaged: the workers
             then drive the iteration again.
         """
-        everybody = set(range(self._workers))
+        everybody = {share.worker for share in workers}
+        joined = {share.worker for share in workers if share.member}
         wait = partial(
             self._reader.wait_manifests,
             iteration,
             checkpoints,
-            range(self._workers),
+            sorted(everybody),
             on_wait=_logger.info,
             should_stop=should_stop,
         )
         manifests = wait(enough=1, patience_s=math.inf)
-        expected = everybody - self._absent
+        expected = everybody - (self._absent - joined)
         if manifests and not expected <= manifests.keys() and not should_stop():
             took_s = max(m.notes.drive_s for m in manifests.values())
-            patience_s = max(self._least_patience_s, took_s)
+            only_joined = expected - manifests.keys() <= joined
+            least_s = JOINED_PATIENCE_S if only_joined else self._least_patience_s
+            patience_s = max(least_s, took_s)
             manifests = wait(enough=len(expected), arrived=manifests, patience_s=patience_s)
         if not manifests:
             return None
@@ -135,17 +151,18 @@ class Collector:
             _logger.warning("Continuing without simulation worker %s.", sorted(self._absent))
         try:
             # In the order of the workers, so that equal seeds give equal minibatches.
-            return self._read([manifests[worker] for worker in sorted(manifests)])
+            collected = self._read([manifests[worker] for worker in sorted(manifests)])
         except (ObjectMissing, ObjectDamaged) as error:
             # Waiting workers notice that their manifests are gone.
             _logger.warning("%s Iteration %d is driven again.", error, iteration)
             self._reader.reject(iteration, manifests)
             return None
+        return replace(collected, late=tuple(sorted(expected - manifests.keys())))
 
     def recall(self, iteration: int) -> Rollout | None:
         """The rollouts of an older iteration; None if they are missing or damaged."""
         try:
-            manifests = self._reader.find_manifests(iteration, range(self._workers))
+            manifests = self._reader.find_manifests(iteration)
             return self._read(manifests).rollout if manifests else None
         except (ObjectMissing, ObjectDamaged) as error:
             _logger.warning("Cannot learn from iteration %d again: %s", iteration, error)
@@ -166,6 +183,7 @@ class Collector:
             evaluates=next((n for m in manifests if (n := m.notes.evaluates) is not None), None),
             reward_errors=sum(m.notes.reward_errors for m in manifests),
             discarded=sum(m.notes.discarded for m in manifests),
+            speeds={m.worker: m.steps / max(m.notes.drive_s, 1e-3) for m in manifests},
         )
 
     def _within_cap(self, driven: Episodes) -> Episodes:

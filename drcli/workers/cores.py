@@ -35,7 +35,10 @@ def overlaps(train: TrainConfig) -> bool:
 
 
 def driving_threads(train: TrainConfig) -> int:
-    """Threads of one simulation worker; the workers share the cores that the trainer leaves."""
+    """Threads of one simulation worker; the workers share the cores that the trainer leaves.
+
+    One that joins a training from another machine uses all cores of its own: `usable_cores`.
+    """
     mine = usable_cores(train)
     if overlaps(train):
         mine -= learning_threads(train)
@@ -43,7 +46,12 @@ def driving_threads(train: TrainConfig) -> int:
 
 
 def learning_threads(train: TrainConfig) -> int:
-    """Threads of the trainer: half of the cores if driving and learning overlap, else all."""
+    """Threads of the trainer: half of the cores if driving and learning overlap, else all.
+
+    Without workers on its machine, it has all cores.
+    """
+    if train.workers == 0:
+        return usable_cores(train)
     return max(1, usable_cores(train) // 2) if overlaps(train) else usable_cores(train)
 
 

@@ -50,6 +50,7 @@ class DriveResults:
         self._simulation = simulation
         self._metrics = self._open_metrics()
         self._traces = TraceRetention(bucket, self._prefix, job.config.train.workers, 0)
+        self._traces.cover(self._worker)
         self._logged = -1
         self._driven_before = False
         self._evaluated_before = False

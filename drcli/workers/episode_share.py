@@ -4,6 +4,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from drcli.exchange.joined_worker import Shares, WorkerShare
+
 
 @dataclass(frozen=True)
 class Share:
@@ -42,6 +44,31 @@ class Share:
         """Place of an episode among those of all workers, which decides where it starts."""
         iteration, place = divmod(number, self._stride)
         return (iteration * self.count + place) * self.workers + self.worker
+
+
+@dataclass(frozen=True)
+class AssignedShare:
+    """The part of a worker where the trainer says who drives what: workers come and go.
+
+    As long as all have equal parts, these are those of `Share`.
+    """
+
+    shares: Shares
+    own: WorkerShare
+
+    @property
+    def evaluates(self) -> bool:
+        """Whether this worker evaluates the checkpoint, too."""
+        return self.shares.workers[0] == self.own
+
+    def numbers(self, iteration: int) -> range:
+        """Numbers of this worker's episodes in one iteration, counted from the first iteration."""
+        first = self.own.first + (iteration - self.shares.iteration) * self.own.count
+        return range(first, first + self.own.count)
+
+    def position(self, number: int) -> int:
+        """Place of an episode among those of all workers, which decides where it starts."""
+        return number * len(self.shares.workers) + self.shares.workers.index(self.own)
 
 
 class EvaluationBudget:

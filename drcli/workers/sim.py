@@ -26,18 +26,20 @@ from drcli.learn.encoders import compute_in
 from drcli.modelfiles.network_shape import Design
 from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.checkpoints import CheckpointStore
+from drcli.store.members import read_shares
 from drcli.store.repair import Model, repair_metrics
 from drcli.store.rollout_writer import RolloutWriter
 from drcli.workers import worker_process
 from drcli.workers.build_race import actions_of
-from drcli.workers.cores import cores, driving_threads, overlaps
+from drcli.workers.cores import cores, driving_threads, overlaps, usable_cores
 from drcli.workers.drive_results import DriveResults
 from drcli.workers.driven_episode import Driven, episodes_of
 from drcli.workers.driving import Racer
 from drcli.workers.episode_log import log_evaluation, log_training
-from drcli.workers.episode_share import EvaluationBudget
+from drcli.workers.episode_share import AssignedShare, EvaluationBudget
 from drcli.workers.live_scene import facts_of
 from drcli.workers.live_view import LiveShow, live_show
+from drcli.workers.membership import Membership
 from drcli.workers.reward_failures import AllEpisodesDiscarded, RewardErrorsExceeded, RewardFailures
 from drcli.workers.second_track import sentence_of
 from drcli.workers.stage_progress import stage_index
@@ -69,16 +71,19 @@ class SimWorker:
         divisor: int = 1,
         *,
         live: LiveShow | None = None,
+        membership: Membership | None = None,
     ) -> None:
         """Prepare; where memory is short, a `divisor` makes it drive fewer cars at a time.
 
-        `live` shows the cars to those who watch.
+        `live` shows the cars to those who watch. `membership` is that of a worker that has joined
+        the training from elsewhere.
         """
         train, model = job.config.train, job.config.model
         self._job = job
         self._worker, self._divisor = worker, divisor
         self._lifeline = lifeline
         self._live = live
+        self._membership = membership
         self._prefix = model.prefix
         self._bucket = worker_process.open_own_bucket(job, lifeline)
         self._activity = Activity(self._bucket, self._prefix, f"sim-{worker}", lifeline.pulse)
@@ -86,7 +91,7 @@ class SimWorker:
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
         design = Design.of_model(self._bucket, self._prefix)
         self._design = design
-        threads = driving_threads(train)
+        threads = driving_threads(train) if membership is None else usable_cores(train)
         torch.set_num_threads(1)
         _logger.info("Using %d of %d cores for motion, cameras and policy.", threads, cores())
         self._model = build_policy(design.metadata, design.parameters)
@@ -110,17 +115,19 @@ class SimWorker:
         self._driven_steps = 0
         self._delivered_s = time.monotonic()
         self._wakeup = Wakeup(job.folder, f"sim-{worker}")
+        is_woken = self._wakeup.works and membership is None  # only on the trainer's machine
         self._waiter = CheckpointWaiter(
             self._bucket,
             self._prefix,
             job.session,
             worker,
-            train.workers,
+            max(1, train.workers),
             frugal=job.config.storage.cloud != "local",
             should_stop=lifeline.should_stop,
             say=self._activity.wait,
             pause=self._wakeup.pause,
-            poll_s=WOKEN_POLL_S if self._wakeup.works else POLL_S,
+            poll_s=WOKEN_POLL_S if is_woken else POLL_S,
+            is_reassigned=None if membership is None else membership.is_reassigned,
         )
 
     def _stage_of(self, mark: StageMark | None) -> Stage | None:
@@ -138,6 +145,7 @@ class SimWorker:
             stage,
             worker=self._worker,
             divisor=self._divisor,
+            joined=self._membership is not None,
             on_reward_error=self._failures.handle,
             onlooker=self._live,
         )
@@ -173,6 +181,8 @@ class SimWorker:
         iteration, newest = 0, -1
         while True:
             wanted = max(0, iteration - self._lag)
+            if self._membership is not None:
+                self._membership.is_ready(newest)
             name = self._waiter.wait(wanted, newest, self._driven_steps, self._delivered_s)
             if name is None:
                 plain.info("Received termination signal from trainer. Goodbye.")
@@ -196,13 +206,32 @@ class SimWorker:
             compute_in(self._model, driving_format(counters.number_format))
             load_weights(self._model, checkpoint.tensors, checkpoint.record.name)
             self._rollbacks = counters.rollbacks or 0
-            self._iterate(iteration, name)
+            if self._is_assigned(name, counters.shares):
+                self._iterate(iteration, name)
+            else:
+                self._driven_steps = 0
             iteration += 1
+
+    def _is_assigned(self, name: CheckpointName, version: int | None) -> bool:
+        """Find out which episodes this worker drives with a checkpoint; whether there are any."""
+        if self._membership is None and version is None:
+            self._simulation.assigned = None
+            return True
+        if self._membership is not None:
+            shares = self._membership.shares_of(name)
+        else:
+            shares = read_shares(self._bucket, self._prefix, self._job.session, name.number)
+        if shares is None:  # they are lost, or of an earlier start of the training
+            self._simulation.assigned = None
+            return self._membership is None
+        own = shares.of(self._worker)
+        self._simulation.assigned = None if own is None else AssignedShare(shares, own)
+        return own is not None
 
     def _iterate(self, iteration: int, name: CheckpointName) -> None:
         """Drive this worker's share of an iteration and publish the results."""
         simulation = self._simulation
-        numbers = simulation.share.numbers(iteration)
+        numbers = simulation.part.numbers(iteration)
         self._results.keep_before(iteration)
         self._activity.say(f"drives iteration {iteration}")
         if self._live is not None:
@@ -320,6 +349,9 @@ class SimWorker:
     def _evaluates(self, name: CheckpointName) -> bool:
         """Whether to evaluate the checkpoint during this drive, which takes time."""
         if not self._simulation.trials or name.number == self._evaluated:
+            return False
+        assigned = self._simulation.assigned
+        if assigned is not None and not assigned.evaluates:
             return False
         stage = self._simulation.stage
         by_stage = stage is not None and stage.goal.evaluated

@@ -43,12 +43,17 @@ from drcli.workers.live_figures import LiveFigures
 from drcli.workers.restore_learner import forget_evaluations, restore_learner
 from drcli.workers.roll_back import RollbackControl, RolledBack
 from drcli.workers.scoring import Scoring
+from drcli.workers.share_keeper import ShareKeeper
+from drcli.workers.stage_progress import parameters_of
 from drcli.workers.training_progress import TrainingProgress
 from drcli.workers.wait_for_trainer import RECHECK_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 from drcli.workers.write_graph import GraphWriter
 
 _logger = get_logger(__name__)
+
+NOBODY_S = 0.25
+"""Pause between two looks for workers while there is nobody who drives."""
 
 SEED_STRIDE = 1_000_003
 """Keeps the random numbers of iterations apart."""
@@ -111,9 +116,17 @@ class Trainer:
             pause=self._wakeup.pause,
             first_look_s=WOKEN_LOOK_S if self._wakeup.works else FIRST_LOOK_S,
         )
-        self._collector = Collector(
-            self._reader, train.workers, train.train_max_steps_per_iteration
+        self._collector = Collector(self._reader, train.train_max_steps_per_iteration)
+        self._shares = ShareKeeper(
+            self._bucket,
+            self._prefix,
+            job.session,
+            train.workers,
+            int(overlaps(train)),
+            equal=train.train_shares == "equal",
+            frugal=frugal,
         )
+        self._divide_episodes()
         self._traces = TraceRetention(
             self._bucket, self._prefix, train.workers, train.train_traces_max_mb << 20
         )
@@ -140,6 +153,15 @@ class Trainer:
             number_format,
         )
 
+    def _divide_episodes(self) -> None:
+        """Let the workers share the episodes of the present stage."""
+        numbers = [
+            parameters_of(stage, self._design.parameters).num_episodes_between_training
+            for stage in self._job.stages
+        ]
+        parameters = self._stages.parameters(self._design.parameters)
+        self._shares.begin_stage(parameters.num_episodes_between_training, max(numbers, default=0))
+
     def run(self) -> None:
         """Learn until there is a reason to end, and score the evaluations that have arrived."""
         try:
@@ -158,6 +180,7 @@ class Trainer:
         finally:
             self._activity.close()
             self._wakeup.close()
+            self._shares.close()
 
     def _train(self) -> None:
         self._restore()
@@ -169,12 +192,25 @@ class Trainer:
             drivers = self._checkpoints.drivers(self._progress.newest)
             if self._stages.first_iteration == self._progress.newest.number:
                 drivers = [str(self._progress.newest)]  # the one before belongs to another stage
+            ahead = self._progress.newest.number - int(overlaps(self._job.config.train))
+            workers = self._shares.at(max(self._stages.first_iteration, ahead))
+            if not workers:
+                self._is_wait_over()
+                self._wakeup.pause(NOBODY_S)
+                if self._lifeline.should_stop():
+                    raise StopRequested
+                continue
+            for share in workers:
+                if share.member:
+                    self._reader.look_often()
+                    self._traces.cover(share.worker)
             collected = self._collector.collect(
-                self._progress.newest.number, drivers, self._is_wait_over
+                self._progress.newest.number, drivers, workers, self._is_wait_over
             )
             if self._lifeline.should_stop():
                 raise StopRequested
             if collected is not None:
+                self._shares.note(collected.speeds, collected.late, self._progress.newest.number)
                 over = self._stage_over(collected)
                 if over is None:
                     self._learn(collected)
@@ -242,7 +278,11 @@ class Trainer:
         Without the pointer to the newest checkpoint, workers and trainer would wait for each other
         forever.
         """
-        self._activity.wait(f"waits for rollouts of iteration {self._progress.newest.number}")
+        reassigned = self._shares.reassign(self._progress.newest.number)
+        if self._shares.nobody:
+            self._activity.wait("waits for simulation workers to join")
+        else:
+            self._activity.wait(f"waits for rollouts of iteration {self._progress.newest.number}")
         self._scoring.score(self._progress.newest)
         if time.monotonic() >= self._rechecked + RECHECK_S:
             self._rechecked = time.monotonic()
@@ -250,7 +290,7 @@ class Trainer:
                 _logger.warning(
                     "The pointer to %s was lost; it is written again.", self._progress.newest
                 )
-        return self._lifeline.should_stop() or self._reached() is not None
+        return reassigned or self._lifeline.should_stop() or self._reached() is not None
 
     def _reached(self, *newest: IterationRecord) -> str | None:
         """Why the training is complete, with iterations that the history does not have yet."""
@@ -286,6 +326,7 @@ class Trainer:
         sentence += f"the weights of checkpoint {source} on {mark.world}."
         _logger.info("%s", sentence)
         self._activity.say(f"begins {mark}")
+        self._divide_episodes()
         self._learner = self._build_learner(self._learner.compute.number_format)
         load_weights(self._learner.model, tensors, source)
         self._publish(record)
@@ -405,6 +446,7 @@ class Trainer:
             critic_warmup=self._learner.critic_warmup or None,
             rollbacks=self._rollbacks.known.count or None,
             stage=self._stages.mark,
+            shares=self._shares.version_for(self._progress.newest.number),
         )
         self._publisher.publish(self._progress.newest, self._learner, counters)
 

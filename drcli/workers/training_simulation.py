@@ -10,10 +10,10 @@ from drcli.modelfiles.network_shape import Design
 from drcli.store.bucket import Bucket
 from drcli.workers import reference_log
 from drcli.workers.build_race import build_simulation, load_reward, load_world, longest_episode
-from drcli.workers.cores import driving_threads
+from drcli.workers.cores import driving_threads, usable_cores
 from drcli.workers.driven_episode import Driven, Plan
 from drcli.workers.driving import Driver, Racer
-from drcli.workers.episode_share import Share
+from drcli.workers.episode_share import AssignedShare, Share
 from drcli.workers.live_moment import Onlooker
 from drcli.workers.reward_failures import RewardFailures
 from drcli.workers.second_track import SecondTrack
@@ -31,10 +31,11 @@ class TrainingSimulation:
 
     Attributes:
         stage: The stage; None without a curriculum.
-        share: The worker's part of the training episodes.
-        trials: Episodes of an evaluation; 0 for workers that do not evaluate.
+        share: The worker's part of the training episodes, as long as no worker has joined.
+        assigned: Its part since the trainer says who drives what; None before.
+        trials: Episodes of an evaluation; 0 for workers that never evaluate.
         track_length_m: Of the lap.
-        second: Evaluates on a second track; None without one, or for other workers than the first.
+        second: Evaluates on a second track; None without one, or for workers that never evaluate.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class TrainingSimulation:
         *,
         worker: int,
         divisor: int,
+        joined: bool = False,
         on_reward_error: Callable[[RewardError, int], float],
         onlooker: Onlooker | None = None,
     ) -> None:
@@ -60,6 +62,7 @@ class TrainingSimulation:
             stage: The stage to drive; None without a curriculum.
             worker: Counts from 0.
             divisor: How many times fewer cars than usual are driven at a time.
+            joined: Whether the worker has joined from elsewhere: its part may become larger.
             on_reward_error: What to do when the reward function fails, as in `Simulation`.
             onlooker: May look at the driving.
 
@@ -72,9 +75,10 @@ class TrainingSimulation:
         self._race = race
         self.stage = stage
         self._parameters = parameters_of(stage, design.parameters)
+        self.assigned: AssignedShare | None = None
         self.share = Share(
             worker,
-            train.workers,
+            max(1, train.workers),
             self._parameters.num_episodes_between_training,
             max(
                 (
@@ -88,13 +92,17 @@ class TrainingSimulation:
         # Every checkpoint is evaluated at least once, or there would be no best checkpoint.
         wanted = job.wanted_laps, (stage.goal.laps or 0) if stage is not None else 0
         trials = max(1, train.train_min_eval_trials, *wanted)
-        self.trials = trials if worker == 0 else 0
-        num_cars = -(-(race.train_lanes or self.share.count + self.trials) // divisor)
+        # Without a worker of its own, any of those that have joined may have to evaluate.
+        evaluates = train.workers == 0 if joined else worker == 0
+        self.trials = trials if evaluates else 0
+        episodes = self.share.most if joined else self.share.count
+        num_cars = -(-(race.train_lanes or episodes + self.trials) // divisor)
         folder = job.folder / f"sim-{worker}"
         reward = load_reward(bucket, prefix, folder, num_cars, stage)
         track = directed(load_world(race), reverse=race.train_reverse_direction)
         self.track_length_m = track.length_m
-        threads, seed = driving_threads(train), job.seed + SEED_STRIDE * worker
+        threads = usable_cores(train) if joined else driving_threads(train)
+        seed = job.seed + SEED_STRIDE * worker
         self._simulation = build_simulation(
             race,
             "training",
@@ -108,7 +116,7 @@ class TrainingSimulation:
             on_reward_error=on_reward_error,
         )
         self._driver = Driver(self._simulation, [racer], seed, onlooker=onlooker)
-        second = job.config.second_race(race) if worker == 0 else None
+        second = job.config.second_race(race) if evaluates else None
         self.second: SecondTrack | None = None
         if second is not None:
             self.second = SecondTrack(
@@ -122,6 +130,11 @@ class TrainingSimulation:
                 on_reward_error=RewardFailures(train, worker).handle,
                 onlooker=onlooker,
             )
+
+    @property
+    def part(self) -> Share | AssignedShare:
+        """The worker's part of the training episodes now."""
+        return self.assigned or self.share
 
     @property
     def race(self) -> RaceConfig:
@@ -157,7 +170,7 @@ class TrainingSimulation:
             Plan(
                 number,
                 "training",
-                (offset + self.share.position(number) * advance) % 1.0,
+                (offset + self.part.position(number) * advance) % 1.0,
                 reverse=alternate and number % 2 == 1,
                 attempt=attempt,
             )
@@ -177,7 +190,8 @@ class TrainingSimulation:
 
     def _epsilon(self, policy_steps: int) -> Callable[[int], float] | None:
         """E-greedy's share of uniform actions by the steps of this iteration, or None."""
-        p, workers = self._parameters, self.share.workers
+        p = self._parameters
+        workers = len(self.assigned.shares.workers) if self.assigned else self.share.workers
         if p.exploration_type != "e-greedy":
             return None
 

@@ -63,13 +63,15 @@ class CheckpointWaiter:
         clock: Callable[[], float] = time.monotonic,
         pause: Callable[[float], bool | None] = time.sleep,
         poll_s: float = POLL_S,
+        is_reassigned: Callable[[CheckpointName], bool] | None = None,
     ) -> None:
         """Begin.
 
         `session` names this start of the training, and `say` publishes what the worker waits for.
         `frugal` is for a bucket that is not on this machine: it is asked less often. `pause` waits,
         usually for `poll_s`, and returns True if it was ended early because there may be a new
-        checkpoint. `clock` (monotonic seconds) is for tests.
+        checkpoint. `is_reassigned` says whether the worker, which had nothing to drive with this
+        checkpoint, now has. `clock` (monotonic seconds) is for tests.
         """
         self._bucket = bucket
         self._prefix = prefix
@@ -83,6 +85,7 @@ class CheckpointWaiter:
         self._pause = pause
         self._shortest_s = poll_s
         self._workers = workers
+        self._is_reassigned = is_reassigned
         self._frugal = frugal
         self._learn_s_per_step: deque[float] = deque(maxlen=REMEMBERED)
 
@@ -110,7 +113,8 @@ class CheckpointWaiter:
         Args:
             number: Least number.
             newest: Number of the checkpoint that drove last, -1 before the first.
-            steps: Steps driven with it, from which the trainer learns now.
+            steps: Steps driven with it, from which the trainer learns now; 0 if it had nothing to
+                drive.
             since_s: When they were delivered, on the clock.
 
         Returns:
@@ -133,7 +137,9 @@ class CheckpointWaiter:
                 looked_for_end = self._clock()
             if found:
                 return name
-            if name is not None and self._clock() - rechecked > RECHECK_S:
+            if name is not None and not steps and self._is_reassigned and self._is_reassigned(name):
+                return name
+            if name is not None and steps and self._clock() - rechecked > RECHECK_S:
                 if self._is_lost(name):
                     _logger.warning(
                         "The rollouts of iteration %d are lost; driving it again.", name.number

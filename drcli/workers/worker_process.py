@@ -120,8 +120,14 @@ def open_own_bucket(job: Job, lifeline: Lifeline) -> S3Bucket:
     return bucket.fenced(Ownership(bucket, job.config.model.prefix, job.session, job.term).check)
 
 
-def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
+def run(
+    name: str,
+    main: Callable[[Job, Lifeline], None],
+    lifeline_of: Callable[[int], Lifeline] = Lifeline,
+) -> None:
     """Run a worker's loop as the main function of a process.
+
+    `lifeline_of` makes its lifeline, from the number of the process that has started it.
 
     Exits with 0 if the loop ended or was asked to stop, with the code of an explained failure, or
     with 1 for a bug, whose traceback goes to the log. Without a job that it can read, it only
@@ -129,7 +135,7 @@ def run(name: str, main: Callable[[Job, Lifeline], None]) -> None:
     """
     search_as_usual()
     job = Job.received_or_exit()
-    lifeline = Lifeline(job.launcher_pid)
+    lifeline = lifeline_of(job.launcher_pid)
     WorkerExit.delete(job.folder, name)
     path = os.environ.get(log_files.VARIABLE)
     logs = WorkerLogs(job, name, Path(path) if path else None)

@@ -24,6 +24,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
         "stop-loganalysis",
         "logs-loganalysis",
     ),
+    "runs.join_training:JoinReport": ("start-worker",),
     "runs.tensorboard_server:MetricsReport": ("start-metrics",),
     "cli.stopped_process:StoppedProcess": ("stop-metrics", "stop-viewer"),
     "web.viewer_process:ViewerReport": ("start-viewer", "update-viewer", "console"),

@@ -23,7 +23,7 @@ def test_every_setting_has_one_row():
 def test_a_row_holds_default_meaning_range_and_file():
     assert (
         "| `DR_WORKERS` | `1` | Number of simulation processes; analysis tools read at most 10. "
-        "| a whole number from 1 to 10 | system.env |" in document().splitlines()
+        "| a whole number from 0 to 10 | system.env |" in document().splitlines()
     )
 
 

@@ -299,12 +299,14 @@ def _followed(
     """Names of the logs for -s, -r [N] and -a."""
     if worker is not None and not sim:
         raise typer.BadParameter("A number needs -r, as in `dr-start-training -r 1`.")
+    if sim and not loaded.workers:
+        raise typer.BadParameter("-r: DR_WORKERS is 0, so no simulation worker runs here.")
     if worker is not None and worker >= loaded.workers:
         raise typer.BadParameter(f"-r {worker}: DR_WORKERS is {loaded.workers}; counted from 0.")
     sims = [f"sim-{k}" for k in range(loaded.workers)]
     if everything:
         return ["trainer", *sims]
-    return ["trainer"] * trainer + [sims[worker or 0]] * sim
+    return ["trainer"] * trainer + [f"sim-{worker or 0}"] * sim
 
 
 def _end(report: "RunReport", *, as_json: bool) -> int:

@@ -73,8 +73,9 @@ class TrainSettings(Group, title="Training"):
     workers: int = setting(
         "DR_WORKERS",
         1,
-        "Number of simulation processes; analysis tools read at most 10.",
-        between=(1, 10),
+        "Number of simulation processes here; analysis tools read at most 10. With 0, all "
+        "simulation workers join from elsewhere (`dr-start-worker`).",
+        between=(0, 10),
         file="system.env",
     )
     train_seed: int | None = setting(
@@ -93,6 +94,12 @@ class TrainSettings(Group, title="Training"):
         "DR_TRAIN_OVERLAP",
         "auto",
         "Drive the next iteration while the trainer learns; auto: with 4 or more cores.",
+    )
+    train_shares: Literal["auto", "equal"] = setting(
+        "DR_TRAIN_SHARES",
+        "auto",
+        "How workers share episodes once some have joined with `dr-start-worker`: equally, or "
+        "slower workers less; equal for trainings that must repeat exactly.",
     )
     torch_precision: Literal["auto", "fp32", "bf16"] = setting(
         "DR_TORCH_PRECISION",

@@ -23,13 +23,13 @@ def test_the_settings_are_loaded_twice_at_most(folder, monkeypatch):
 
 
 def test_an_unknown_track_is_told_beside_other_wrong_settings(folder):
-    folder.settings(DR_WORKERS=0, DR_WORLD_NAME="nowhere")
+    folder.settings(DR_WORKERS=-1, DR_WORLD_NAME="nowhere")
 
     errors = check_alone(folder.path).errors
 
     told = {error.message for error in folder.report().errors}
     assert [error.what for error in errors] == [
         "DR_WORLD_NAME=nowhere is not a known track",
-        "DR_WORKERS=0 is below 1",
+        "DR_WORKERS=-1 is below 0",
     ]
     assert told == {f"{error.what}." for error in errors}

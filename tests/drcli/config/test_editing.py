@@ -93,7 +93,7 @@ def test_a_wrong_experiment_can_be_corrected(files):
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("DR_WORKERS", "0", "system.env stays as it was: DR_WORKERS=0 is below 1"),
+        ("DR_WORKERS", "-1", "system.env stays as it was: DR_WORKERS=-1 is below 0"),
         ("DR_RACE_TYPE", "RALLY", "run.env stays as it was: DR_RACE_TYPE=RALLY is not one of"),
         ("DR_CAR_NAME", "$NOBODY", "run.env"),
         (

@@ -15,19 +15,19 @@ from drcli.config.loading import load_settings
         pytest.param(
             "DR_WORKERS=abc",
             "run.env line 2: DR_WORKERS=abc is not a whole number.",
-            "Set DR_WORKERS to a whole number from 1 to 10, or leave it out for the default 1.",
+            "Set DR_WORKERS to a whole number from 0 to 10, or leave it out for the default 1.",
             id="not-a-whole-number",
         ),
         pytest.param(
             "DR_WORKERS=2.5",
             "run.env line 2: DR_WORKERS=2.5 is not a whole number.",
-            "Set DR_WORKERS to a whole number from 1 to 10, or leave it out for the default 1.",
+            "Set DR_WORKERS to a whole number from 0 to 10, or leave it out for the default 1.",
             id="fraction-of-a-worker",
         ),
         pytest.param(
             "DR_WORKERS=11",
             "run.env line 2: DR_WORKERS=11 is above 10.",
-            "Set DR_WORKERS to a whole number from 1 to 10, or leave it out for the default 1.",
+            "Set DR_WORKERS to a whole number from 0 to 10, or leave it out for the default 1.",
             id="too-large",
         ),
         pytest.param(
@@ -235,10 +235,10 @@ def test_a_bad_line_is_named_with_file_line_key_value_and_remedy(folder, line, s
 def test_everything_wrong_is_reported_at_once_in_the_order_of_reading(folder):
     folder.write("system.env", "DR_CLOUD=lokal\n")
 
-    refusal = folder.refusal("DR_WORKERS=0\nDR_WORLDNAME=x\nDR_EVAL_MAX_RESETS=-1\n")
+    refusal = folder.refusal("DR_WORKERS=-1\nDR_WORLDNAME=x\nDR_EVAL_MAX_RESETS=-1\n")
 
     assert str(refusal).splitlines() == [
-        "run.env line 1: DR_WORKERS=0 is below 1.",
+        "run.env line 1: DR_WORKERS=-1 is below 0.",
         "run.env line 2: DR_WORLDNAME=x is not a setting.",
         "run.env line 3: DR_EVAL_MAX_RESETS=-1 is below 0.",
         "system.env line 1: DR_CLOUD=lokal is not one of local, remote, aws, azure.",
@@ -325,7 +325,7 @@ def test_a_password_in_a_wrong_address_is_not_repeated(folder):
 
 
 def test_findings_and_warnings_of_a_refused_load_can_be_told_apart(folder):
-    refusal = folder.refusal("DR_WORKERS=0\nTEAM=blue\n")
+    refusal = folder.refusal("DR_WORKERS=-1\nTEAM=blue\n")
 
     assert isinstance(refusal, ProblemsError)
     assert [(problem.where, problem.severity) for problem in refusal.problems] == [
@@ -366,10 +366,10 @@ def _no_user(number):
 
 
 def test_an_unknown_track_is_told_with_the_other_errors_and_not_alone(folder):
-    refusal = folder.refusal("DR_WORLD_NAME=nowhere\nDR_WORKERS=0\n")
+    refusal = folder.refusal("DR_WORLD_NAME=nowhere\nDR_WORKERS=-1\n")
 
     assert str(refusal).splitlines() == [
         "run.env line 1: DR_WORLD_NAME=nowhere is not a known track.",
-        "run.env line 2: DR_WORKERS=0 is below 1.",
+        "run.env line 2: DR_WORKERS=-1 is below 0.",
     ]
     assert folder.load("DR_WORLD_NAME=nowhere\n").world_name == "nowhere"

@@ -118,7 +118,7 @@ def test_a_check_tells_errors_warnings_and_what_has_no_effect(folder):
 
 
 def test_a_check_of_wrong_settings_keeps_the_findings_apart(folder):
-    folder.write("run.env", "DR_WORKERS=0\nTEAM=x\nDR_EVAL_MAX_RESETS=-1\n")
+    folder.write("run.env", "DR_WORKERS=-1\nTEAM=x\nDR_EVAL_MAX_RESETS=-1\n")
 
     report = check_settings(folder.path, environ={})
 

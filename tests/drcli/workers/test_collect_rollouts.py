@@ -3,16 +3,27 @@
 import numpy as np
 import pytest
 
+from drcli.exchange.joined_worker import WorkerShare
 from drcli.exchange.rollout import Episodes
 from drcli.exchange.rollout_manifest import Driving, Manifest
 from drcli.learn.rollout_buffer import Rollout
 from drcli.store import keys
 from drcli.store.rollout_reader import RolloutReader, find_manifest
 from drcli.store.rollout_writer import RolloutWriter
-from drcli.workers.collect_rollouts import LEAST_PATIENCE_S, STARTING_PATIENCE_S, Collector
+from drcli.workers.collect_rollouts import (
+    JOINED_PATIENCE_S,
+    LEAST_PATIENCE_S,
+    STARTING_PATIENCE_S,
+    Collector,
+)
 from memory_bucket import MemoryBucket
 
 PREFIX = "model"
+
+
+ONE = (WorkerShare(0, "", 0, 2),)
+TWO = (*ONE, WorkerShare(1, "", 0, 2))
+JOINED = (*ONE, WorkerShare(1, "joined-far", 0, 2))
 
 
 class Clock:
@@ -76,7 +87,7 @@ def test_the_episodes_of_all_workers_come_together(bucket, reader):
     hand_in(bucket, 0, drive_s=4.0)
     hand_in(bucket, 1, drive_s=6.0)
 
-    got = Collector(reader, 2, 1_000).collect(0, ["0_Step-9.ckpt"], lambda: False)
+    got = Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], TWO, lambda: False)
 
     assert got.rollout.lengths.tolist() == [3, 2, 3, 2]
     assert (got.rewards, got.lap_s) == ([3.0, 2.0, 3.0, 2.0], [2.0, 2.0])
@@ -84,13 +95,13 @@ def test_the_episodes_of_all_workers_come_together(bucket, reader):
 
 
 def test_a_dead_worker_is_waited_for_once_and_then_no_more(bucket, reader, clock):
-    collector = Collector(reader, 2, 1_000)
+    collector = Collector(reader, 1_000)
     for iteration in (0, 1):
         hand_in(bucket, 0, iteration)
 
-    assert collector.collect(0, ["0_Step-9.ckpt"], lambda: False) is not None
+    assert collector.collect(0, ["0_Step-9.ckpt"], TWO, lambda: False) is not None
     first_s = clock.now_s
-    assert collector.collect(1, ["1_Step-9.ckpt"], lambda: False) is not None
+    assert collector.collect(1, ["1_Step-9.ckpt"], TWO, lambda: False) is not None
 
     # A slow start shall not leave the first trace of a worker out.
     assert first_s == pytest.approx(STARTING_PATIENCE_S)
@@ -104,26 +115,26 @@ def test_an_iteration_with_lost_parts_is_handed_back_to_its_workers(bucket, read
     bucket.delete([part])
     if data is not None:
         bucket.put(part, data)
-    collector = Collector(reader, 1, 1_000)
+    collector = Collector(reader, 1_000)
 
-    assert collector.collect(0, ["0_Step-9.ckpt"], lambda: False) is None
+    assert collector.collect(0, ["0_Step-9.ckpt"], ONE, lambda: False) is None
     assert find_manifest(bucket, PREFIX, 0, 0) is None
 
     hand_in(bucket, 0)
-    assert collector.collect(0, ["0_Step-9.ckpt"], lambda: False) is not None
+    assert collector.collect(0, ["0_Step-9.ckpt"], ONE, lambda: False) is not None
 
 
 def test_a_worker_that_comes_back_counts_again(bucket, reader, clock):
-    collector = Collector(reader, 2, 1_000)
+    collector = Collector(reader, 1_000)
     hand_in(bucket, 0, 0)
-    collector.collect(0, ["0_Step-9.ckpt"], lambda: False)
+    collector.collect(0, ["0_Step-9.ckpt"], TWO, lambda: False)
     hand_in(bucket, 0, 1)
     hand_in(bucket, 1, 1)
     hand_in(bucket, 0, 2)
 
-    got = collector.collect(1, ["1_Step-9.ckpt"], lambda: False)
+    got = collector.collect(1, ["1_Step-9.ckpt"], TWO, lambda: False)
     before_s = clock.now_s
-    collector.collect(2, ["2_Step-9.ckpt"], lambda: False)
+    collector.collect(2, ["2_Step-9.ckpt"], TWO, lambda: False)
 
     assert len(got.progress) == 4
     assert clock.now_s - before_s == pytest.approx(LEAST_PATIENCE_S)
@@ -132,19 +143,19 @@ def test_a_worker_that_comes_back_counts_again(bucket, reader, clock):
 def test_a_slow_worker_gets_as_long_again_as_the_first_one_took(bucket, reader, clock):
     hand_in(bucket, 0, drive_s=190.0)
 
-    Collector(reader, 2, 1_000).collect(0, ["0_Step-9.ckpt"], lambda: False)
+    Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], TWO, lambda: False)
 
     assert clock.now_s == pytest.approx(190.0)
 
 
 def test_a_stop_ends_the_wait_without_rollouts(reader):
-    assert Collector(reader, 2, 1_000).collect(0, ["0_Step-9.ckpt"], lambda: True) is None
+    assert Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], TWO, lambda: True) is None
 
 
 def test_what_is_too_much_is_left_out_from_the_last_episode_on(bucket, reader, logged):
     hand_in(bucket, 0, lengths=(4, 3, 2))
 
-    got = Collector(reader, 1, 5).collect(0, ["0_Step-9.ckpt"], lambda: False)
+    got = Collector(reader, 5).collect(0, ["0_Step-9.ckpt"], ONE, lambda: False)
 
     assert got.rollout.lengths.tolist() == [3, 2]  # numbers 1 and 0, in the order driven
     assert "Learning from 2 of 3 episodes" in logged()
@@ -153,7 +164,7 @@ def test_what_is_too_much_is_left_out_from_the_last_episode_on(bucket, reader, l
 def test_older_rollouts_can_be_recalled(bucket, reader):
     hand_in(bucket, 0, iteration=4)
     hand_in(bucket, 1, iteration=4)
-    collector = Collector(reader, 2, 1_000)
+    collector = Collector(reader, 1_000)
 
     assert reader.iterations() == [4]
     assert collector.recall(4).steps == 10
@@ -170,5 +181,36 @@ def test_an_older_iteration_with_a_bad_part_is_not_remembered_and_said(
     if data is not None:
         bucket.put(part, data)
 
-    assert Collector(reader, 1, 1_000).recall(4) is None
+    assert Collector(reader, 1_000).recall(4) is None
     assert "Cannot learn from iteration 4 again" in logged()
+
+
+def test_the_learner_waits_less_for_a_worker_that_has_joined(bucket, reader, clock):
+    hand_in(bucket, 0, drive_s=0.5)
+
+    got = Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], JOINED, lambda: False)
+
+    assert clock.now_s == pytest.approx(JOINED_PATIENCE_S)
+    assert got.late == (1,)
+    assert got.speeds == {0: 5 / 0.5}
+
+
+def test_a_joined_worker_that_came_late_is_waited_for_when_it_has_a_share_again(bucket, reader):
+    collector = Collector(reader, 1_000)
+    hand_in(bucket, 0, 0)
+    hand_in(bucket, 0, 1)
+    hand_in(bucket, 1, 1)
+
+    late = collector.collect(0, ["0_Step-9.ckpt"], JOINED, lambda: False).late
+    again = collector.collect(1, ["1_Step-9.ckpt"], JOINED, lambda: False)
+
+    assert late == (1,)
+    assert (len(again.progress), again.late) == (4, ())
+
+
+def test_only_those_who_have_a_share_are_waited_for(bucket, reader, clock):
+    hand_in(bucket, 0)
+
+    got = Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], ONE, lambda: False)
+
+    assert (clock.now_s, got.late) == (0.0, ())

@@ -64,6 +64,7 @@ from drcli.runs.evaluation_loop import BestLap, LoopReport
 from drcli.runs.evaluation_report import EvaluationReport
 from drcli.runs.foreign_watch import WatchReport
 from drcli.runs.increment import Increment
+from drcli.runs.join_training import JoinReport
 from drcli.runs.journal_reader import JournalEvent, JournalReport
 from drcli.runs.many_evaluations import BestStart, TableReport, TableRow, training_command
 from drcli.runs.model_removal import PlannedRemoval, RemovalReport, RemovedModel
@@ -281,6 +282,8 @@ def paper_reports(
     run.looks = [make_report("finished", 12, prefix=MODEL)]
     monkeypatch.setattr("drcli.runs.evaluation.evaluate", lambda *_, **__: evaluation_report)
     _lay_down(run.folder, monkeypatch)
+    joined = JoinReport(f"s3://bucket/{MODEL}", "The training is complete.", 0, took_over=False)
+    monkeypatch.setattr("drcli.runs.join_training.join_training", lambda *_, **__: joined)
     report = run.folder / "report.html"
     report.touch()
     monkeypatch.setattr("drcli.analysis.report_place.report_file", lambda *_: report)

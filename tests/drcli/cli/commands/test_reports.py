@@ -21,6 +21,7 @@ WIDTHS = [40, 60, 80, 200]
 CALLS = {
     "start-training": "",
     "stop-training": "training",
+    "start-worker --join s3://bucket/model": "is complete",
     "increment-training -f": "starts with the weights of",
     "evaluate": "laps",
     "evaluate --robust": "Robust score",

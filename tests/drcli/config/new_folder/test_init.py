@@ -117,8 +117,8 @@ def test_a_spot_instance_finds_the_lines_that_it_replaces(dr, empty, file, liter
         (["--prefix", "a\nDR_WORKERS=9"], "--prefix 'a\\nDR_WORKERS=9' contains '\\n'"),
         (["--profile", "\udcff"], "--profile '\\udcff' cannot be written into"),
         (["--race-type", "RALLY"], "--race-type RALLY is not one of"),
-        (["--workers", "99"], "--workers 99 is above 10. Set --workers to a whole number from 1"),
-        (["--workers", "0"], "--workers 0 is below 1."),
+        (["--workers", "99"], "--workers 99 is above 10. Set --workers to a whole number from 0"),
+        (["--workers", "-1"], "--workers -1 is below 0."),
         (
             ["--bucket", "Bad_Bucket"],
             "--bucket Bad_Bucket is not the name of a bucket with --cloud local",

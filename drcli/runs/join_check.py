@@ -1,0 +1,116 @@
+"""Whether a simulation worker on another machine would drive exactly as one of the training's own.
+
+Two machines drive alike if they have the same program, the same libraries of physics and policies,
+and the same track. Everything else that a worker uses comes from the bucket.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+
+from drcli import __version__
+from drcli.base.errors import SettingsError
+from drcli.config.run_config import RaceConfig
+from drcli.config.track_names import own_route_file
+from drcli.exchange.job import Job
+from drcli.exchange.joined_worker import JoinRecord
+
+LIBRARIES = ("torch", "mujoco", "numpy")
+
+SOURCE = "source code of drcli"
+
+_SUFFIXES = (".py", ".json", ".xml", ".npy")
+
+
+def versions() -> dict[str, str]:
+    """Versions of drcli and the libraries that decide what a car does, and a hash of the source.
+
+    The part of torch's version that names the kind of its build (`+cpu`) is left out.
+    """
+    found = {"drcli": __version__, SOURCE: _source_hash()}
+    for name in LIBRARIES:
+        try:
+            found[name] = metadata.version(name).partition("+")[0]
+        except metadata.PackageNotFoundError:
+            found[name] = "missing"
+    return found
+
+
+def _source_hash() -> str:
+    """A hash of all modules and data files of drcli and its simulation, by their names."""
+    total = hashlib.sha256()
+    for package in ("drcli", "drsim"):
+        spec = find_spec(package)
+        for place in sorted(spec.submodule_search_locations or ()) if spec is not None else ():
+            folder = Path(place)
+            files = [path for path in folder.rglob("*") if path.suffix in _SUFFIXES]
+            for path in sorted(files, key=lambda each: each.relative_to(folder).as_posix()):
+                total.update(path.relative_to(folder).as_posix().encode() + b"\\0")
+                total.update(hashlib.sha256(path.read_bytes()).digest())
+    return total.hexdigest()[:16]
+
+
+def routes(job: Job) -> dict[str, str]:
+    """SHA-256 of the racer's own route files that the simulation workers use, by DR_WORLD_NAME."""
+    found = {}
+    for race in races_of(job):
+        path = own_route_file(race)
+        if path is not None:
+            found[race.world_name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return found
+
+
+def races_of(job: Job) -> list[RaceConfig]:
+    """Everything that the simulation workers of a training may drive."""
+    races = [*job.config.races, *(stage.race(0) for stage in job.stages)]
+    seconds = [job.config.second_race(race) for race in races]
+    return races + [race for race in seconds if race is not None]
+
+
+def refuse_other_machine(record: JoinRecord, job: Job) -> None:
+    """Return if this machine would drive as the machine of the training does.
+
+    Args:
+        record: What the training has published.
+        job: Of a worker on this machine.
+
+    Raises:
+        SettingsError: Versions or tracks differ.
+    """
+    _refuse_other_versions(record.versions, versions())
+    here = routes(job)
+    for race in races_of(job):
+        world = race.world_name
+        wanted = record.tracks.get(world)
+        if wanted is None:
+            continue
+        if world not in here:
+            raise SettingsError(
+                f"DR_WORLD_NAME={world}: the training drives on a track of its own, which is not "
+                f"in {race.tracks_folder} on this machine.",
+                remedy="Copy its route file there from the machine of the training.",
+            )
+        if here[world] != wanted:
+            raise SettingsError(
+                f"DR_WORLD_NAME={world}: the route file in {race.tracks_folder} is not the one "
+                "that the training uses.",
+                remedy="Copy that file from the machine of the training.",
+            )
+
+
+def _refuse_other_versions(wanted: Mapping[str, str], here: Mapping[str, str]) -> None:
+    for name in sorted(wanted.keys() & here.keys(), key=lambda each: each == SOURCE):
+        if wanted[name] == here[name]:
+            continue
+        if name == SOURCE:
+            raise SettingsError(
+                f"The training runs other source code of drcli {here['drcli']} than this machine.",
+                remedy="Install the same commit on both machines.",
+            )
+        raise SettingsError(
+            f"The training uses {name} {wanted[name]}, this machine {here[name]}: cars would not "
+            "drive the same.",
+            remedy=f"Install {name} {wanted[name]} here.",
+        )

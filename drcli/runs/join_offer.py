@@ -1,0 +1,46 @@
+"""Publishes in the bucket what simulation workers elsewhere need to join the training."""
+
+import json
+from dataclasses import asdict, replace
+from threading import Thread
+
+from drcli.base.errors import DrError
+from drcli.base.json_record import json_default
+from drcli.base.log import get_logger
+from drcli.config.run_config import FigureConfig
+from drcli.exchange.job import Job
+from drcli.exchange.joined_worker import JoinRecord
+from drcli.runs.duty import Duty, RunningTraining
+from drcli.runs.join_check import routes, versions
+from drcli.store import keys
+from drcli.workers.cores import overlaps
+
+_logger = get_logger(__name__)
+
+
+class JoinOffer(Duty):
+    """Writes the record once, in a thread: nobody waits for it."""
+
+    name = "join offer"
+
+    def start(self, run: RunningTraining) -> None:
+        """Begin."""
+        Thread(target=self._write, args=(run,), name="join-offer", daemon=True).start()
+
+    def _write(self, run: RunningTraining) -> None:
+        try:
+            key = keys.join_record(run.job.config.model.prefix)
+            run.open_bucket().put(key, offer(run.job).encode())
+        except (DrError, OSError) as error:
+            _logger.warning("No worker can join this training: %s", error)
+
+
+def offer(job: Job) -> JoinRecord:
+    """What others need to join; without secrets, and without what only its machine may do."""
+    public = job.without_addresses()
+    figures = FigureConfig(**{each.field: each.default for each in FigureConfig.declared.values()})
+    ahead = "on" if overlaps(job.config.train) else "off"  # not by the cores of another machine
+    train = job.config.train.replaced(train_overlap=ahead)
+    config = replace(public.config, train=train, figures=figures, given={})
+    job_json = json.dumps(asdict(replace(public, config=config)), default=json_default)
+    return JoinRecord(job.session, job.term, versions(), routes(job), json.loads(job_json))

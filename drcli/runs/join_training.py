@@ -1,0 +1,374 @@
+"""Lets this machine drive for a training that runs elsewhere, until that training ends.
+
+A simulation worker of this machine joins it through the bucket. If the machine of the training is
+gone, this one goes on with it: trainer and worker then run here.
+"""
+
+import os
+import re
+import secrets
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from types import FrameType
+
+from drcli.base.errors import OwnershipLost, SettingsError
+from drcli.base.json_record import RecordError, from_json
+from drcli.base.log import get_logger
+from drcli.checks.reward_timeout import exit_of_stuck
+from drcli.config.run_config import RaceConfig
+from drcli.config.settings import Settings
+from drcli.exchange.job import Job, WorkerExit
+from drcli.exchange.joined_worker import JoinRecord
+from drcli.exchange.log_places import log_file
+from drcli.exchange.pulse_record import PulseRecord
+from drcli.exchange.run_outcome import RunOutcome
+from drcli.exchange.run_record import run_folder
+from drcli.runs import training
+from drcli.runs.join_check import refuse_other_machine
+from drcli.runs.outcome import CTRL_C, INTERRUPTED, TERMINATED
+from drcli.runs.run_logs import LogUpload, begin_logs
+from drcli.runs.take_model import taken
+from drcli.runs.worker_deaths import died_too_often
+from drcli.runs.worker_processes import Child, end_process, start_process
+from drcli.runs.worker_stacks import REWARD_REMEDY
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.connect import open_bucket
+from drcli.store.last_outcome import read_outcome, write_outcome
+from drcli.store.lease import STALE_S, read_lease
+
+_logger = get_logger(__name__)
+
+POLL_S = 0.2
+"""How often this process looks at its worker."""
+
+LOOK_S = 2.0
+"""How often it looks for a training, while there is none."""
+
+EXIT_S = 15.0
+"""How long the worker may take to end."""
+
+LOGS_S = 10.0
+"""How long the last upload of its log may take."""
+
+OUTAGE_S = 900.0
+"""How long a bucket may be silent that is not on this machine."""
+
+
+@dataclass(frozen=True)
+class JoinReport:
+    """How it ended.
+
+    Attributes:
+        model: As s3://bucket/prefix.
+        message: Why this machine drives no longer.
+        code: Exit code.
+        took_over: Whether it went on with the training itself.
+    """
+
+    model: str
+    message: str
+    code: int
+    took_over: bool = False
+
+
+@dataclass(frozen=True)
+class _Ended:
+    """The training has ended, and why."""
+
+    message: str
+    code: int = 0
+
+
+def join_training(
+    settings: Settings, prefix: str, *, waits: bool, takes_over: bool, say: Callable[[str], object]
+) -> JoinReport:
+    """Drive for the training of a model until it ends or somebody wants this machine to stop.
+
+    Arguments and errors are those of `JoinedMachine` and its `run`.
+    """
+    return JoinedMachine(settings, prefix, waits=waits, takes_over=takes_over, say=say).run()
+
+
+class JoinedMachine:
+    """This machine, for one training.
+
+    Args:
+        settings: Of this machine: its bucket, and what limits its processor.
+        prefix: Of the model.
+        waits: Whether to wait for a training that has not started yet.
+        takes_over: Whether to go on with the training if its machine is gone.
+        say: Shows the user a sentence.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        prefix: str,
+        *,
+        waits: bool,
+        takes_over: bool,
+        say: Callable[[str], object],
+    ) -> None:
+        self._settings = settings
+        self._prefix = prefix
+        self._waits = waits
+        self._takes_over = takes_over
+        self._say = say
+        self._signal: int | None = None
+        self._took_over = self._joined = False
+        host = re.sub(r"[^A-Za-z0-9-]+", "-", socket.gethostname())[:40].strip("-") or "machine"
+        self._member = f"joined-{host}-{secrets.token_hex(3)}"
+        storage = settings.storage
+        patience_s = 60.0 if storage.cloud == "local" else OUTAGE_S
+        self._bucket: Bucket = open_bucket(storage, patience_s=patience_s, hurried=self._is_stopped)
+        self._model = f"s3://{self._bucket.name}/{prefix}"
+
+    def run(self) -> JoinReport:
+        """Drive until the training ends or somebody wants this machine to stop.
+
+        Raises:
+            SettingsError: There is no such training, or this machine may not join it.
+            StorageError: The bucket does not answer.
+            WorkerDied: The worker dies again and again.
+        """
+        with self._noting_signals():
+            while True:
+                found = self._find()
+                if found is None:
+                    return self._report("Waited for a training until now.", self._signal_code())
+                if isinstance(found, _Ended):
+                    return self._report(found.message, found.code)
+                record, gone = found
+                job = self._own_job(record)
+                refuse_other_machine(record, job)
+                ended = self._go_on_with(job) if gone else self._drive(job)
+                if ended is not None:
+                    return self._report(ended.message, ended.code)
+                if self._signal is not None:
+                    break
+        return self._report(
+            f"This machine has left the training of {self._model}, which goes on.",
+            self._signal_code(),
+        )
+
+    def _signal_code(self) -> int:
+        return CTRL_C if self._signal == signal.SIGINT else TERMINATED
+
+    def _report(self, message: str, code: int) -> JoinReport:
+        return JoinReport(self._model, message, code, self._took_over)
+
+    def _is_stopped(self) -> bool:
+        return self._signal is not None
+
+    @contextmanager
+    def _noting_signals(self) -> Iterator[None]:
+        def note(number: int, _frame: FrameType | None) -> None:
+            self._signal = number
+
+        before = {each: signal.signal(each, note) for each in (signal.SIGTERM, signal.SIGINT)}
+        try:
+            yield
+        finally:
+            for each, handler in before.items():
+                signal.signal(each, handler)
+
+    def _find(self) -> tuple[JoinRecord, bool] | _Ended | None:
+        """The training, and whether its machine is gone; its end; None to stop.
+
+        Raises:
+            SettingsError: There is no training, and nobody wants to wait for one.
+        """
+        said = ""
+        while self._signal is None:
+            lease, record = read_lease(self._bucket, self._prefix), self._join_record()
+            if lease is not None and lease.newer:
+                raise SettingsError(
+                    f"{self._model} is trained by a newer version of drcli.",
+                    remedy="Install the same version on this machine.",
+                )
+            sentence = f"No training of {self._model} has begun yet"
+            if lease is not None:
+                outcome = read_outcome(self._bucket, self._prefix)
+                gone = lease.released or lease.age_s >= STALE_S
+                if not gone:
+                    if record is not None and record.session == lease.session:
+                        return record, False
+                    sentence = f"The training of {self._model} is starting"
+                elif outcome is not None and _is_over(outcome):
+                    if self._joined or not self._waits:
+                        return _Ended(f"The training of {self._model} has ended: {outcome.message}")
+                    sentence = f"The training of {self._model} has ended"
+                elif self._takes_over and record is not None:
+                    return record, True
+                else:
+                    sentence = f"The machine of the training of {self._model} is gone"
+            if lease is None and not self._waits:
+                raise SettingsError(
+                    f"{self._model} is not being trained.",
+                    remedy="Start it on the other machine with `dr-start-training`, check bucket "
+                    "and prefix, or give --wait.",
+                )
+            if sentence != said:
+                self._say(f"{sentence}; waiting.")
+                said = sentence
+            time.sleep(LOOK_S)
+        return None
+
+    def _join_record(self) -> JoinRecord | None:
+        key = keys.join_record(self._prefix)
+        try:
+            return read_record(self._bucket, key, JoinRecord.decode, "The next start writes it.")
+        except (ObjectMissing, ObjectDamaged):
+            return None
+
+    def _own_job(self, record: JoinRecord) -> Job:
+        """The job of the training as a process of this machine works on it.
+
+        Raises:
+            SettingsError: Another version of drcli has written it.
+        """
+        try:
+            job = from_json(Job, dict(record.job))
+        except RecordError as error:
+            raise SettingsError(
+                f"{self._model}: what the training tells its workers cannot be read: {error}.",
+                remedy="Install the same version of drcli on both machines.",
+            ) from error
+        own, theirs = self._settings.run, job.config
+
+        def here(race: RaceConfig) -> RaceConfig:
+            return race.replaced(
+                directory=self._settings.directory, tracks_dir=own.race().tracks_dir
+            )
+
+        config = replace(
+            theirs,
+            run_id=own.run_id,
+            directory=self._settings.directory,
+            storage=self._settings.storage,
+            logs=own.logs,
+            live_view=own.live_view,
+            races=tuple(map(here, theirs.races)),
+            train=theirs.train.replaced(threads=own.train.threads, priority=own.train.priority),
+        )
+        stages = tuple(replace(stage, races=tuple(map(here, stage.races))) for stage in job.stages)
+        return replace(
+            job,
+            config=config,
+            stages=stages,
+            folder=run_folder(self._settings.directory, own.run_id) / self._member,
+            launcher_pid=os.getpid(),
+            session=record.session,
+            term=record.term,
+        )
+
+    def _drive(self, job: Job) -> _Ended | None:
+        """Run the worker until it ends; None if the training may go on in another start.
+
+        Raises:
+            WorkerDied: It dies again and again.
+        """
+        job.folder.mkdir(parents=True, exist_ok=True)
+        logs = LogUpload(
+            lambda: open_bucket(job.config.storage, patience_s=LOGS_S),
+            job.directory,
+            self._prefix,
+            job.config.logs,
+            [self._member],
+        )
+        child = Child(self._member, "drcli.workers.joined_sim", [self._member])
+        self._say(f"Joining the training of {self._model} as {self._member}.")
+        self._joined = True
+        logs.start()
+        try:
+            return self._watch(job, child)
+        finally:
+            if child.process is not None and child.running:
+                end_process(child.process, EXIT_S)
+            logs.finish(LOGS_S, self._is_stopped)
+
+    def _watch(self, job: Job, child: Child) -> _Ended | None:
+        said = ""
+        while True:
+            WorkerExit.delete(job.folder, child.name)
+            child.process = start_process(job, child.name, child.module, *child.arguments)
+            child.started = time.monotonic()
+            while child.running:
+                if self._signal is not None:
+                    return None
+                said = self._show_activity(job, child.name, said)
+                time.sleep(POLL_S)
+            code = child.process.returncode
+            if code == 0 or self._signal is not None:
+                return None
+            words = WorkerExit.read(job.folder, child.name) or exit_of_stuck(
+                code, log_file(job.directory, self._prefix, child.name), remedy=REWARD_REMEDY
+            )
+            if words is not None and words.code == OwnershipLost.code:
+                return None
+            if words is not None and words.final:
+                return _Ended(f"{words.message} {words.remedy}".strip(), words.code)
+            lived_s = time.monotonic() - child.started
+            if (outcome := died_too_often(child, code, lived_s, words)) is not None:
+                return _Ended(f"{outcome.message} {outcome.remedy}".strip(), outcome.code)
+            child.restarts += 1
+            self._say(f"The worker ended with code {code} and is started again.")
+
+    def _show_activity(self, job: Job, name: str, said: str) -> str:
+        """Show what the worker does if that is news: not each iteration."""
+        pulse = PulseRecord.read(job.folder, name)
+        if pulse is None:
+            return said
+        kind = re.sub(r"\d+", "N", pulse.activity)
+        if kind in said.split("|"):
+            return said
+        self._say(f"{self._member} {pulse.activity}.")
+        return f"{said}|{kind}"
+
+    def _go_on_with(self, job: Job) -> _Ended | None:
+        """Train here, because the machine of the training is gone; None if another was faster."""
+        self._say(
+            f"The machine of the training of {self._model} is gone; this machine goes on with it."
+        )
+        own = self._settings.run
+        job = replace(
+            job,
+            config=replace(job.config, train=job.config.train.replaced(workers=1)),
+            session=secrets.token_hex(6),
+            term=0,
+            folder=run_folder(self._settings.directory, own.run_id),
+            noted=(),
+        )
+        previous = read_outcome(self._bucket, self._prefix)
+        now = time.time()
+        begun = RunOutcome(
+            job.session,
+            socket.gethostname(),
+            now if previous is None else previous.began_at,
+            now,
+            goals="" if previous is None else previous.goals,
+        )
+        try:
+            with taken(job, self._bucket, lambda: None):
+                write_outcome(self._bucket, self._prefix, begun)
+                begin_logs(job.directory, self._prefix, job.config.logs.log_max_mb)
+        except SettingsError as error:  # another machine was faster, or trains here
+            self._say(f"{error}")
+            return None
+        self._took_over = True
+        code = training.supervise_job(replace(job, begun=begun, launcher_pid=os.getpid()))
+        if code == OwnershipLost.code:
+            return None
+        outcome = read_outcome(self._bucket, self._prefix)
+        message = "" if outcome is None else outcome.message
+        return _Ended(f"The training has ended: {message}", code)
+
+
+def _is_over(outcome: RunOutcome) -> bool:
+    """Whether nobody should go on with the training: it is complete, stopped, or has failed."""
+    return outcome.ended and (outcome.stays_ended or outcome.code != INTERRUPTED)

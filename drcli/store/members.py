@@ -1,0 +1,119 @@
+"""The records of simulation workers that have joined a training, as its trainer reads them."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+
+from drcli.base.json_record import RecordError
+from drcli.exchange.joined_worker import MemberRecord, Shares, SharesRecord
+from drcli.store import keys
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+
+RENEWED_S = 5.0
+"""How often a worker renews its record."""
+
+GONE_S = 20.0
+"""A worker whose record has not changed for so long is gone, or cannot reach the bucket."""
+
+FORGOTTEN_S = 600.0
+"""After this time without a change, a record is deleted, and its worker loses its number."""
+
+
+def read_shares_record(bucket: Bucket, prefix: str) -> SharesRecord | None:
+    """Who drives what; None if no worker has joined yet, or if the object is damaged."""
+    remedy = "The trainer writes it again with the next checkpoint."
+    try:
+        return read_record(bucket, keys.shares(prefix), SharesRecord.decode, remedy)
+    except (ObjectMissing, ObjectDamaged):
+        return None
+
+
+def read_shares(bucket: Bucket, prefix: str, session: str, checkpoint: int) -> Shares | None:
+    """The shares with which a checkpoint is driven in this start of the training; None if lost."""
+    record = read_shares_record(bucket, prefix)
+    return record.at(checkpoint) if record is not None and record.session == session else None
+
+
+@dataclass(frozen=True)
+class Member:
+    """A worker that has joined, as the reader of its record sees it.
+
+    Attributes:
+        record: Its newest record.
+        silent_s: How long ago that was seen to change, on the reader's clock.
+    """
+
+    record: MemberRecord
+    silent_s: float
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it has renewed its record lately."""
+        return self.silent_s < GONE_S
+
+
+@dataclass(frozen=True)
+class _Seen:
+    modified: datetime
+    record: MemberRecord
+    seen_s: float
+
+
+class MemberReader:
+    """Reads the records of one training again and again; only those that changed cost a request.
+
+    Args:
+        bucket: Of the model.
+        prefix: Of the model.
+        session: Of the training: records for another start of it do not count.
+        clock: Seconds, for tests.
+    """
+
+    def __init__(
+        self,
+        bucket: Bucket,
+        prefix: str,
+        session: str,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._bucket = bucket
+        self._prefix = prefix
+        self._session = session
+        self._clock = clock
+        self._seen: dict[str, _Seen] = {}
+
+    def read(self) -> dict[str, Member]:
+        """All workers that have joined, by name.
+
+        Raises:
+            StorageError: The bucket does not answer.
+        """
+        found: dict[str, _Seen] = {}
+        for info in self._bucket.list(keys.members_folder(self._prefix)):
+            name = keys.member_of(self._prefix, info.key)
+            if name is None:
+                continue
+            before = self._seen.get(name)
+            if before is not None and before.modified == info.modified:
+                found[name] = before
+                continue
+            try:
+                record = MemberRecord.decode(self._bucket.get(info.key))
+            except (ObjectMissing, RecordError):
+                if before is not None:  # it is just written, or damaged
+                    found[name] = before
+                continue
+            unchanged = before is not None and before.record == record
+            seen_s = before.seen_s if before is not None and unchanged else self._clock()
+            found[name] = _Seen(info.modified, record, seen_s)
+        self._seen = found
+        now_s = self._clock()
+        members = {name: Member(each.record, now_s - each.seen_s) for name, each in found.items()}
+        old = [name for name, member in members.items() if member.silent_s >= FORGOTTEN_S]
+        self._bucket.delete([keys.member(self._prefix, name) for name in old])
+        return {
+            name: member
+            for name, member in members.items()
+            if member.record.session == self._session and name not in old
+        }

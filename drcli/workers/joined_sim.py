@@ -1,0 +1,43 @@
+"""A simulation worker that joins a training from elsewhere, run by `dr-start-worker`.
+
+`python -m drcli.workers.joined_sim MEMBER`, where MEMBER is its unique name.
+"""
+
+import sys
+
+from drcli.base import signal_guard
+from drcli.base.log import get_logger
+from drcli.exchange.job import Job
+from drcli.learn.compute import flush_denormals
+from drcli.workers import worker_process
+from drcli.workers.live_scene import facts_of
+from drcli.workers.live_view import live_show
+from drcli.workers.membership import JoinedLifeline, Membership
+from drcli.workers.sim import SimWorker
+from drcli.workers.worker_process import Lifeline
+
+_logger = get_logger(__name__)
+
+
+def main(job: Job, lifeline: Lifeline) -> None:
+    """Drive for the training until it ends."""
+    assert isinstance(lifeline, JoinedLifeline)
+    flush_denormals()
+    signal_guard.install()
+    member, prefix = sys.argv[1], job.config.model.prefix
+    bucket = worker_process.open_own_bucket(job, lifeline)
+    membership = Membership(bucket, prefix, job.session, member, lifeline)
+    try:
+        number = membership.wait_for_number()
+        _logger.info("This is simulation worker %d of s3://%s/%s.", number, bucket.name, prefix)
+        facts = facts_of(job.config.race(number), [prefix])
+        with live_show(job, f"sim-{number}", lambda: lifeline.pulse.activity, facts) as live:
+            SimWorker(job, lifeline, number, live=live, membership=membership).run()
+    finally:
+        membership.close()
+        if lifeline.ended:
+            _logger.info("The training has stopped: %s.", lifeline.ended)
+
+
+if __name__ == "__main__":
+    worker_process.run(sys.argv[1], main, JoinedLifeline)

@@ -1,0 +1,176 @@
+"""A simulation worker that joins a training from elsewhere, as its trainer and its lease see it.
+
+The worker announces itself with a record in the bucket, which a thread renews. The trainer gives it
+a number, and says with which checkpoint it drives which episodes. Nobody needs a connection to it.
+"""
+
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+
+from drcli.base.elapsed import elapsed_s
+from drcli.base.errors import OwnershipLost, StorageError
+from drcli.base.log import get_logger
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.joined_worker import MemberRecord, Shares
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+from drcli.store.lease import STALE_S, read_lease
+from drcli.store.members import RENEWED_S, read_shares_record
+from drcli.workers.worker_process import Lifeline, StopRequested
+
+_logger = get_logger(__name__)
+
+ASK_S = 1.0
+"""How often a worker asks for its number, and later, while it has nothing to drive, for a share."""
+
+STUCK_S = 120.0
+"""A worker whose main thread has done nothing for so long no longer renews its record."""
+
+
+class JoinedLifeline(Lifeline):
+    """Also ends a worker when the training that it has joined has ended.
+
+    Attributes:
+        ended: Why it has; empty as long as it goes on.
+    """
+
+    def __init__(self, launcher_pid: int) -> None:
+        super().__init__(launcher_pid)
+        self.ended = ""
+
+    def should_stop(self) -> bool:
+        """Whether to stop at the next good moment."""
+        return super().should_stop() or bool(self.ended)
+
+    def step_done(self) -> bool:
+        """The same, asked after each step of driving."""
+        return super().step_done() or bool(self.ended)
+
+
+class Membership:
+    """Keeps this worker in the training. Close it at the end.
+
+    Args:
+        bucket: Of the model.
+        prefix: Of the model.
+        session: The start of the training to work for.
+        member: Unique name of this worker.
+        lifeline: Of this process; `ended` is set when the training has ended.
+        pause: Waits for so many seconds, for tests.
+    """
+
+    def __init__(
+        self,
+        bucket: Bucket,
+        prefix: str,
+        session: str,
+        member: str,
+        lifeline: JoinedLifeline,
+        pause: Callable[[float], object] = time.sleep,
+    ) -> None:
+        self._bucket = bucket
+        self._prefix = prefix
+        self._lifeline = lifeline
+        self._pause = pause
+        self._record = MemberRecord(member, session, socket.gethostname(), os.getpid())
+        self._lock = threading.Lock()
+        self._over = False
+        self._hurry = threading.Event()
+        self._asked_s = -ASK_S
+        self._write()
+        self._thread = threading.Thread(target=self._renew, name="membership", daemon=True)
+        self._thread.start()
+
+    def wait_for_number(self) -> int:
+        """Wait until the trainer has given this worker a number.
+
+        Raises:
+            StopRequested: Somebody wants this worker to stop, or the training has ended.
+        """
+        while True:
+            if self._lifeline.should_stop():
+                raise StopRequested
+            record = read_shares_record(self._bucket, self._prefix)
+            if record is not None and record.session == self._record.session:
+                number = record.numbers.get(self._record.member)
+                if number is not None:
+                    return number
+            self._pause(ASK_S)
+
+    def is_ready(self, checkpoint: int) -> None:
+        """Let the trainer know that this worker has seen a checkpoint, and waits for the next."""
+        with self._lock:
+            is_first = not self._record.ready
+            self._record = replace(self._record, ready=True, checkpoint=checkpoint)
+        if is_first:
+            self._hurry.set()
+
+    def shares_of(self, name: CheckpointName) -> Shares | None:
+        """Who drives with a checkpoint; None as long as that is not known.
+
+        Raises:
+            StorageError: The bucket does not answer.
+        """
+        record = read_shares_record(self._bucket, self._prefix)
+        known = record is not None and record.session == self._record.session
+        return record.at(name.number) if record is not None and known else None
+
+    def is_reassigned(self, name: CheckpointName) -> bool:
+        """Whether this worker, which had nothing to drive with a checkpoint, now has."""
+        now_s = elapsed_s()
+        if now_s - self._asked_s < ASK_S:
+            return False
+        self._asked_s = now_s
+        shares = self.shares_of(name)
+        return shares is not None and any(
+            share.member == self._record.member for share in shares.workers
+        )
+
+    def close(self) -> None:
+        """Leave the training, so that its trainer does not wait for this worker."""
+        self._over = True
+        self._hurry.set()
+        self._thread.join(RENEWED_S)
+        # The trainer notices anyway that the record does not change any more.
+        with suppress(StorageError, OwnershipLost):
+            self._bucket.delete([keys.member(self._prefix, self._record.member)])
+
+    def _write(self) -> None:
+        with self._lock:
+            self._record = replace(self._record, beat=self._record.beat + 1)
+            record = self._record
+        try:
+            self._bucket.put(keys.member(self._prefix, record.member), record.encode())
+        except OwnershipLost:
+            self._lifeline.ended = "another start continues it"
+
+    def _renew(self) -> None:
+        while True:
+            self._hurry.wait(RENEWED_S)
+            self._hurry.clear()
+            if self._over:
+                return
+            try:
+                self._look_at_lease()
+                stuck_s = elapsed_s() - self._lifeline.pulse.record().turned_s
+                if not self._lifeline.ended and stuck_s < STUCK_S:
+                    self._write()
+            except StorageError as error:
+                _logger.warning("The record of this worker could not be renewed: %s", error)
+
+    def _look_at_lease(self) -> None:
+        """Notice that the training has ended, or goes on without its machine."""
+        lease = read_lease(self._bucket, self._prefix)
+        if lease is None:  # it is just written again
+            return
+        if lease.session != self._record.session:
+            self._lifeline.ended = "another start continues it"
+        elif lease.released:
+            self._lifeline.ended = "it was ended"
+        elif lease.age_s >= STALE_S:
+            self._lifeline.ended = f"its machine was not heard from for {lease.age_s:.0f} s"

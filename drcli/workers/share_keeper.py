@@ -1,0 +1,307 @@
+"""Decides in the trainer who drives which episodes when simulation workers join and leave.
+
+As long as nobody has joined, each of DR_WORKERS drives the same share and nothing is written. Later
+the shares are in an object of the bucket, and change only from one checkpoint to the next: a
+checkpoint names the version that it is driven with.
+"""
+
+import time
+from collections.abc import Callable, Collection, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+from drcli.base.errors import StorageError
+from drcli.base.log import get_logger
+from drcli.exchange.joined_worker import Shares, SharesRecord, WorkerShare
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+from drcli.store.members import Member, MemberReader, read_shares_record
+from drcli.workers.divide_episodes import divide
+from drcli.workers.episode_share import Share
+
+_logger = get_logger(__name__)
+
+LOOK_S, FRUGAL_LOOK_S, STARTING_LOOK_S = 2.0, 10.0, 1.0
+"""How often to look for workers that have joined: in any case, where each look costs money, and as
+long as nobody drives or one of them is starting."""
+
+KEPT_SHARES = 4
+"""How many of the newest shares the object contains: a worker may be some checkpoints behind."""
+
+LATE_PAUSE_S, LONGEST_PAUSE_S = 10.0, 600.0
+"""A worker whose rollouts came too late drives nothing for so long; the pause doubles each time."""
+
+PUNCTUAL = 10
+"""After so many iterations in time, a worker counts as if it had never been late."""
+
+KNOWN_AFTER = 3
+"""After so many iterations the speed of a worker counts: the first one may include compilation."""
+
+NEWEST_WEIGHT = 0.2
+"""Weight of an iteration in the mean speed of a worker."""
+
+
+@dataclass
+class _Punctuality:
+    pause_s: float = LATE_PAUSE_S
+    excluded_until_s: float = 0.0
+    excluded_at: int = -1
+    in_time: int = 0
+
+
+class ShareKeeper:
+    """The shares of a training; the trainer is their only writer.
+
+    Args:
+        bucket: Of the model.
+        prefix: Of the model.
+        session: Of this start of the training.
+        workers: DR_WORKERS, which the training starts itself.
+        lag: By how many iterations driving is ahead of learning.
+        equal: Whether shares stay equal however fast the workers are.
+        frugal: Whether each look costs money.
+        clock: Seconds, for tests.
+    """
+
+    def __init__(
+        self,
+        bucket: Bucket,
+        prefix: str,
+        session: str,
+        workers: int,
+        lag: int = 0,
+        *,
+        equal: bool = False,
+        frugal: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._bucket = bucket
+        self._prefix = prefix
+        self._session = session
+        self._workers = workers
+        self._lag = lag
+        self._equal = equal
+        self._frugal = frugal
+        self._clock = clock
+        self._reader = MemberReader(bucket, prefix, session, clock)
+        self._looker = ThreadPoolExecutor(1, thread_name_prefix="members")
+        self._look: Future[dict[str, Member]] | None = None
+        self._looked_s = float("-inf")
+        self._members: dict[str, Member] = {}
+        self._fixed = [Share(k, max(1, workers), 1) for k in range(workers)]
+        self._episodes = self._most = 1
+        self._speeds: dict[int, float] = {}
+        self._measured: dict[int, int] = {}
+        self._punctuality: dict[str, _Punctuality] = {}
+        self._next_numbers: dict[int, int] = {}
+        found = read_shares_record(bucket, prefix)
+        own = found is not None and found.session == session
+        # After the trainer's process was started again, the workers still drive these shares.
+        self._record = found if found is not None and own else SharesRecord(session)
+        self._written = self._record
+
+    def begin_stage(self, episodes: int, numbered: int) -> None:
+        """Divide so many episodes from now on; `numbered` is as for `Share`."""
+        workers = max(1, self._workers)
+        self._fixed = [Share(k, workers, episodes, numbered) for k in range(self._workers)]
+        self._episodes = episodes
+        self._most = Share(0, workers, episodes, numbered).most
+
+    def close(self) -> None:
+        """End the thread that looks."""
+        self._looker.shutdown(wait=False, cancel_futures=True)
+
+    def at(self, checkpoint: int) -> tuple[WorkerShare, ...]:
+        """Who drives with a checkpoint."""
+        shares = self._record.at(checkpoint)
+        if shares is not None:
+            return shares.workers
+        return tuple(self._own_share(k, checkpoint) for k in range(self._workers))
+
+    def version_for(self, checkpoint: int) -> int | None:
+        """Decide who drives with a checkpoint that is about to be published; None: as ever.
+
+        Raises:
+            StorageError: The shares cannot be written.
+        """
+        self.look()
+        chosen = self._chosen(checkpoint)
+        if not self._record.newest and not any(share.member for share in chosen):
+            self._write()
+            return None
+        iteration = checkpoint + self._lag if checkpoint else 0
+        self._change(checkpoint, iteration, chosen)
+        return self._record.newest[-1].version
+
+    def reassign(self, checkpoint: int) -> bool:
+        """Let others drive with the newest checkpoint if all that should have left; whether so.
+
+        Raises:
+            StorageError: The shares cannot be written.
+        """
+        self.look()
+        self._write()
+        if self._workers or any(self._is_alive(share.member) for share in self.at(checkpoint)):
+            return False
+        chosen = self._chosen(checkpoint)
+        if not chosen:
+            return False
+        self._change(checkpoint, checkpoint, chosen)
+        return True
+
+    @property
+    def nobody(self) -> bool:
+        """Whether there is nobody who could drive."""
+        return not self._workers and not any(each.is_alive for each in self._members.values())
+
+    def note(self, speeds: Mapping[int, float], late: Collection[int], checkpoint: int) -> None:
+        """Remember how fast workers drove, and who came too late.
+
+        Args:
+            speeds: Steps per second of those who came in time, by number.
+            late: Numbers of those who did not.
+            checkpoint: The newest one.
+        """
+        for worker, speed in speeds.items():
+            times = self._measured[worker] = self._measured.get(worker, 0) + 1
+            before = self._speeds[worker] if times > 2 else speed
+            self._speeds[worker] = before + NEWEST_WEIGHT * (speed - before)
+        for share in self.at(checkpoint):
+            if not share.member:
+                continue
+            known = self._punctuality.setdefault(share.member, _Punctuality())
+            if share.worker in speeds:
+                known.in_time += 1
+                if known.in_time >= PUNCTUAL:
+                    known.pause_s = LATE_PAUSE_S
+            elif share.worker in late:
+                known.in_time = 0
+                known.excluded_until_s = self._clock() + known.pause_s
+                known.excluded_at = checkpoint + 1
+                alive = self._is_alive(share.member)
+                _logger.warning(
+                    "Simulation worker %d, which has joined, %s; the others drive its share%s.",
+                    share.worker,
+                    "is late" if alive else "is gone",
+                    f" for at least {known.pause_s:.0f} s" if alive else "",
+                )
+                known.pause_s = min(2.0 * known.pause_s, LONGEST_PAUSE_S)
+
+    def look(self, *, wait: bool = False) -> None:
+        """Look for workers that have joined or left, in a thread, if it is time.
+
+        What it finds counts from the next call on; with `wait`, from this one.
+        """
+        self._begin_look()
+        if self._look is not None and (wait or self._look.done()):
+            try:
+                self._take(self._look.result())
+            except StorageError as error:
+                _logger.warning("Cannot see which workers have joined: %s", error)
+            self._look = None
+
+    def _begin_look(self) -> None:
+        usual_s = FRUGAL_LOOK_S if self._frugal else LOOK_S
+        newest = self._record.newest[-1].workers if self._record.newest else ()
+        driving = {share.member for share in newest}
+        drives = self._workers or any(map(self._is_alive, driving))
+        starting = any(each.is_alive and not each.record.ready for each in self._members.values())
+        every_s = usual_s if drives and not starting else STARTING_LOOK_S
+        if self._look is None and self._clock() >= self._looked_s + every_s:
+            self._looked_s = self._clock()
+            self._look = self._looker.submit(self._reader.read)
+
+    def _take(self, members: dict[str, Member]) -> None:
+        """Give numbers to those who are new, and take them from those who have left."""
+        for name in members.keys() - self._members.keys():
+            _logger.info("%s has joined as %s.", members[name].record.host, name)
+        for name in self._members.keys() - members.keys():
+            _logger.info("%s has left.", name)
+        self._members = members
+        driving = {share.member for shares in self._record.newest[-1:] for share in shares.workers}
+        numbers = {
+            name: number
+            for name, number in self._record.numbers.items()
+            if name in members or name in driving
+        }
+        for name in sorted(members.keys() - numbers.keys()):
+            taken = set(numbers.values())
+            numbers[name] = min(set(range(self._workers, self._workers + len(taken) + 1)) - taken)
+        self._record = replace(self._record, numbers=numbers)
+
+    def _is_alive(self, member: str) -> bool:
+        return not member or (member in self._members and self._members[member].is_alive)
+
+    def _chosen(self, checkpoint: int) -> list[WorkerShare]:
+        """The shares of all who could drive with a checkpoint; their first numbers are not set."""
+        ready = {
+            name: number
+            for name, number in self._record.numbers.items()
+            if self._is_alive(name) and name in self._members and self._members[name].record.ready
+        }
+        punctual = {name: n for name, n in ready.items() if not self._is_excluded(name)}
+        if not punctual and not self._workers:
+            punctual = ready  # better late than nobody
+        joined = sorted((number, name) for name, number in punctual.items())
+        workers = [(k, "") for k in range(self._workers)] + joined
+        if self._equal or not joined:
+            speeds: list[float | None] = [None] * len(workers)
+        else:
+            known = {k for k, times in self._measured.items() if times >= KNOWN_AFTER}
+            speeds = [self._speeds[k] if k in known else None for k, _ in workers]
+        counts = divide(self._episodes, speeds, self._most)
+        if self._workers and not counts[0]:  # worker 0 also evaluates
+            counts[counts.index(max(counts))] -= 1
+            counts[0] = 1
+        return [
+            WorkerShare(number, name, 0, count)
+            for (number, name), count in zip(workers, counts, strict=True)
+            if count
+        ]
+
+    def _is_excluded(self, member: str) -> bool:
+        """Whether a worker that was late may not drive yet, or has not caught up yet."""
+        known = self._punctuality.get(member)
+        if known is None:
+            return False
+        behind = self._members[member].record.checkpoint < known.excluded_at
+        return behind or self._clock() < known.excluded_until_s
+
+    def _change(self, checkpoint: int, iteration: int, chosen: list[WorkerShare]) -> None:
+        """Let these drive from a checkpoint on, if others did before."""
+        newest = self._record.newest
+        kept = [shares for shares in newest if shares.checkpoint <= checkpoint]  # after a rollback
+        if kept and [_who(s) for s in kept[-1].workers] == [_who(s) for s in chosen]:
+            self._record = replace(self._record, newest=tuple(kept))
+            self._write()
+            return
+        for share in newest[-1].workers if newest else self.at(checkpoint):
+            ahead = max(0, iteration - newest[-1].iteration) if newest else 0
+            number = share.first + ahead * share.count
+            self._next_numbers[share.worker] = max(number, self._next_numbers.get(share.worker, 0))
+        shares = Shares(
+            newest[-1].version + 1 if newest else 1,
+            checkpoint,
+            iteration,
+            tuple(replace(s, first=self._next_numbers.get(s.worker, 0)) for s in chosen),
+        )
+        self._record = replace(self._record, newest=(*kept, shares)[-KEPT_SHARES:])
+        self._write()
+        sentence = ", ".join(f"worker {share.worker}: {share.count}" for share in chosen)
+        _logger.info("From checkpoint %d on, episodes are shared: %s.", checkpoint, sentence)
+
+    def _own_share(self, worker: int, checkpoint: int) -> WorkerShare:
+        """The share of a worker of DR_WORKERS as long as nobody has joined."""
+        iteration = checkpoint + self._lag if checkpoint else 0
+        numbers = self._fixed[worker].numbers(iteration)
+        return WorkerShare(worker, "", numbers.start, len(numbers))
+
+    def _write(self) -> None:
+        """Write the object if it has changed."""
+        if self._record != self._written:
+            self._bucket.put(keys.shares(self._prefix), self._record.encode())
+            self._written = self._record
+
+
+def _who(share: WorkerShare) -> tuple[int, str, int]:
+    return share.worker, share.member, share.count

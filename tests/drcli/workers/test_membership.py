@@ -1,0 +1,151 @@
+"""A worker that has joined keeps its place, and notices the end of the training."""
+
+import os
+import threading
+from dataclasses import replace
+
+import pytest
+
+from drcli.base.errors import OwnershipLost
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.joined_worker import MemberRecord, Shares, SharesRecord, WorkerShare
+from drcli.exchange.run_state import Lease
+from drcli.store import keys
+from drcli.store.lease import STALE_S, write_lease
+from drcli.workers import membership as module
+from drcli.workers.membership import JoinedLifeline, Membership
+from drcli.workers.worker_process import StopRequested
+from memory_bucket import MemoryBucket
+
+PREFIX, NAME = "model", "joined-far-1"
+LEASE = Lease("now", "host", 7, 0.0, term=1)
+
+
+class Away:
+    """A worker on another machine."""
+
+    def __init__(self) -> None:
+        self.age_s = 0.0
+        self.bucket = MemoryBucket()
+        write_lease(self.bucket, PREFIX, LEASE)
+        self.lifeline = JoinedLifeline(os.getppid())
+        self.written = threading.Event()
+        watched = self.bucket.fenced(self._note)
+        self.membership = Membership(
+            watched, PREFIX, "now", NAME, self.lifeline, pause=lambda _: None
+        )
+
+    def _note(self, key: str) -> None:
+        if key == keys.member(PREFIX, NAME):
+            self.written.set()
+
+    def record(self) -> MemberRecord:
+        return MemberRecord.decode(self.bucket.get(keys.member(PREFIX, NAME)))
+
+    def next_record(self) -> MemberRecord:
+        before = self.record().beat
+        self.written.clear()
+        while self.record().beat == before:
+            assert self.written.wait(20.0)
+        return self.record()
+
+    def share(self, *workers: WorkerShare, session: str = "now") -> None:
+        numbers = {share.member: share.worker for share in workers}
+        record = SharesRecord(session, numbers, (Shares(1, 4, 4, workers),))
+        self.bucket.put(keys.shares(PREFIX), record.encode())
+
+
+@pytest.fixture
+def away(monkeypatch):
+    monkeypatch.setattr(module, "RENEWED_S", 0.01)
+    monkeypatch.setattr(module, "ASK_S", 0.0)
+    found = Away()
+    yield found
+    found.membership.close()
+
+
+def test_a_worker_announces_itself_and_says_when_it_is_ready(away):
+    first = away.record()
+    away.membership.is_ready(3)
+    later = away.next_record()
+
+    assert (first.member, first.session, first.ready) == (NAME, "now", False)
+    assert (later.ready, later.checkpoint) == (True, 3)
+
+
+def test_it_leaves_without_a_trace(away):
+    away.membership.close()
+
+    assert not away.bucket.list(keys.members_folder(PREFIX))
+
+
+def test_the_trainer_gives_it_a_number_and_a_share(away):
+    away.share(WorkerShare(2, NAME, 8, 4), session="before")
+    assert away.membership.shares_of(CheckpointName(5, 0)) is None
+
+    away.share(WorkerShare(2, NAME, 8, 4))
+
+    assert away.membership.wait_for_number() == 2
+    assert away.membership.shares_of(CheckpointName(3, 0)) is None
+    assert away.membership.shares_of(CheckpointName(5, 0)).of(2).count == 4
+    assert away.membership.is_reassigned(CheckpointName(4, 0))
+    assert not away.membership.is_reassigned(CheckpointName(3, 0))
+
+
+@pytest.mark.parametrize(
+    ("lease", "reason"),
+    [
+        (replace(LEASE, released=True), "it was ended"),
+        (replace(LEASE, session="later", term=2), "another start continues it"),
+    ],
+)
+def test_it_ends_with_the_training(away, lease, reason):
+    write_lease(away.bucket, PREFIX, lease)
+
+    with pytest.raises(StopRequested):
+        away.membership.wait_for_number()
+
+    assert away.lifeline.ended == reason
+    assert away.lifeline.should_stop()
+
+
+def test_it_notices_that_the_machine_of_the_training_is_gone(away, monkeypatch):
+    old = replace(LEASE, age_s=STALE_S + 1.0)
+    monkeypatch.setattr(module, "read_lease", lambda *_: old)
+
+    with pytest.raises(StopRequested):
+        away.membership.wait_for_number()
+
+    assert away.lifeline.ended == "its machine was not heard from for 61 s"
+
+
+def test_a_lost_lease_ends_it_too(away):
+    def refuse(_key: str) -> None:
+        raise OwnershipLost("lost", remedy="none")
+
+    away.membership._bucket = away.bucket.fenced(refuse)
+
+    with pytest.raises(StopRequested):
+        away.membership.wait_for_number()
+
+    assert away.lifeline.ended
+
+
+def test_a_worker_that_hangs_no_longer_renews_its_record(away, monkeypatch):
+    away.next_record()
+    monkeypatch.setattr(module, "STUCK_S", -1.0)
+    looks = threading.Semaphore(0)
+    real = module.read_lease
+
+    def look(*words):
+        looks.release()
+        return real(*words)
+
+    monkeypatch.setattr(module, "read_lease", look)
+    for _ in range(2):  # one may have begun before
+        assert looks.acquire(timeout=20.0)
+    before = away.record().beat
+    for _ in range(3):
+        assert looks.acquire(timeout=20.0)
+
+    assert away.record().beat == before
