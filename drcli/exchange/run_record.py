@@ -162,16 +162,18 @@ class StopRequest:
 
 @dataclass(frozen=True)
 class WaitingStart:
-    """A start that waits until another one no longer trains the model.
+    """A start that waits until another one no longer trains the model, or a worker for another one.
 
     Attributes:
         pid_started: From `process_identity.started_s`.
+        kind: Which of both.
     """
 
     pid: int
     pid_started: float
     bucket: str
     prefix: str
+    kind: Literal["wait", "worker"] = "wait"
 
     @contextmanager
     def shown(self, folder: Path) -> Iterator[None]:

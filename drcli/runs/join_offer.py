@@ -1,6 +1,7 @@
 """Publishes in the bucket what simulation workers elsewhere need to join the training."""
 
 import json
+import time
 from dataclasses import asdict, replace
 from threading import Thread
 
@@ -18,6 +19,11 @@ from drcli.workers.cores import overlaps
 _logger = get_logger(__name__)
 
 
+LATER_S = 3.0
+"""When the record is written, where the training has workers of its own: they start meanwhile, and
+need the processor."""
+
+
 class JoinOffer(Duty):
     """Writes the record once, in a thread: nobody waits for it."""
 
@@ -25,9 +31,11 @@ class JoinOffer(Duty):
 
     def start(self, run: RunningTraining) -> None:
         """Begin."""
-        Thread(target=self._write, args=(run,), name="join-offer", daemon=True).start()
+        after_s = LATER_S if run.job.config.train.workers else 0.0
+        Thread(target=self._write, args=(run, after_s), name="join-offer", daemon=True).start()
 
-    def _write(self, run: RunningTraining) -> None:
+    def _write(self, run: RunningTraining, after_s: float) -> None:
+        time.sleep(after_s)
         try:
             key = keys.join_record(run.job.config.model.prefix)
             run.open_bucket().put(key, offer(run.job).encode())

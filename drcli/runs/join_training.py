@@ -18,6 +18,7 @@ from types import FrameType
 from drcli.base.errors import OwnershipLost, SettingsError
 from drcli.base.json_record import RecordError, from_json
 from drcli.base.log import get_logger
+from drcli.base.process_identity import started_s
 from drcli.checks.reward_timeout import exit_of_stuck
 from drcli.config.run_config import RaceConfig
 from drcli.config.settings import Settings
@@ -26,7 +27,7 @@ from drcli.exchange.joined_worker import JoinRecord
 from drcli.exchange.log_places import log_file
 from drcli.exchange.pulse_record import PulseRecord
 from drcli.exchange.run_outcome import RunOutcome
-from drcli.exchange.run_record import run_folder
+from drcli.exchange.run_record import WaitingStart, run_folder
 from drcli.runs import training
 from drcli.runs.join_check import refuse_other_machine
 from drcli.runs.outcome import CTRL_C, INTERRUPTED, TERMINATED
@@ -181,7 +182,8 @@ class JoinedMachine:
         """The training, and whether its machine is gone; its end; None to stop.
 
         Raises:
-            SettingsError: There is no training, and nobody wants to wait for one.
+            SettingsError: There is no training, and nobody wants to wait for one. A training whose
+            machine is gone is one that this machine may go on with if it has joined or waits.
         """
         said = ""
         while self._signal is None:
@@ -203,11 +205,12 @@ class JoinedMachine:
                     if self._joined or not self._waits:
                         return _Ended(f"The training of {self._model} has ended: {outcome.message}")
                     sentence = f"The training of {self._model} has ended"
-                elif self._takes_over and record is not None:
+                elif self._takes_over and record is not None and (self._joined or self._waits):
                     return record, True
                 else:
                     sentence = f"The machine of the training of {self._model} is gone"
-            if lease is None and not self._waits:
+            unused = lease is None or lease.released or lease.age_s >= STALE_S
+            if unused and not (self._joined or self._waits):
                 raise SettingsError(
                     f"{self._model} is not being trained.",
                     remedy="Start it on the other machine with `dr-start-training`, check bucket "
@@ -285,8 +288,16 @@ class JoinedMachine:
         self._say(f"Joining the training of {self._model} as {self._member}.")
         self._joined = True
         logs.start()
+        shown = WaitingStart(
+            os.getpid(),
+            started_s(os.getpid()) or 0.0,
+            self._bucket.name,
+            self._prefix,
+            "worker",
+        )
         try:
-            return self._watch(job, child)
+            with shown.shown(run_folder(job.directory, job.config.run_id)):
+                return self._watch(job, child)
         finally:
             if child.process is not None and child.running:
                 end_process(child.process, EXIT_S)

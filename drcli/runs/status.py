@@ -4,10 +4,12 @@ import time
 from dataclasses import dataclass, field, replace
 
 from drcli.base.errors import StorageError
+from drcli.base.json_record import RecordError
 from drcli.base.process_identity import exists
 from drcli.config.run_config import RunConfig
 from drcli.exchange.daily_spending import DayBudget
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.joined_worker import MemberRecord
 from drcli.exchange.log_places import log_file
 from drcli.exchange.milestone_record import MilestoneKind
 from drcli.exchange.reward_error_record import RewardCounts, sum_of
@@ -29,6 +31,7 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_running_bucket
 from drcli.store.history import HistoryReader
 from drcli.store.last_outcome import read_outcome
+from drcli.store.members import GONE_S, read_shares_record
 from drcli.store.milestones import NO_MILESTONES, with_history
 from drcli.store.notes import read_notes
 from drcli.store.repair import Model, readable_history, readable_scores
@@ -57,6 +60,25 @@ class WorkerReport:
     activity: str
     log: str
     health: WorkerHealth | None = None
+
+
+@dataclass(frozen=True)
+class JoinedReport:
+    """A simulation worker on another machine.
+
+    Attributes:
+        name: Its number, as in "sim-2".
+        host: Its machine.
+        activity: What it does or waits for, in a few words.
+        alive: Whether it was heard from lately.
+        episodes: How many training episodes it drives in an iteration now.
+    """
+
+    name: str
+    host: str
+    activity: str
+    alive: bool
+    episodes: int
 
 
 @dataclass(frozen=True)
@@ -94,7 +116,8 @@ class RunReport:
         started_at: Unix seconds of the start.
         elapsed_s: Wall time of training so far.
         pid: The supervisor.
-        workers: All worker processes.
+        workers: All worker processes of this machine.
+        joined: Simulation workers of other machines.
         history: All finished iterations, oldest first.
         best: The best checkpoint by DR_TRAIN_BEST_MODEL_METRIC.
         last: The newest checkpoint.
@@ -159,6 +182,7 @@ class RunReport:
     budget: DayBudget | None = None
     priority: str = "normal"
     threads: int = 0
+    joined: list[JoinedReport] = field(default_factory=list)
 
     @property
     def dead(self) -> list[str]:
@@ -193,6 +217,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     activities: dict[str, str] = {}
     failed: RewardCounts | None = None
     rollbacks: list[Rollback] = []
+    joined: list[JoinedReport] = []
     stage: StageMark | None = None
     unreachable = "" if bucket is not None else "The local S3 server does not run."
     if bucket is not None:
@@ -213,6 +238,8 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
                 damaged.append(str(error))
             if config.train.curriculum_file or any(each.stage for each in history[-1:]):
                 stage = CheckpointStore(bucket, record.prefix).stage_of_newest()
+            if alive:
+                joined = _joined(bucket, record)
             names = [worker.name for worker in record.workers]
             activities = {name: _activity(bucket, record.prefix, name) for name in names}
         except StorageError as error:
@@ -281,6 +308,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         budget=_budget(config),
         priority=record.priority,
         threads=record.threads,
+        joined=joined,
     )
 
 
@@ -327,6 +355,32 @@ def _record_of_elsewhere(config: RunConfig) -> RunRecord | None:
         message=f"On {outcome.host}: {outcome.message}" if outcome.host else outcome.message,
         remedy=outcome.remedy,
     )
+
+
+def _joined(bucket: Bucket, record: RunRecord) -> list[JoinedReport]:
+    """The workers of other machines that have joined a start of the training."""
+    shares = read_shares_record(bucket, record.prefix)
+    if shares is None or shares.session != record.session:
+        return []
+    newest = shares.newest[-1] if shares.newest else None
+    found = []
+    for member, number in sorted(shares.numbers.items(), key=lambda each: each[1]):
+        try:
+            data, age_s = bucket.get_with_age(keys.member(record.prefix, member))
+            host = MemberRecord.decode(data).host
+        except (ObjectMissing, RecordError):
+            continue  # it has just left
+        own = newest.of(number) if newest is not None else None
+        found.append(
+            JoinedReport(
+                name=f"sim-{number}",
+                host=host,
+                activity=_activity(bucket, record.prefix, f"sim-{number}"),
+                alive=age_s is None or age_s < GONE_S,
+                episodes=0 if own is None else own.count,
+            )
+        )
+    return found
 
 
 def _activity(bucket: Bucket, prefix: str, name: str) -> str:

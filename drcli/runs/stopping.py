@@ -32,13 +32,14 @@ class Stopped:
     """A run that was stopped.
 
     Attributes:
-        kind: training, evaluation, or wait for a start that waited for the end of another one.
+        kind: training, evaluation, wait for a start that waited for the end of another one, or
+            worker for `dr-start-worker`.
         run_id: Its DR_RUN_ID.
         model: Its model, as s3://bucket/prefix.
         pid: Its process, which has ended.
     """
 
-    kind: Literal["training", "evaluation", "wait"]
+    kind: Literal["training", "evaluation", "wait", "worker"]
     run_id: int
     model: str
     pid: int
@@ -76,12 +77,17 @@ def stop(config: RunConfig) -> RunReport:
 
 
 def stop_waiting(directory: Path, run_id: int) -> list[Stopped]:
-    """End the starts of a DR_RUN_ID on this machine that wait until another one has ended."""
+    """End the starts of a DR_RUN_ID on this machine that wait until another one has ended.
+
+    The workers that `dr-start-worker` has started here end, too.
+    """
     waiting = WaitingStart.all(run_folder(directory, run_id))
     for one in waiting:
         with suppress(ProcessLookupError, PermissionError):
             os.kill(one.pid, signal.SIGTERM)
-    return [Stopped("wait", run_id, f"s3://{one.bucket}/{one.prefix}", one.pid) for one in waiting]
+    return [
+        Stopped(one.kind, run_id, f"s3://{one.bucket}/{one.prefix}", one.pid) for one in waiting
+    ]
 
 
 def is_running(config: RunConfig) -> bool:

@@ -21,7 +21,7 @@ from drcli.workers.episode_share import Share
 
 _logger = get_logger(__name__)
 
-LOOK_S, FRUGAL_LOOK_S, STARTING_LOOK_S = 2.0, 10.0, 1.0
+LOOK_S, FRUGAL_LOOK_S, STARTING_LOOK_S = 5.0, 10.0, 1.0
 """How often to look for workers that have joined: in any case, where each look costs money, and as
 long as nobody drives or one of them is starting."""
 

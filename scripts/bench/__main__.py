@@ -19,6 +19,7 @@ NAMES = (
     "endurance",
     "fidelity",
     "memory",
+    "joined",
     "reference",
     "guide_values",
     "fast_lap",

@@ -84,6 +84,7 @@ def test_a_worker_that_is_killed_comes_back_and_one_that_leaves_is_not_missed(si
         return [[s["worker"] for s in each["workers"]] for each in record["newest"]]
 
     site.home.wait_for(lambda: [0, 1] in shares(), "a share of the worker that has joined")
+    joined = site.home.status()["joined"]
     first = site.worker(machine)
     first.kill()
     psutil.wait_procs([first], timeout=20)
@@ -103,6 +104,7 @@ def test_a_worker_that_is_killed_comes_back_and_one_that_leaves_is_not_missed(si
     assert (left.returncode, report["code"], report["took_over"]) == (143, 143, False)
     assert "is started again" in left.stderr
     assert gone == [0]
+    assert [(each["name"], each["alive"]) for each in joined] == [("sim-1", True)]
     assert not site.bucket.list(keys.members_folder(site.home.prefix))
     assert site.bucket.exists(keys.training_metrics("model/metrics", 1))
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from drcli.runs.increment import Increment
     from drcli.runs.plan import EndWorkPlan, RunPlan
     from drcli.runs.spending_report import RequestReport
-    from drcli.runs.status import RunReport, WorkerReport
+    from drcli.runs.status import JoinedReport, RunReport, WorkerReport
 
 LIVE_ROWS = 6
 """Iterations in the table of the live display."""
@@ -50,9 +50,12 @@ def live(
     parts: list[RenderableType] = [_head(report), Text(_pace(report, now_s))]
     if verbose:
         parts += [Text(f"{worker.name}: {worker.activity}") for worker in report.workers]
+        parts += [Text(_joined(worker)) for worker in report.joined]
         parts.append(Text(_time_split(report)))
     else:
-        activities = (f"{w.name} {w.activity}" for w in report.workers if w.activity)
+        activities = [f"{w.name} {w.activity}" for w in report.workers if w.activity]
+        if report.joined:  # first, because the end of the line may be cut
+            activities.insert(0, f"{len(report.joined)} joined")
         parts.append(Text("   ".join(activities), style="dim"))
     parts += [
         iterations.table(report.history[-LIVE_ROWS:], LIVE_ROWS, columns),
@@ -79,6 +82,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
         parts.append(indented(f"Try: {report.remedy}"))
     if report.state in ("starting", "running"):
         parts += [indented(_worker(worker)) for worker in report.workers]
+        parts += [indented(_joined(worker)) for worker in report.joined]
         if limits := _limits(report):
             parts.append(indented(limits))
     parts += [Text(f"Warning: {text}", style="bold yellow") for text in report.watches]
@@ -105,6 +109,13 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     parts += [Text(line) for line in lines if line]
     parts += [Text(f"Note: {notes_view.short(text)}") for text in report.notes[-NOTES:]]
     return Group(*parts)
+
+
+def _joined(worker: "JoinedReport") -> str:
+    """A worker of another machine, in one line."""
+    part = counted(worker.episodes, "episode") if worker.episodes else "no episodes now"
+    silent = "" if worker.alive else ", silent"
+    return f"{worker.name} on {worker.host}: {worker.activity or 'starting'} ({part}{silent})"
 
 
 def _milestones(report: "RunReport") -> list[str]:

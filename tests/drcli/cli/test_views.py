@@ -11,6 +11,7 @@ from drcli.cli.views import evaluation_view, iterations, models_view, training_v
 from drcli.exchange.daily_spending import DayBudget
 from drcli.exchange.stage import StageMark
 from drcli.models.model_list import ModelList
+from drcli.runs.status import JoinedReport
 
 NOW_S = 1_000_000.0 + 75.0
 
@@ -53,6 +54,20 @@ def test_a_training_with_stages_and_a_second_track_shows_both(make_report, make_
     line = iterations.line(history[1])
     assert line.endswith("on willow 75 % 1/2  stage base")
     assert "stage" not in screen(iterations.table(history[:1], 1, 200))
+
+
+def test_workers_of_other_machines_have_a_line_with_their_part(make_report):
+    joined = [
+        JoinedReport("sim-1", "attic", "drives iteration 9", alive=True, episodes=4),
+        JoinedReport("sim-2", "cellar", "drives iteration 4", alive=False, episodes=0),
+    ]
+    report = replace(make_report("running", 9), joined=joined)
+
+    page = screen(training_view.run(report))
+    assert "  sim-1 on attic: drives iteration 9 (4 episodes)" in page
+    assert "  sim-2 on cellar: drives iteration 4 (no episodes now, silent)" in page
+    assert "2 joined   trainer waits" in screen(training_view.live(report, NOW_S))
+    assert "sim-2 on cellar" in screen(training_view.live(report, NOW_S, verbose=True))
 
 
 def test_the_live_display_before_the_first_iteration(make_report):

@@ -1,0 +1,228 @@
+"""What machines that join a training bring over slow networks, and what their faults cost.
+
+All "machines" are processes here that reach the bucket through links with a delay and a limited
+rate, so that their processors are shared: compare the numbers with each other only.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+from machine import facts
+from slow_link import SlowLink
+
+from drcli.config.loading import load_settings
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.connect import open_bucket
+from drcli.store.s3_bucket import S3Bucket
+from drcli.store.server import server
+
+ROOT = Path(__file__).resolve().parents[2]
+PREFIX = "joined"
+RATE_BYTES_PER_S = 50e6 / 8.0
+ROUND_TRIPS_S = (0.001, 0.02, 0.1)
+PROGRAMS = Path(sys.executable).parent
+
+
+class Training:
+    """A training without workers of its own, and the machines that join it."""
+
+    def __init__(self, folder: Path, episodes: int, workers: int = 0) -> None:
+        self.folder = folder
+        self._links: list[SlowLink] = []
+        self._machines: list[subprocess.Popen[bytes]] = []
+        shutil.copy(ROOT / "run.env", folder)
+        shutil.copy(ROOT / "system.env", folder)
+        shutil.copytree(ROOT / "defaults" / "rewards" / "speed", folder / "custom_files")
+        path = folder / "custom_files" / "hyperparameters.json"
+        values = json.loads(path.read_text())
+        path.write_text(json.dumps({**values, "num_episodes_between_training": episodes}))
+        self.environment = {k: v for k, v in os.environ.items() if not k.startswith("DR_")}
+        own = {
+            "DR_LOCAL_S3_MODEL_PREFIX": PREFIX,
+            "DR_WORKERS": str(workers),
+            "DR_LOCAL_S3_IDLE_MINUTES": "0",
+        }
+        self._head = subprocess.Popen(
+            [PROGRAMS / "dr-start-training", "--foreground", "--seed", "1"],
+            cwd=folder,
+            env=self.environment | own,
+            stdout=(folder / "head.txt").open("wb"),
+            stderr=subprocess.STDOUT,
+        )
+        self._settings = load_settings(folder, environ={})
+
+    def bucket(self) -> S3Bucket:
+        """The bucket, directly."""
+        return open_bucket(self._settings.storage)
+
+    def join(self, name: str, round_trip_s: float) -> tuple[subprocess.Popen[bytes], SlowLink]:
+        """Let a machine join over a slow link."""
+        endpoint = server.ensure_running(self._settings.storage)
+        assert endpoint.url is not None
+        link = SlowLink(int(endpoint.url.rpartition(":")[2]), round_trip_s, RATE_BYTES_PER_S)
+        self._links.append(link)
+        folder = self.folder / name
+        folder.mkdir()
+        keys_of_bucket = {
+            "AWS_ACCESS_KEY_ID": endpoint.access_key or "",
+            "AWS_SECRET_ACCESS_KEY": endpoint.secret_key or "",
+        }
+        model = f"s3://{self._settings.bucket}/{PREFIX}"
+        machine = subprocess.Popen(
+            [PROGRAMS / "dr-start-worker", "--join", model, "--endpoint-url", link.url, "--wait"],
+            cwd=folder,
+            env=self.environment | keys_of_bucket,
+            stdout=(folder / "said.txt").open("wb"),
+            stderr=subprocess.STDOUT,
+        )
+        self._machines.append(machine)
+        return machine, link
+
+    def done(self) -> tuple[int, int]:
+        """Iterations and steps that were learned from."""
+        newest = CheckpointStore(self.bucket(), PREFIX).pointed()
+        return (0, 0) if newest is None else (newest.number, newest.steps)
+
+    def wait_for(self, condition: Callable[[], bool], patience_s: float = 120.0) -> None:
+        """Wait until the condition holds."""
+        end_s = time.monotonic() + patience_s
+        while not condition():
+            if time.monotonic() > end_s:
+                raise SystemExit(f"Waited in vain; look into {self.folder}.")
+            time.sleep(0.2)
+
+    def speed(self, seconds: float) -> dict[str, float]:
+        """Iterations and steps per second in the next time."""
+        began_s, (iterations, steps) = time.monotonic(), self.done()
+        time.sleep(seconds)
+        took_s, (later, more) = time.monotonic() - began_s, self.done()
+        return {
+            "iterations_per_s": round((later - iterations) / took_s, 3),
+            "steps_per_s": round((more - steps) / took_s, 1),
+        }
+
+    def drivers(self) -> int:
+        """How many workers have a share."""
+        path = self.folder / "data" / "s3" / self._settings.bucket / "runs" / PREFIX / "shares.json"
+        try:
+            newest = json.loads(path.read_text())["newest"]
+        except (OSError, ValueError):
+            return 0
+        return len(newest[-1]["workers"]) if newest else 0
+
+    def close(self) -> None:
+        """End everything."""
+        for link in self._links:
+            link.is_cut = False
+        for process in (self._head, *self._machines):
+            if process.poll() is None:
+                process.send_signal(signal.SIGCONT)
+                process.terminate()
+        for process in (self._head, *self._machines):
+            process.wait(60.0)
+        for link in self._links:
+            link.close()
+        server.stop(self._settings.storage)
+
+
+@contextmanager
+def training(episodes: int, workers: int = 0) -> Iterator[Training]:
+    """A training in a folder that is deleted afterwards."""
+    with tempfile.TemporaryDirectory(prefix="joined-") as folder:
+        running = Training(Path(folder), episodes, workers)
+        try:
+            yield running
+        finally:
+            running.close()
+
+
+def worker_of(machine: subprocess.Popen[bytes]) -> psutil.Process:
+    """The simulation process of a machine."""
+    return psutil.Process(machine.pid).children()[0]
+
+
+def slowed(process: psutil.Process, over: threading.Event) -> None:
+    """Let a process run a tenth of the time."""
+    while not over.is_set():
+        process.suspend()
+        over.wait(0.18)
+        process.resume()
+        over.wait(0.02)
+
+
+def links(seconds: float, episodes: int) -> dict[str, dict[str, float]]:
+    """One worker: on the training's own machine, and over links of growing delay."""
+    found = {}
+    with training(episodes, workers=1) as running:
+        running.wait_for(lambda: running.done()[0] >= 3)
+        found["own machine"] = running.speed(seconds)
+    for round_trip_s in ROUND_TRIPS_S:
+        with training(episodes) as running:
+            running.join("far", round_trip_s)
+            running.wait_for(lambda: running.done()[0] >= 3)
+            found[f"{1000.0 * round_trip_s:.0f} ms"] = running.speed(seconds)
+    return found
+
+
+def faults(seconds: float, episodes: int) -> dict[str, dict[str, float]]:
+    """Three machines, one of which is killed, cut off, or ten times as slow as the others."""
+    found = {}
+    with training(episodes) as running:
+        machines = [running.join(f"far-{k}", each) for k, each in enumerate(ROUND_TRIPS_S)]
+        running.wait_for(lambda: running.drivers() == len(machines))
+        found["three machines"] = running.speed(seconds)
+        over = threading.Event()
+        slow = threading.Thread(target=slowed, args=(worker_of(machines[2][0]), over))
+        slow.start()
+        found["one is 10 times as slow"] = running.speed(seconds)
+        over.set()
+        slow.join()
+        running.wait_for(lambda: running.drivers() == len(machines), 300.0)
+        machines[1][1].is_cut = True
+        found["one is cut off"] = running.speed(60.0)
+        machines[1][1].is_cut = False
+        running.wait_for(lambda: running.drivers() == len(machines), 300.0)
+        found["it is back"] = running.speed(seconds)
+        for process in (*psutil.Process(machines[0][0].pid).children(), machines[0][0]):
+            process.kill()
+        found["one is killed"] = running.speed(seconds)
+    return found
+
+
+def main() -> None:
+    """Measure, and print a table or JSON."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=30.0, help="of each measurement")
+    parser.add_argument("--episodes", type=int, default=30, help="of an iteration")
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    result = {
+        "links": links(arguments.seconds, arguments.episodes),
+        "faults": faults(arguments.seconds, arguments.episodes),
+        "machine": facts(),
+    }
+    if arguments.json:
+        print(json.dumps(result))
+        return
+    for name in ("links", "faults"):
+        for case, speed in result[name].items():
+            print(
+                f"{case:26} {speed['iterations_per_s']:7.2f} iterations/s"
+                f" {speed['steps_per_s']:8.1f} steps/s"
+            )
+
+
+if __name__ == "__main__":
+    main()
