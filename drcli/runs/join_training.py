@@ -28,11 +28,12 @@ from drcli.exchange.log_places import log_file
 from drcli.exchange.pulse_record import PulseRecord
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_record import WaitingStart, run_folder
+from drcli.exchange.run_state import TrainingEnd
 from drcli.runs import training
 from drcli.runs.join_check import refuse_other_machine
 from drcli.runs.outcome import CTRL_C, INTERRUPTED, TERMINATED
 from drcli.runs.run_logs import LogUpload, begin_logs
-from drcli.runs.take_model import taken
+from drcli.runs.take_model import refuse_second_run, taken
 from drcli.runs.worker_deaths import died_too_often
 from drcli.runs.worker_processes import Child, end_process, start_process
 from drcli.runs.worker_stacks import REWARD_REMEDY
@@ -40,7 +41,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.connect import open_bucket
 from drcli.store.last_outcome import read_outcome, write_outcome
-from drcli.store.lease import STALE_S, read_lease
+from drcli.store.lease import STALE_S, ModelInUse, read_lease
 
 _logger = get_logger(__name__)
 
@@ -197,7 +198,9 @@ class JoinedMachine:
             if lease is not None:
                 outcome = read_outcome(self._bucket, self._prefix)
                 gone = lease.released or lease.age_s >= STALE_S
-                if not gone:
+                if not gone and self._is_complete(lease.session):
+                    sentence = f"The training of {self._model} is complete, and saves its results"
+                elif not gone:
                     if record is not None and record.session == lease.session:
                         return record, False
                     sentence = f"The training of {self._model} is starting"
@@ -221,6 +224,14 @@ class JoinedMachine:
                 said = sentence
             time.sleep(LOOK_S)
         return None
+
+    def _is_complete(self, session: str) -> bool:
+        """Whether the trainer of this start has ended, so that there is nothing left to drive."""
+        try:
+            end = TrainingEnd.decode(self._bucket.get(keys.finished(self._prefix)))
+        except (ObjectMissing, RecordError):
+            return False
+        return end.session == session
 
     def _join_record(self) -> JoinRecord | None:
         key = keys.join_record(self._prefix)
@@ -355,6 +366,7 @@ class JoinedMachine:
             folder=run_folder(self._settings.directory, own.run_id),
             noted=(),
         )
+        refuse_second_run(own.run_id, job.folder)
         previous = read_outcome(self._bucket, self._prefix)
         now = time.time()
         begun = RunOutcome(
@@ -368,11 +380,12 @@ class JoinedMachine:
             with taken(job, self._bucket, lambda: None):
                 write_outcome(self._bucket, self._prefix, begun)
                 begin_logs(job.directory, self._prefix, job.config.logs.log_max_mb)
-        except SettingsError as error:  # another machine was faster, or trains here
+            self._took_over = True
+            code = training.supervise_job(replace(job, begun=begun, launcher_pid=os.getpid()))
+        except ModelInUse as error:  # another machine was faster
             self._say(f"{error}")
+            time.sleep(LOOK_S)
             return None
-        self._took_over = True
-        code = training.supervise_job(replace(job, begun=begun, launcher_pid=os.getpid()))
         if code == OwnershipLost.code:
             return None
         outcome = read_outcome(self._bucket, self._prefix)
