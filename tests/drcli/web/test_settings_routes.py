@@ -123,7 +123,7 @@ def test_the_form_tells_values_their_places_and_limits(client, made):
     assert found["DR_WORLD_NAME"]["source"].startswith("run.env line ")
     assert found["DR_MAX_COST"]["source"] == "default"
     assert found["DR_RACE_TYPE"]["choices"][0] == "TIME_TRIAL"
-    assert (found["DR_WORKERS"]["low"], found["DR_WORKERS"]["high"]) == (1, 10)
+    assert (found["DR_WORKERS"]["low"], found["DR_WORKERS"]["high"]) == (0, 10)
 
 
 def test_secrets_are_not_shown(client, made):

@@ -9,8 +9,9 @@ import time
 import psutil
 import pytest
 
+from drcli.base.process_identity import started_s
 from drcli.exchange.evaluation_record import EvaluationRecord
-from drcli.exchange.run_record import RunRecord
+from drcli.exchange.run_record import RunRecord, WaitingStart
 
 OBEDIENT = "import time; print('ready', flush=True); time.sleep(60)"
 STUBBORN = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); " + OBEDIENT
@@ -191,3 +192,23 @@ def test_of_several_trainings_broken_settings_stop_none(dr, working_folder, trai
     assert code == 3
     assert [child.poll() for child in children] == [None, None]
     assert "run.env line 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["stop-training", "stop-all"])
+def test_a_worker_for_the_training_of_another_machine_ends_too(
+    dr, working_folder, process, capsys, command
+):
+    child = process()
+    since = started_s(child.pid)
+    worker = WaitingStart(child.pid, since, "bucket", "far/model", "worker")
+
+    with worker.shown(working_folder / "data" / "runs" / "0"):
+        code = dr(command)
+
+    said = capsys.readouterr().out
+    assert code == 0
+    assert child.wait(5) == -signal.SIGTERM
+    assert (
+        "Stopped the worker for the training of s3://bucket/far/model "
+        f"(run 0, process {child.pid})." in said
+    )
