@@ -162,6 +162,7 @@ class Ownership:
         prefix: Of the model.
         session: Of the start that this process belongs to.
         term: Of its lease; 0 if unknown.
+        trusted_s: How long a read lease is valid before a pointer is written.
         clock: Seconds that also pass while this process is suspended, for tests.
     """
 
@@ -172,11 +173,13 @@ class Ownership:
         session: str,
         term: int = 0,
         *,
+        trusted_s: float = POINTER_TRUSTED_S,
         clock: Callable[[], float] = elapsed_s,
     ) -> None:
         self._bucket = bucket
         self._prefix = prefix
         self._session = session
+        self._trusted_s = trusted_s
         self._clock = clock
         self._term = term
         self._read_s = -OTHERS_TRUSTED_S
@@ -191,7 +194,7 @@ class Ownership:
             StorageError: The lease cannot be read.
         """
         began_s = self._clock()
-        if began_s - self._read_s < (POINTER_TRUSTED_S if keys.decides(key) else OTHERS_TRUSTED_S):
+        if began_s - self._read_s < (self._trusted_s if keys.decides(key) else OTHERS_TRUSTED_S):
             return
         lease = read_lease(self._bucket, self._prefix)
         if lease is not None and lease.outranks(self._session, self._term):

@@ -25,7 +25,7 @@ def main(job: Job, lifeline: Lifeline) -> None:
     flush_denormals()
     signal_guard.install()
     member, prefix = sys.argv[1], job.config.model.prefix
-    bucket = worker_process.open_own_bucket(job, lifeline)
+    bucket = worker_process.open_own_bucket(job, lifeline, far=True)
     membership = Membership(bucket, prefix, job.session, member, lifeline)
     try:
         number = membership.wait_for_number()

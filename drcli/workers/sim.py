@@ -85,7 +85,7 @@ class SimWorker:
         self._live = live
         self._membership = membership
         self._prefix = model.prefix
-        self._bucket = worker_process.open_own_bucket(job, lifeline)
+        self._bucket = worker_process.open_own_bucket(job, lifeline, far=membership is not None)
         self._activity = Activity(self._bucket, self._prefix, f"sim-{worker}", lifeline.pulse)
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)

@@ -22,7 +22,7 @@ from drcli.exchange.run_state import ActivityRecord
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
-from drcli.store.lease import Ownership
+from drcli.store.lease import OTHERS_TRUSTED_S, POINTER_TRUSTED_S, Ownership
 from drcli.store.request_count import CountFile
 from drcli.store.s3_bucket import S3Bucket
 from drcli.workers import print_limit
@@ -108,8 +108,11 @@ class Activity:
         self._sender.shutdown()
 
 
-def open_own_bucket(job: Job, lifeline: Lifeline) -> S3Bucket:
+def open_own_bucket(job: Job, lifeline: Lifeline, *, far: bool = False) -> S3Bucket:
     """The bucket of a training, for one of its workers.
+
+    A worker that is `far` away reads the lease less often: each read may take a tenth of a second
+    there, and what it writes for an earlier start of the training is not used in any case.
 
     It refuses writes when another training has taken over the model. When the worker was asked to
     stop, it waits only briefly for a server that does not answer.
@@ -117,7 +120,10 @@ def open_own_bucket(job: Job, lifeline: Lifeline) -> S3Bucket:
     storage = job.config.storage
     patience = {} if storage.cloud == "local" else {"patience_s": OUTAGE_PATIENCE_S}
     bucket = open_bucket(storage, hurried=lifeline.should_stop, unattended=True, **patience)
-    return bucket.fenced(Ownership(bucket, job.config.model.prefix, job.session, job.term).check)
+    trusted_s = OTHERS_TRUSTED_S if far else POINTER_TRUSTED_S
+    prefix = job.config.model.prefix
+    own = Ownership(bucket, prefix, job.session, job.term, trusted_s=trusted_s)
+    return bucket.fenced(own.check)
 
 
 def run(

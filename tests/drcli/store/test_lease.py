@@ -202,3 +202,23 @@ def test_the_lease_of_a_newer_version_is_respected_whatever_it_says(server, age_
         lease.Ownership(bucket, "model", "ours", 1).check("model/a")
     lease.release(bucket, "model", "ours")
     assert json.loads(bucket.get(keys.lease("model"))) == theirs
+
+
+def test_a_worker_far_away_reads_the_lease_less_often(server):
+    bucket, reads = server.bucket, []
+    lease.take(bucket, "model", "ours")
+    read = bucket.get_with_age
+    bucket.get_with_age = lambda key: reads.append(key) or read(key)
+    near = lease.Ownership(bucket, "model", "ours", clock=lambda: server.now_s)
+    far = lease.Ownership(
+        bucket, "model", "ours", trusted_s=lease.OTHERS_TRUSTED_S, clock=lambda: server.now_s
+    )
+    counts = {}
+    for name, own in (("near", near), ("far", far)):
+        reads.clear()
+        for _ in range(10):
+            own.check(keys.rollout_manifest("model", 3, 0))
+            server.now_s += 0.2
+        counts[name] = len(reads)
+
+    assert counts == {"near": 10, "far": 2}
