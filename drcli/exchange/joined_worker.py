@@ -40,6 +40,7 @@ class MemberRecord(JsonRecord):
         beat: Counts the renewals.
         ready: Whether it has prepared everything that it needs to drive.
         checkpoint: Number of the newest checkpoint that it has seen; -1 before the first.
+        failure: Why it has ended, if it has failed.
     """
 
     member: str
@@ -49,6 +50,7 @@ class MemberRecord(JsonRecord):
     beat: int = 0
     ready: bool = False
     checkpoint: int = -1
+    failure: str = ""
 
 
 @dataclass(frozen=True)

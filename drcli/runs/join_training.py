@@ -39,7 +39,7 @@ from drcli.runs.worker_processes import Child, end_process, start_process
 from drcli.runs.worker_stacks import REWARD_REMEDY
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
-from drcli.store.connect import open_bucket
+from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.last_outcome import read_outcome, write_outcome
 from drcli.store.lease import STALE_S, ModelInUse, read_lease
 
@@ -126,6 +126,8 @@ class JoinedMachine:
         host = re.sub(r"[^A-Za-z0-9-]+", "-", socket.gethostname())[:40].strip("-") or "machine"
         self._member = f"joined-{host}-{secrets.token_hex(3)}"
         storage = settings.storage
+        # A wrong address is said soon; once the bucket has answered, an outage is waited for.
+        read_lease(open_bucket(storage, patience_s=COMMAND_PATIENCE_S), prefix)
         patience_s = 60.0 if storage.cloud == "local" else OUTAGE_S
         self._bucket: Bucket = open_bucket(storage, patience_s=patience_s, hurried=self._is_stopped)
         self._model = f"s3://{self._bucket.name}/{prefix}"

@@ -6,15 +6,18 @@
 import sys
 
 from drcli.base import signal_guard
+from drcli.base.errors import DrError
 from drcli.base.log import get_logger
 from drcli.exchange.job import Job
 from drcli.learn.compute import flush_denormals
 from drcli.workers import worker_process
+from drcli.workers.build_race import reward_failure
 from drcli.workers.live_scene import facts_of
 from drcli.workers.live_view import live_show
 from drcli.workers.membership import JoinedLifeline, Membership
 from drcli.workers.sim import SimWorker
 from drcli.workers.worker_process import Lifeline
+from drsim.errors import RewardError
 
 _logger = get_logger(__name__)
 
@@ -33,6 +36,12 @@ def main(job: Job, lifeline: Lifeline) -> None:
         facts = facts_of(job.config.race(number), [prefix])
         with live_show(job, f"sim-{number}", lambda: lifeline.pulse.activity, facts) as live:
             SimWorker(job, lifeline, number, live=live, membership=membership).run()
+    except RewardError as error:
+        membership.close(str(reward_failure(error)))
+        raise
+    except DrError as error:
+        membership.close(str(error))
+        raise
     finally:
         membership.close()
         if lifeline.ended:

@@ -131,11 +131,24 @@ class Membership:
             share.member == self._record.member for share in shares.workers
         )
 
-    def close(self) -> None:
-        """Leave the training, so that its trainer does not wait for this worker."""
+    def close(self, failure: str = "") -> None:
+        """Leave the training, so that its trainer does not wait for this worker.
+
+        Args:
+            failure: Why, if this worker has failed: the trainer tells it, because nobody may look
+                at this machine.
+        """
+        if self._over:
+            return
         self._over = True
         self._hurry.set()
         self._thread.join(RENEWED_S)
+        if failure:
+            with self._lock:
+                self._record = replace(self._record, ready=False, failure=failure)
+            with suppress(StorageError):
+                self._write()
+            return
         # The trainer notices anyway that the record does not change any more.
         with suppress(StorageError, OwnershipLost):
             self._bucket.delete([keys.member(self._prefix, self._record.member)])

@@ -61,6 +61,9 @@ class ShareKeeper:
         equal: Whether shares stay equal however fast the workers are.
         frugal: Whether each look costs money.
         clock: Seconds, for tests.
+
+    Attributes:
+        failure: Machine and failure of the last worker that has joined and failed.
     """
 
     def __init__(
@@ -88,6 +91,7 @@ class ShareKeeper:
         self._look: Future[dict[str, Member]] | None = None
         self._looked_s = float("-inf")
         self._members: dict[str, Member] = {}
+        self.failure = ""
         self._fixed = [Share(k, max(1, workers), 1) for k in range(workers)]
         self._episodes = self._most = 1
         self._speeds: dict[int, float] = {}
@@ -213,6 +217,11 @@ class ShareKeeper:
 
     def _take(self, members: dict[str, Member]) -> None:
         """Give numbers to those who are new, and take them from those who have left."""
+        for name in [name for name, member in members.items() if member.record.failure]:
+            record = members.pop(name).record
+            self.failure = f"{record.host}: {record.failure}"
+            _logger.warning("%s has failed on %s", name, self.failure)
+            self._bucket.delete([keys.member(self._prefix, name)])
         for name in members.keys() - self._members.keys():
             _logger.info("%s has joined as %s.", members[name].record.host, name)
         for name in self._members.keys() - members.keys():

@@ -280,7 +280,8 @@ class Trainer:
         """
         reassigned = self._shares.reassign(self._progress.newest.number)
         if self._shares.nobody:
-            self._activity.wait("waits for simulation workers to join")
+            failed = f"; the last one failed on {self._shares.failure}" * bool(self._shares.failure)
+            self._activity.wait(f"waits for simulation workers to join{failed}")
         else:
             self._activity.wait(f"waits for rollouts of iteration {self._progress.newest.number}")
         self._scoring.score(self._progress.newest)

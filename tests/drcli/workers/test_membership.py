@@ -79,6 +79,13 @@ def test_it_leaves_without_a_trace(away):
     assert not away.bucket.list(keys.members_folder(PREFIX))
 
 
+def test_a_failure_stays_for_the_trainer_to_read(away):
+    away.membership.close("the reward is None")
+    away.membership.close()
+
+    assert away.record().failure == "the reward is None"
+
+
 def test_the_trainer_gives_it_a_number_and_a_share(away):
     away.share(WorkerShare(2, NAME, 8, 4), session="before")
     assert away.membership.shares_of(CheckpointName(5, 0)) is None

@@ -311,6 +311,19 @@ def test_after_a_rollback_older_shares_count_again(machines):
     assert len(who(again, 7)) == 3
 
 
+def test_the_failure_of_a_worker_is_told_where_the_training_runs(machines, logged):
+    keeper = machines.keeper(0)
+    machines.join("far")
+    machines.records["far"] = replace(machines.records["far"], failure="the reward is None")
+    machines.let_pass(5.0, keeper)
+    machines.silence("far")
+
+    assert keeper.failure == "far: the reward is None"
+    assert "far has failed on far: the reward is None" in logged()
+    assert keeper.nobody
+    assert not machines.bucket.exists(keys.member(PREFIX, "far"))
+
+
 def test_looks_that_cost_money_are_rare(machines):
     looks = 0
 
