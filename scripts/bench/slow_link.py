@@ -34,9 +34,16 @@ class SlowLink:
         ready.wait()
 
     def close(self) -> None:
-        """Stop listening."""
+        """Stop listening, and close all connections."""
+        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(5.0)
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(5.0)
+
+    async def _end(self) -> None:
+        others = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in others:
+            task.cancel()
+        await asyncio.gather(*others, return_exceptions=True)
 
     def _serve(self, ready: threading.Event) -> None:
         asyncio.set_event_loop(self._loop)
@@ -48,7 +55,7 @@ class SlowLink:
         self._loop.run_forever()
 
     async def _accept(self, near: asyncio.StreamReader, near_end: asyncio.StreamWriter) -> None:
-        with suppress(OSError):
+        with suppress(OSError, asyncio.CancelledError):
             await asyncio.sleep(2.0 * self._delay_s)  # the handshake
             far, far_end = await asyncio.open_connection("127.0.0.1", self._port)
             await asyncio.gather(
