@@ -71,10 +71,10 @@ def is_installed(race: RaceConfig) -> bool:
 def own_route_file(race: RaceConfig) -> Path | None:
     """The racer's own route file of the track of a race; None if the track is built in."""
     name = _name(race)
-    if re.sub(r"_c?cw\Z", "", name) in built_in() or name in built_in():
+    plain = re.sub(r"_c?cw\Z", "", name)
+    if {name, plain} & set(built_in()):
         return None
     names = [name] if name.endswith(ROUTE_FILES) else [f"{name}{end}" for end in ROUTE_FILES]
-    plain = re.sub(r"_c?cw\Z", "", name)
     names += [f"{plain}{end}" for end in ROUTE_FILES]
     places = [folder / each for folder in (race.tracks_folder, race.directory) for each in names]
     return next((path for path in places if _is_file(path)), None)

@@ -13,14 +13,12 @@ class JoinRecord(JsonRecord):
 
     Attributes:
         session: Of that start.
-        term: Of its lease.
         versions: Of drcli and of the libraries whose versions decide what a car does, by name.
         tracks: SHA-256 of the route files of all worlds, by DR_WORLD_NAME.
         job: The `Job` of the training, without secrets.
     """
 
     session: str
-    term: int
     versions: Mapping[str, str]
     tracks: Mapping[str, str]
     job: Mapping[str, Any] = field(default_factory=dict)

@@ -6,7 +6,6 @@ and the same track. Everything else that a worker uses comes from the bucket.
 
 import hashlib
 from collections.abc import Mapping
-from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from drcli.config.run_config import RaceConfig
 from drcli.config.track_names import own_route_file
 from drcli.exchange.job import Job
 from drcli.exchange.joined_worker import JoinRecord
+from drcli.models.run_metadata import installed_versions
 
 LIBRARIES = ("torch", "mujoco", "numpy")
 
@@ -30,11 +30,8 @@ def versions() -> dict[str, str]:
     The part of torch's version that names the kind of its build (`+cpu`) is left out.
     """
     found = {"drcli": __version__, SOURCE: _source_hash()}
-    for name in LIBRARIES:
-        try:
-            found[name] = metadata.version(name).partition("+")[0]
-        except metadata.PackageNotFoundError:
-            found[name] = "missing"
+    for name, version in installed_versions(LIBRARIES).items():
+        found[name] = (version or "missing").partition("+")[0]
     return found
 
 
@@ -47,7 +44,7 @@ def _source_hash() -> str:
             folder = Path(place)
             files = [path for path in folder.rglob("*") if path.suffix in _SUFFIXES]
             for path in sorted(files, key=lambda each: each.relative_to(folder).as_posix()):
-                total.update(path.relative_to(folder).as_posix().encode() + b"\\0")
+                total.update(path.relative_to(folder).as_posix().encode() + b"\0")
                 total.update(hashlib.sha256(path.read_bytes()).digest())
     return total.hexdigest()[:16]
 
@@ -64,7 +61,7 @@ def routes(job: Job) -> dict[str, str]:
 
 def races_of(job: Job) -> list[RaceConfig]:
     """Everything that the simulation workers of a training may drive."""
-    races = [*job.config.races, *(stage.race(0) for stage in job.stages)]
+    races = [*job.config.races, *(race for stage in job.stages for race in stage.races)]
     seconds = [job.config.second_race(race) for race in races]
     return races + [race for race in seconds if race is not None]
 

@@ -51,4 +51,4 @@ def offer(job: Job) -> JoinRecord:
     train = job.config.train.replaced(train_overlap=ahead)
     config = replace(public.config, train=train, figures=figures, given={})
     job_json = json.dumps(asdict(replace(public, config=config)), default=json_default)
-    return JoinRecord(job.session, job.term, versions(), routes(job), json.loads(job_json))
+    return JoinRecord(job.session, versions(), routes(job), json.loads(job_json))

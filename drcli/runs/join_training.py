@@ -17,7 +17,6 @@ from types import FrameType
 
 from drcli.base.errors import OwnershipLost, SettingsError
 from drcli.base.json_record import RecordError, from_json
-from drcli.base.log import get_logger
 from drcli.base.process_identity import started_s
 from drcli.checks.reward_timeout import exit_of_stuck
 from drcli.config.run_config import RaceConfig
@@ -42,8 +41,6 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.last_outcome import read_outcome, write_outcome
 from drcli.store.lease import STALE_S, ModelInUse, read_lease
-
-_logger = get_logger(__name__)
 
 POLL_S = 0.2
 """How often this process looks at its worker."""
@@ -196,26 +193,26 @@ class JoinedMachine:
                     f"{self._model} is trained by a newer version of drcli.",
                     remedy="Install the same version on this machine.",
                 )
-            sentence = f"No training of {self._model} has begun yet"
-            if lease is not None:
-                outcome = read_outcome(self._bucket, self._prefix)
-                gone = lease.released or lease.age_s >= STALE_S
-                if not gone and self._is_complete(lease.session):
-                    sentence = f"The training of {self._model} is complete, and saves its results"
-                elif not gone:
-                    if record is not None and record.session == lease.session:
-                        return record, False
-                    sentence = f"The training of {self._model} is starting"
-                elif outcome is not None and _is_over(outcome):
-                    if self._joined or not self._waits:
-                        return _Ended(f"The training of {self._model} has ended: {outcome.message}")
-                    sentence = f"The training of {self._model} has ended"
-                elif self._takes_over and record is not None and (self._joined or self._waits):
-                    return record, True
-                else:
-                    sentence = f"The machine of the training of {self._model} is gone"
-            unused = lease is None or lease.released or lease.age_s >= STALE_S
-            if unused and not (self._joined or self._waits):
+            lives = lease is not None and not lease.released and lease.age_s < STALE_S
+            may_wait = self._joined or self._waits
+            outcome = None if lease is None or lives else read_outcome(self._bucket, self._prefix)
+            if lease is None:
+                sentence = f"No training of {self._model} has begun yet"
+            elif lives and self._is_complete(lease.session):
+                sentence = f"The training of {self._model} is complete, and saves its results"
+            elif lives:
+                if record is not None and record.session == lease.session:
+                    return record, False
+                sentence = f"The training of {self._model} is starting"
+            elif outcome is not None and _is_over(outcome):
+                if self._joined or not self._waits:
+                    return _Ended(f"The training of {self._model} has ended: {outcome.message}")
+                sentence = f"The training of {self._model} has ended"
+            elif self._takes_over and record is not None and may_wait:
+                return record, True
+            else:
+                sentence = f"The machine of the training of {self._model} is gone"
+            if not lives and not may_wait:
                 raise SettingsError(
                     f"{self._model} is not being trained.",
                     remedy="Start it on the other machine with `dr-start-training`, check bucket "
@@ -279,8 +276,6 @@ class JoinedMachine:
             stages=stages,
             folder=run_folder(self._settings.directory, own.run_id) / self._member,
             launcher_pid=os.getpid(),
-            session=record.session,
-            term=record.term,
         )
 
     def _drive(self, job: Job) -> _Ended | None:

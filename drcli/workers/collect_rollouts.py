@@ -27,7 +27,6 @@ STARTING_PATIENCE_S = 120.0
 """The same in the first iteration after a start. On a busy machine one worker may be ready long
 before another, and analysis tools need the first trace of every worker."""
 
-
 JOINED_PATIENCE_S = 2.0
 """The same for workers that have joined: if one of them dies, the others drive its share."""
 

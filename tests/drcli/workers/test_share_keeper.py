@@ -8,6 +8,7 @@ import pytest
 from drcli.base.errors import StorageError
 from drcli.exchange.joined_worker import MemberRecord, SharesRecord
 from drcli.store import keys
+from drcli.store.bucket import Listing
 from drcli.store.members import FORGOTTEN_S, GONE_S, RENEWED_S, read_shares
 from drcli.workers.episode_share import AssignedShare, Share
 from drcli.workers.share_keeper import (
@@ -328,7 +329,7 @@ def test_looks_that_cost_money_are_rare(machines):
     looks = 0
 
     class Counting(MemoryBucket):
-        def list(self, folder: str):  # type: ignore[no-untyped-def]
+        def list(self, folder: str) -> Listing:
             nonlocal looks
             looks += 1
             return super().list(folder)
