@@ -34,7 +34,7 @@ FLOORS = {
         {"checks", "remote", "saliency", "spot"},
         {"rewards", "benchmark", "analysis", "video"},
         {"runs", "playback"},
-        {"races"},
+        {"races", "sweeps"},
         {"web"},
         {"cli"},
     ),

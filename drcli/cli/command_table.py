@@ -59,6 +59,12 @@ COMMANDS: tuple[Command, ...] = (
         Command("start-worker", "Drive for a training on another machine."),
         Command("increment-training", "Start a new model from this one's weights.", "increments"),
         Command("stop-all", "Stop everything that was started in this folder.", "stop"),
+        Command(
+            "sweep",
+            "Train variants side by side, and find the best.",
+            function="app",
+            default="start",
+        ),
         Command("spot", "Train on spot machines of Amazon.", function="app"),
     ),
     *_section(

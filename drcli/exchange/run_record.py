@@ -162,18 +162,19 @@ class StopRequest:
 
 @dataclass(frozen=True)
 class WaitingStart:
-    """A start that waits until another one no longer trains the model, or a worker for another one.
+    """A process that a stop command ends although it is no run.
 
     Attributes:
         pid_started: From `process_identity.started_s`.
-        kind: Which of both.
+        kind: "wait" for a start that waits until another one no longer trains the model, "worker"
+            for one that drives for another machine, "sweep" for one that runs several trainings.
     """
 
     pid: int
     pid_started: float
     bucket: str
     prefix: str
-    kind: Literal["wait", "worker"] = "wait"
+    kind: Literal["wait", "worker", "sweep"] = "wait"
 
     @contextmanager
     def shown(self, folder: Path) -> Iterator[None]:

@@ -2,15 +2,13 @@
 
 import json
 import re
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
-import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from drcli.base.problems import BadValue, Problem, ProblemsError, closest, refuse, shown
-from drcli.base.text_file import decode
+from drcli.base.problems import BadValue, Problem, closest, refuse, shown
 from drcli.exchange.stage import StageGoal
 from drcli.modelfiles.json_file import (
     JsonFile,
@@ -21,15 +19,12 @@ from drcli.modelfiles.json_file import (
     dotted,
     problems_of,
 )
+from drcli.modelfiles.yaml_file import read_yaml_object
 
 RULE = "V-60"
 """Every problem of the file breaks this rule, except wrong hyperparameters in it."""
 
 MOST_STAGES = 100
-LARGEST_BYTES = 256 * 1024
-MOST_NODES = 20_000
-"""Values in the file, those of repeated anchors counted each time."""
-
 _REMEDY = "Compare it with the one that `dr-init --curriculum` writes."
 
 _NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9 ._-]{0,38}[A-Za-z0-9._-])?")
@@ -170,7 +165,7 @@ class CurriculumFile:
         Raises:
             ProblemsError: It is not YAML, a key is unknown, or a value is wrong or not allowed.
         """
-        file = _read_yaml(data, name)
+        file = read_yaml_object(data, name, RULE, "stages", _REMEDY)
         problems = list(_unknown_keys(file))
         try:
             read = _File.model_validate(file.values)
@@ -238,91 +233,6 @@ def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
                 what = f"{dotted(at) or written} is not a key of curriculum.yaml."
                 remedy = f"{hint}The keys here are {', '.join(_KEYS[kind])}."
             yield file.problem(RULE, at, what, remedy)
-
-
-class _Loader(yaml.SafeLoader):
-    """Reads what JSON knows: a date stays a text."""
-
-
-_Loader.yaml_implicit_resolvers = {
-    first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(":timestamp")]
-    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-}
-
-
-_KINDS = ("str", "int", "float", "bool", "null", "seq", "map", "merge")
-
-
-def _read_yaml(data: bytes, name: str) -> JsonFile:
-    """The values of a YAML file with the line of each.
-
-    Raises:
-        ProblemsError: It is too large, not text, not YAML, not an object, or holds a key twice.
-    """
-
-    def problem(line: int | None, message: str, remedy: str = _REMEDY) -> ProblemsError:
-        return ProblemsError([Problem(RULE, "error", name, line, message, remedy)])
-
-    text = decode(data, name, RULE, largest_bytes=LARGEST_BYTES, remedy=_REMEDY)
-    if not text.strip():
-        raise problem(None, "The file is empty.")
-    loader = _Loader(text)
-    try:
-        node = loader.get_single_node()
-        lines: dict[KeyPath, int] = {}
-        faults: list[tuple[int, str]] = []
-        if node is not None:
-            _walk(node, (), lines, faults)
-        values = None if node is None else loader.construct_document(node)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        what = f"The file is not valid YAML: {error.problem or error.context}."
-        raise problem(None if mark is None else mark.line + 1, what) from error
-    except (yaml.YAMLError, ValueError, OverflowError) as error:
-        what = f"The file is not valid YAML: {shown(str(error).splitlines()[0])}."
-        raise problem(None, what) from error
-    except RecursionError as error:
-        raise problem(None, "The file is nested too deeply, or refers to itself.") from error
-    finally:
-        loader.dispose()
-    if faults:
-        line, fault = faults[0]
-        raise problem(line, fault)
-    if not isinstance(values, dict):
-        what = f"The file contains {shown(text.strip())} instead of the key stages."
-        raise problem(1, what)
-    return JsonFile(name, values, lines)
-
-
-def _walk(
-    node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], faults: list[tuple[int, str]]
-) -> None:
-    """Note the line of each value by its path, and the faults that YAML's reader accepts."""
-    if len(lines) > MOST_NODES:
-        raise RecursionError
-    lines[path] = node.start_mark.line + 1
-    kind = node.tag.removeprefix("tag:yaml.org,2002:")
-    if kind not in _KINDS:
-        faults.append(
-            (lines[path], f"A value has the type {shown(node.tag)}; write a plain value.")
-        )
-    elif kind == "float" and node.value.lstrip("+-").casefold() in (".inf", ".nan"):
-        faults.append((lines[path], f"{shown(node.value)} is not a number."))
-    if isinstance(node, yaml.SequenceNode):
-        for index, child in enumerate(node.value):
-            _walk(child, (*path, index), lines, faults)
-    elif isinstance(node, yaml.MappingNode):
-        seen: set[Hashable] = set()
-        for key, child in node.value:
-            line = key.start_mark.line + 1
-            if not isinstance(key, yaml.ScalarNode):
-                faults.append((line, "A key is a list or an object; write a word."))
-                continue
-            if key.value in seen and key.value != "<<":
-                faults.append((line, f"The key {shown(key.value)} occurs twice."))
-            seen.add(key.value)
-            _walk(child, (*path, key.value), lines, faults)
-            lines[(*path, key.value)] = line
 
 
 def merged_hyperparameters(whole: bytes, changes: Mapping[str, Any]) -> bytes:

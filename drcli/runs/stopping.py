@@ -32,14 +32,14 @@ class Stopped:
     """A run that was stopped.
 
     Attributes:
-        kind: training, evaluation, wait for a start that waited for the end of another one, or
-            worker for `dr-start-worker`.
+        kind: training, evaluation, wait for a start that waited for the end of another one,
+            worker for `dr-start-worker`, or sweep for `dr-sweep start`.
         run_id: Its DR_RUN_ID.
         model: Its model, as s3://bucket/prefix.
         pid: Its process, which has ended.
     """
 
-    kind: Literal["training", "evaluation", "wait", "worker"]
+    kind: Literal["training", "evaluation", "wait", "worker", "sweep"]
     run_id: int
     model: str
     pid: int
@@ -79,12 +79,19 @@ def stop(config: RunConfig) -> RunReport:
 def stop_waiting(directory: Path, run_id: int) -> list[Stopped]:
     """End the starts of a DR_RUN_ID on this machine that wait until another one has ended.
 
-    The workers that `dr-start-worker` has started here end, too.
+    The workers that `dr-start-worker` has started here end, too. A sweep interrupts its trainings
+    first, so that it can continue them.
     """
     waiting = WaitingStart.all(run_folder(directory, run_id))
     for one in waiting:
         with suppress(ProcessLookupError, PermissionError):
             os.kill(one.pid, signal.SIGTERM)
+    sweeps = [one for one in waiting if one.kind == "sweep"]
+    wait_until(
+        lambda: not any(is_alive(one.pid, one.pid_started) for one in sweeps),
+        patience_s=TRAINING_PATIENCE_S,
+        last_s=0.1,
+    )
     return [
         Stopped(one.kind, run_id, f"s3://{one.bucket}/{one.prefix}", one.pid) for one in waiting
     ]

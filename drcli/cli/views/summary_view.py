@@ -84,7 +84,11 @@ def speed(report: "SpeedReport") -> str:
 
 
 def _ended(report: "StopReport") -> list[str]:
-    what = {"wait": "wait for the end of the training", "worker": "worker for the training"}
+    what = {
+        "wait": "wait for the end of the training",
+        "worker": "worker for the training",
+        "sweep": "sweep",
+    }
     return [
         f"Stopped the {what.get(run.kind, run.kind)} of {run.model} "
         f"(run {run.run_id}, process {run.pid})."

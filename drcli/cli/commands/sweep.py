@@ -1,0 +1,168 @@
+"""`dr sweep`: several trainings that differ in what a file says."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drcli.cli import console, prompts
+from drcli.cli.fetch_tracks import bring_tracks
+from drcli.cli.options import AsJson, DryRun, Force, wipe_option
+from drcli.cli.views import sweep_view
+from drcli.cli.working_folder import settings, working_folder
+
+if TYPE_CHECKING:
+    from drcli.config.settings import Settings
+    from drcli.sweeps.sweep_report import SweepReport
+
+EXAMPLE = "sweep.yaml"
+
+app = typer.Typer(
+    no_args_is_help=True,
+    help="Train several models that differ in reward function, hyperparameters or other things."
+    "\n\nA file says what differs, how long each training may take, and which of them end early. "
+    "`dr-sweep FILE` is short for `dr-sweep start FILE`.\n\n"
+    "Example: dr-sweep init, then dr-sweep sweep.yaml",
+)
+
+
+@app.command()
+def start(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File of the sweep.")],
+    wipe: Annotated[
+        bool, wipe_option("Delete the models of an earlier sweep of this name.")
+    ] = False,
+    parallel: Annotated[
+        int | None,
+        typer.Option("--parallel", min=1, max=100, metavar="N", help="Trainings at a time."),
+    ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option(
+            "--html", metavar="PAGE", help="Where to write the comparison; NAME-comparison.html."
+        ),
+    ] = None,
+    force: Force = False,
+    dry_run: DryRun = False,
+    as_json: AsJson = False,
+) -> None:
+    """Start a sweep, or continue it.
+
+    Each training is an experiment in experiments/, with a model of the same name:
+    `DR_EXPERIMENT_NAME=first-sweep-01 dr-status` and all other commands work for it. The command
+    ends when all trainings are over; it then compares them and marks the best. A training that
+    fails does not stop the others.
+
+    Ctrl-C and SIGTERM interrupt the trainings; the same command continues them. Started again
+    after its end, it tries again what has failed.
+
+    Example: dr-sweep start sweep.yaml
+    """
+    from drcli.sweeps.start_sweep import SweepStart, comparison_page, try_to_compare
+
+    loaded = _own_settings()
+    with console.waiting("Checking the sweep ...", only_live=True):
+        begun = SweepStart(loaded, file)
+    plan = begun.planned(parallel)
+    if dry_run:
+        console.emit(plan, sweep_view.planned(plan), as_json=as_json)
+        return
+    if wipe and plan.continues:
+        question = f"Delete the sweep {plan.name} and all its models?"
+        prompts.agree(question, yes=force)
+        begun.wipe()
+        plan = begun.planned(parallel)
+    for world in begun.worlds:
+        bring_tracks(loaded.replaced(world_name=world))
+    console.say(
+        f"Sweep {plan.name}: {len(plan.trials)} trainings, {plan.parallel} at a time. "
+        "Ctrl-C interrupts it."
+    )
+    with _live() as show:
+        report = begun.run(parallel=parallel, say=console.say, warn=console.warn, on_change=show)
+    page = comparison_page(loaded.directory, plan.name) if html is None else html
+    with console.waiting("Comparing the trainings ...", only_live=True):
+        report, problem = try_to_compare(begun, report, page)
+    if problem:
+        console.warn(problem)
+    console.emit(report, sweep_view.sweep(report), as_json=as_json)
+    if report.best:
+        best = next(trial for trial in report.trials if trial.best)
+        console.suggest(
+            [
+                (f"DR_EXPERIMENT_NAME={best.name} dr-evaluate", "drive the best"),
+                (f"dr-increment-training --pretrained {best.model}", "train it further"),
+            ]
+        )
+    if all(trial.state == "failed" for trial in report.trials):
+        raise typer.Exit(5)
+
+
+@app.command()
+def show(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="A sweep; all without one.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show the trainings of a sweep, or list all sweeps.
+
+    Example: dr-sweep show first-sweep
+    """
+    from drcli.base.errors import SettingsError
+    from drcli.models.transfer_buckets import bucket_to_look_at
+    from drcli.sweeps.stored_sweep import read_sweep
+    from drcli.sweeps.sweep_report import list_sweeps, report_of
+
+    bucket = bucket_to_look_at(settings().transfer, upload=False)
+    if name is None:
+        found = list_sweeps(bucket)
+        console.warn(*found.damaged)
+        console.emit(found, sweep_view.sweeps(found), as_json=as_json)
+        return
+    record = read_sweep(bucket, name)
+    if record is None:
+        raise SettingsError(
+            f"s3://{bucket.name} has no sweep {name}.", remedy="List them with `dr-sweep show`."
+        )
+    report = report_of(record, bucket.name)
+    console.emit(report, sweep_view.sweep(report), as_json=as_json)
+
+
+@app.command()
+def init(
+    file: Annotated[
+        Path | None, typer.Argument(metavar="FILE", help=f"Where to write it; {EXAMPLE}.")
+    ] = None,
+) -> None:
+    """Write an example of the file of a sweep.
+
+    Example: dr-sweep init
+    """
+    from drcli.sweeps.example_sweep import write_example
+
+    path = write_example(file or working_folder() / EXAMPLE)
+    console.say(f"Wrote {path}.")
+    console.suggest([(f"dr-sweep {path.name}", "start it once you have changed it")])
+
+
+def _own_settings() -> "Settings":
+    """The settings of the working folder, whatever experiment is chosen now."""
+    from drcli.config.loading import load_settings
+
+    settings()  # says what is wrong with DR_DIR
+    return load_settings(working_folder(), flags={"DR_EXPERIMENT_NAME": ""})
+
+
+@contextmanager
+def _live() -> Iterator[Callable[["SweepReport"], None]]:
+    """Show the table of a running sweep on a terminal, below what is said."""
+    if not console.is_live():
+        yield lambda report: None
+        return
+    from rich.live import Live
+
+    with Live(console=console.err, refresh_per_second=2, transient=True) as display:
+        yield lambda report: display.update(sweep_view.sweep(report))

@@ -1,0 +1,108 @@
+"""When the trainings of a sweep are compared, and which of them end or are replaced then."""
+
+import math
+import random
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from drcli.exchange.sweep_record import Resource
+from drcli.sweeps.sweep_file import Budget, Choices, EarlyStopping, Span
+from drcli.sweeps.trials import rounded
+
+FACTORS = (0.8, 1.25)
+"""A number of a copied training is multiplied by one of them. Source: Jaderberg et al., Population
+Based Training of Neural Networks (2017), who use 0.8 and 1.2."""
+
+REDRAWN = 0.25
+"""Probability that it is drawn anew instead."""
+
+
+def levels_of(budget: Budget, stopping: EarlyStopping) -> list[float]:
+    """The amounts of the budget at which the trainings are compared; the last is all of it."""
+    if stopping.method == "none":
+        return [budget.most]
+    found: list[float] = []
+    if stopping.method == "halving":
+        share = stopping.first_check
+        while share < 1.0:
+            found.append(share)
+            share *= stopping.reduction_factor
+    else:
+        found = [stopping.every * k for k in range(1, math.ceil(1.0 / stopping.every - 1e-9))]
+    amounts = [budget.most * share for share in found]
+    if budget.resource != "minutes":
+        amounts = [float(max(1, round(amount))) for amount in amounts]
+    return [*dict.fromkeys(a for a in amounts if a < budget.most), budget.most]
+
+
+def kept_of(count: int, reduction_factor: float) -> int:
+    """How many of so many trainings go on after a check: one at least."""
+    return max(1, math.ceil(count / reduction_factor - 1e-9))
+
+
+@dataclass(frozen=True)
+class Replacement:
+    """A training of a population that goes on with the weights of another one.
+
+    Attributes:
+        name: Of the training.
+        source: Of the one whose newest weights it gets.
+        hyperparameters: Its new ones.
+    """
+
+    name: str
+    source: str
+    hyperparameters: Mapping[str, float]
+
+
+def replacements(
+    ranked: Sequence[str],
+    own: Mapping[str, Mapping[str, float]],
+    vary: Mapping[str, Choices],
+    quantile: float,
+    chance: random.Random,
+) -> list[Replacement]:
+    """The worst trainings of a population, each with one of the best that it copies.
+
+    Args:
+        ranked: Names of all that can go on, the best first.
+        own: Their hyperparameters among those that vary.
+        vary: What these may be.
+        quantile: Share of the trainings that is replaced; half of them at most.
+        chance: Decides who copies whom, and how numbers change.
+    """
+    count = min(len(ranked) // 2, max(1, round(len(ranked) * quantile)))
+    found = []
+    for name in ranked[len(ranked) - count :]:
+        source = chance.choice(ranked[:count])
+        changed = {key: changed_value(own[source][key], vary[key], chance) for key in own[source]}
+        found.append(Replacement(name, source, changed))
+    return found
+
+
+def changed_value(value: float, choices: Choices, chance: random.Random) -> float:
+    """A hyperparameter near that of another training, or drawn anew."""
+    again = chance.random() < REDRAWN
+    if isinstance(choices, Span):
+        whole = isinstance(choices.low, int) and isinstance(choices.high, int)
+        if again and choices.log:
+            drawn = math.exp(chance.uniform(math.log(choices.low), math.log(choices.high)))
+        elif again:
+            drawn = chance.uniform(choices.low, choices.high)
+        else:
+            drawn = value * chance.choice(FACTORS)
+        kept = min(max(drawn, choices.low), choices.high)
+        return round(kept) if whole else rounded(kept)
+    numbers = [each for each in choices if not isinstance(each, str)]
+    if again or value not in numbers:
+        return chance.choice(numbers)
+    ordered = sorted(numbers)
+    place = ordered.index(value) + chance.choice((-1, 1))
+    return ordered[min(max(place, 0), len(ordered) - 1)]
+
+
+def comparable(resource: Resource, amount: float) -> str:
+    """An amount of a resource in words."""
+    if resource == "minutes":
+        return f"{amount:.1f} minutes" if amount >= 1.0 else f"{60.0 * amount:.0f} s"
+    return f"{amount:,.0f} {resource}"

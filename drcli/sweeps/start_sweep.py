@@ -1,0 +1,225 @@
+"""Starts or continues a sweep, and compares its trainings at the end."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from drcli.base.errors import DrError, NotAvailable, SettingsError
+from drcli.base.problems import Problem, ProblemsError
+from drcli.base.process_identity import started_s
+from drcli.base.termination import until_sigterm
+from drcli.checks.validate import validate
+from drcli.config.settings import Settings
+from drcli.config.settings_files import EXPERIMENT
+from drcli.exchange.run_record import WaitingStart, run_folder
+from drcli.exchange.sweep_record import SweepRecord
+from drcli.store.bucket import Bucket
+from drcli.store.connect import open_bucket
+from drcli.store.lease import live_holder
+from drcli.sweeps.stored_sweep import read_sweep, refuse_used_models, wipe_sweep
+from drcli.sweeps.sweep_file import SweepFile, read_sweep_file
+from drcli.sweeps.sweep_report import SweepReport, report_of
+from drcli.sweeps.sweep_run import Pace, SweepRun
+from drcli.sweeps.trial_files import TrialFiles
+from drcli.sweeps.trials import Trial, trials_of
+from drcli.workers.cores import usable_cores
+
+CORES = 2
+"""Processor cores for each training if several run at a time: one drives, one learns."""
+
+
+@dataclass(frozen=True)
+class SweepPlanned:
+    """A sweep that can start.
+
+    Attributes:
+        name: Of the sweep.
+        trials: Its trainings: name, and what distinguishes each.
+        parallel: How many run at a time.
+        continues: Whether it has begun before.
+    """
+
+    name: str
+    trials: dict[str, dict[str, str]]
+    parallel: int
+    continues: bool
+
+
+class SweepStart:
+    """A sweep that was checked and has not begun.
+
+    Args:
+        settings: Of the working folder, without an experiment.
+        path: The file of the sweep.
+
+    Raises:
+        SettingsError: Something is wrong with the file, what it names, or the settings.
+        StorageError: The bucket does not answer.
+    """
+
+    def __init__(self, settings: Settings, path: Path) -> None:
+        self._settings = settings
+        self._sweep: SweepFile = read_sweep_file(path)
+        _refuse_curriculum(settings, self._sweep)
+        self._trials: list[Trial] = trials_of(self._sweep)
+        self._bucket: Bucket = open_bucket(settings.storage)
+        self._files = TrialFiles(settings, self._sweep, self._bucket)
+        self._files.check(self._trials)
+        self._record: SweepRecord | None = read_sweep(self._bucket, self._sweep.name)
+
+    @property
+    def worlds(self) -> list[str]:
+        """The tracks of all trainings."""
+        own = self._settings.world_name
+        return sorted({trial.settings.get("DR_WORLD_NAME", own) for trial in self._trials})
+
+    def planned(self, parallel: int | None) -> SweepPlanned:
+        """What would be trained."""
+        return SweepPlanned(
+            self._sweep.name,
+            {trial.name: dict(trial.varied) for trial in self._trials},
+            self._pace(parallel).parallel,
+            self._record is not None,
+        )
+
+    def wipe(self) -> int:
+        """Delete the models and the record of an earlier sweep of this name.
+
+        Returns:
+            The number of its trainings.
+
+        Raises:
+            SettingsError: One of them is being trained.
+        """
+        if self._record is None:
+            return 0
+        for trial in self._record.trials:
+            held = live_holder(self._bucket, trial.prefix)
+            if held is not None:
+                raise SettingsError(
+                    f"{trial.name} is being trained by {held.owner}.",
+                    remedy="Stop the sweep first.",
+                )
+        wipe_sweep(self._bucket, self._record)
+        found, self._record = self._record, None
+        return len(found.trials)
+
+    def run(
+        self,
+        *,
+        parallel: int | None,
+        say: Callable[[str], None],
+        warn: Callable[[str], None],
+        on_change: Callable[[SweepReport], None],
+    ) -> SweepReport:
+        """Train, until all trainings are over.
+
+        Args:
+            parallel: How many at a time; None for what the file or the cores say.
+            say: Shows a sentence on what happens.
+            warn: Shows a sentence on a training that is going to fail.
+            on_change: Called after each change.
+
+        Raises:
+            SettingsError: A model of this name exists, or something cannot be written.
+            StorageError: The bucket does not answer; nothing is lost.
+            TrainedElsewhere: Another machine runs one of the trainings.
+            Stopped: SIGTERM came; the same command continues.
+        """
+        directory, name = self._settings.directory, self._sweep.name
+        if self._record is None:
+            refuse_used_models(self._bucket, self._trials)
+        own = WaitingStart(
+            os.getpid(), started_s(os.getpid()) or 0.0, self._bucket.name, name, "sweep"
+        )
+        folder = run_folder(directory, self._settings.run_id)
+        _refuse_second(folder, own)
+        stopped = f"The sweep {name} was interrupted; its trainings are saved."
+        with own.shown(folder), until_sigterm(stopped, "Continue it with the same command."):
+            sweep = SweepRun(
+                directory,
+                self._sweep,
+                self._trials,
+                self._files,
+                self._bucket,
+                self._pace(parallel),
+                say=say,
+                on_change=lambda record: on_change(report_of(record, self._bucket.name)),
+            )
+            for sentence in self._warnings(sweep.record):
+                warn(sentence)
+            record = sweep.run()
+        return report_of(record, self._bucket.name)
+
+    def compare(self, report: SweepReport, page: Path) -> SweepReport:
+        """Write the page of `dr-analyze compare` about all trainings with results.
+
+        Raises:
+            DrError: It cannot be made.
+        """
+        from drcli.analysis.outputs import check_targets, write_comparison_of
+        from drcli.analysis.read_run import read_runs
+
+        models = [trial.model for trial in report.trials if trial.progress is not None]
+        if len(models) < 2:
+            return report
+        check_targets(page, None)
+        found = write_comparison_of(read_runs(self._settings, models), page)
+        return replace(report, comparison=found.html)
+
+    def _pace(self, parallel: int | None) -> Pace:
+        cores = usable_cores(self._settings.run.train)
+        wanted = parallel or self._sweep.plan.parallel or max(1, cores // CORES)
+        many = min(wanted, len(self._trials))
+        given = self._settings.threads
+        return Pace(many, 0 if given or many == 1 else max(1, cores // many))
+
+    def _warnings(self, record: SweepRecord) -> list[str]:
+        """A sentence for each file that a training cannot start with, before hours have passed."""
+        found = []
+        seen: set[tuple[str, str]] = set()
+        fresh = {trial.name for trial in record.trials if trial.state == "waiting"}
+        for trial in self._trials:
+            pair = (trial.reward_function, trial.model_metadata)
+            if trial.name not in fresh or pair in seen:
+                continue
+            seen.add(pair)
+            environ = {**os.environ, EXPERIMENT: trial.name}
+            report = validate(self._settings.directory, environ=environ)
+            found += [f"{trial.name} cannot start. {error}" for error in report.errors]
+        return found
+
+
+def comparison_page(directory: Path, name: str) -> Path:
+    """Where the page that compares the trainings of a sweep is written."""
+    return directory / f"{name}-comparison.html"
+
+
+def try_to_compare(start: SweepStart, report: SweepReport, page: Path) -> tuple[SweepReport, str]:
+    """Compare the trainings; if that is not possible, say why."""
+    try:
+        return start.compare(report, page), ""
+    except NotAvailable as error:
+        return report, f"The trainings are not compared: {error} {error.remedy}"
+    except DrError as error:
+        return report, f"The trainings cannot be compared: {error}"
+
+
+def _refuse_second(folder: Path, own: WaitingStart) -> None:
+    for other in WaitingStart.all(folder):
+        if other.kind == "sweep" and (other.prefix, other.bucket) == (own.prefix, own.bucket):
+            raise SettingsError(
+                f"The sweep {own.prefix} already runs here, as process {other.pid}.",
+                remedy="Look at it with `dr-sweep show`, or stop it with `dr-stop-training`.",
+            )
+
+
+def _refuse_curriculum(settings: Settings, sweep: SweepFile) -> None:
+    if settings.curriculum_file and sweep.plan.settings.get("DR_CURRICULUM_FILE") != "":
+        problem: Problem = sweep.problem(
+            ("settings",),
+            f"A sweep trains without stages, but DR_CURRICULUM_FILE is {settings.curriculum_file}.",
+            'Add settings: {DR_CURRICULUM_FILE: ""}, or remove it from run.env.',
+        )
+        raise ProblemsError([problem])

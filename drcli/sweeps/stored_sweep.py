@@ -1,0 +1,84 @@
+"""The record of a sweep in the bucket: read, write, and refuse what does not fit it."""
+
+from collections.abc import Mapping
+
+from drcli.base.errors import SettingsError
+from drcli.base.problems import refuse
+from drcli.exchange.sweep_record import SweepRecord, TrialRecord
+from drcli.store import sweep_keys
+from drcli.store.bucket import Bucket, ObjectMissing, read_record
+from drcli.store.model_prefix import is_used, wipe
+from drcli.sweeps.sweep_file import SweepFile
+from drcli.sweeps.trials import Trial
+
+
+def put_sweep(bucket: Bucket, record: SweepRecord) -> None:
+    """Write the record of a sweep."""
+    bucket.put(sweep_keys.sweep(record.name), record.encode())
+
+
+def read_sweep(bucket: Bucket, name: str) -> SweepRecord | None:
+    """The record of a sweep; None without one.
+
+    Raises:
+        StorageError: It cannot be read.
+    """
+    key = sweep_keys.sweep(name)
+    remedy = f"Delete {key} from the bucket and give the sweep another name; its models stay."
+    try:
+        return read_record(bucket, key, SweepRecord.decode, remedy)
+    except ObjectMissing:
+        return None
+
+
+def refuse_other_trials(record: SweepRecord, sweep: SweepFile, trials: list[Trial]) -> None:
+    """Refuse to continue a sweep with a file that has other trainings.
+
+    Raises:
+        ProblemsError: The trainings are others.
+    """
+    before = {trial.name: dict(trial.varied) for trial in record.trials}
+    now = {trial.name: dict(trial.varied) for trial in trials}
+    if before != now:
+        other = sorted(name for name in before.keys() | now if before.get(name) != now.get(name))
+        what = f"vary or settings have changed since the sweep {record.name} began: {other[0]} "
+        what += "would be another training."
+        remedy = "Give the new one another name, or delete the old one with `dr-sweep start -w`."
+        refuse([sweep.problem(("vary",), what, remedy)])
+
+
+def refuse_used_models(bucket: Bucket, trials: list[Trial]) -> None:
+    """Refuse names of models that exist and are not of the sweep.
+
+    Raises:
+        SettingsError: There is such a model.
+    """
+    for trial in trials:
+        if is_used(bucket, trial.name):
+            raise SettingsError(
+                f"s3://{bucket.name}/{trial.name} exists, and is not of this sweep.",
+                remedy="Give the sweep another name, or delete the model with "
+                f"`dr-delete-model {trial.name}`.",
+            )
+
+
+def varied_now(trial: TrialRecord) -> Mapping[str, str]:
+    """What distinguishes a training, with hyperparameters that a population has changed."""
+    changed = {key: f"{value:g}" for key, value in trial.hyperparameters.items()}
+    return {**trial.varied, **changed}
+
+
+def wipe_sweep(bucket: Bucket, record: SweepRecord) -> None:
+    """Delete the models of a sweep, and its record last."""
+    for trial in record.trials:
+        for prefix in [
+            trial.name,
+            *(copy_of(trial, check) for check in range(1, 1 + record.checks)),
+        ]:
+            wipe(bucket, prefix)
+    bucket.delete([sweep_keys.sweep(record.name)])
+
+
+def copy_of(trial: TrialRecord, check: int) -> str:
+    """Prefix of the model with which a training goes on after a check, if it copies another."""
+    return f"{trial.name}-g{check + 1}"

@@ -1,0 +1,426 @@
+"""Runs the trainings of a sweep: so many at a time, compared at some amounts of their budget.
+
+All trainings get to the same amount before they are compared, so on a machine with room for one
+they take turns: a training that has got there is interrupted, and resumed if it may go on. It loses
+the episodes of the iteration that it was driving, and some seconds for the start of its processes.
+"""
+
+import random
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from drcli.base.errors import DrError, StorageError, TrainedElsewhere, WorkerDied
+from drcli.exchange.sweep_record import SweepRecord, TrialRecord, TrialState
+from drcli.runs.wait_for_owner import LONG_LOOK_S
+from drcli.store.bucket import Bucket, ObjectDamaged
+from drcli.store.last_outcome import read_outcome
+from drcli.store.lease import STALE_S
+from drcli.store.notes import write_description
+from drcli.sweeps.early_stopping import Replacement, comparable, kept_of, levels_of, replacements
+from drcli.sweeps.stored_sweep import (
+    copy_of,
+    put_sweep,
+    read_sweep,
+    refuse_other_trials,
+    varied_now,
+)
+from drcli.sweeps.sweep_file import Span, SweepFile
+from drcli.sweeps.trial_files import TrialFiles
+from drcli.sweeps.trial_run import Limits, TrialRun
+from drcli.sweeps.trial_score import amount_of, best_of, rank, score_of, until
+from drcli.sweeps.trials import Trial
+
+LOOK_S = 1.0
+"""How often the trainings are looked at."""
+
+MOST_STARTS = 3
+"""How often a training is started again that failed for a reason which may pass."""
+
+END_S = 60.0
+"""How long the trainings may take to save their checkpoints when the sweep ends."""
+
+ELSEWHERE_S = STALE_S + 60.0
+"""How long to try to take over a training whose machine may be gone."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How many trainings run at a time, and on how many cores each.
+
+    Attributes:
+        parallel: Trainings at a time.
+        threads: Cores of each; 0 leaves it to their settings.
+    """
+
+    parallel: int
+    threads: int = 0
+
+
+class SweepRun:
+    """The trainings of a sweep, from the first start to the best of them.
+
+    Args:
+        directory: The working folder.
+        sweep: The file of the sweep.
+        trials: Its trainings, which have been checked.
+        files: Writes their experiments.
+        bucket: Where models and record are.
+        pace: How many run at a time.
+        say: Shows a sentence on what happens.
+        on_change: Called with the record after each change.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        sweep: SweepFile,
+        trials: list[Trial],
+        files: TrialFiles,
+        bucket: Bucket,
+        pace: Pace,
+        *,
+        say: Callable[[str], None],
+        on_change: Callable[[SweepRecord], None] = lambda record: None,
+        pause: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._directory = directory
+        self._sweep = sweep
+        self._plan = sweep.plan
+        self._trials = {trial.name: trial for trial in trials}
+        self._files = files
+        self._bucket = bucket
+        self._pace = pace
+        self._say = say
+        self._on_change = on_change
+        self._pause = pause
+        self._levels = levels_of(self._plan.budget, self._plan.early_stopping)
+        self._elsewhere_since: dict[str, float] = {}
+        self._asked: set[str] = set()
+        self._runs: dict[str, TrialRun] = {}
+        self.record = self._begun()
+
+    def run(self) -> SweepRecord:
+        """Train until all trainings are over, and mark the best.
+
+        Raises:
+            StorageError: The bucket does not answer; nothing is lost.
+            TrainedElsewhere: Another machine runs one of the trainings.
+        """
+        try:
+            self._adopt()
+            while self.record.ended_at is None:
+                level = self._levels[min(self.record.checks, len(self._levels) - 1)]
+                self._drive_to(level)
+                self._compare(level)
+        finally:
+            self._end_all()
+        return self.record
+
+    def _begun(self) -> SweepRecord:
+        """The record of an earlier start, or a new one."""
+        found = read_sweep(self._bucket, self._sweep.name)
+        if found is None:
+            record = SweepRecord(
+                name=self._sweep.name,
+                metric=self._plan.metric,
+                resource=self._plan.budget.resource,
+                most=self._plan.budget.most,
+                began_at=time.time(),
+                trials=(),
+            )
+            trials = []
+            for trial in self._trials.values():
+                run_id = self._files.write(trial, trial.name, hyperparameters={})
+                trials.append(TrialRecord(trial.name, trial.name, run_id, trial.varied))
+            record = replace(record, trials=tuple(trials))
+            self._put(record)
+            return record
+        refuse_other_trials(found, self._sweep, list(self._trials.values()))
+        again = replace(found, resource=self._plan.budget.resource, most=self._plan.budget.most)
+        for each in found.trials:
+            if each.state == "failed":
+                self._say(f"{each.name} has failed before, and is tried again.")
+                fresh = replace(each, state="waiting", starts=0, message="", remedy="")
+                again = replace(_with(again, fresh), ended_at=None)
+            elif each.is_over or (self._directory / "experiments" / each.name).is_dir():
+                continue
+            again = _with(again, replace(_trial(again, each.name), run_id=self._write(each)))
+        self._put(again)
+        return again
+
+    def _write(self, trial: TrialRecord) -> int:
+        return self._files.write(
+            self._trials[trial.name],
+            trial.prefix,
+            used=trial.earlier,
+            hyperparameters=trial.hyperparameters,
+            source=trial.source,
+        )
+
+    def _adopt(self) -> None:
+        """Go on with trainings that an earlier sweep, which was killed, has left running."""
+        for trial in self.record.trials:
+            if trial.state == "running":
+                self._set(trial.name, state="running" if self._run(trial).runs else "paused")
+
+    # --- To the next comparison -------------------------------------------------------------
+
+    def _drive_to(self, level: float) -> None:
+        """Train until every training has used `level` of its budget or is over."""
+        while True:
+            for trial in self._in("running"):
+                self._look_at(trial)
+            behind = [t for t in self.record.trials if not t.is_over and t.amount < level]
+            if not behind:
+                return
+            waiting = [t for t in behind if t.state != "running"]
+            running = self._in("running")
+            there = [t for t in running if t.amount >= level]
+            if waiting and len(running) >= self._pace.parallel:
+                for trial in there:
+                    self._interrupt(trial.name)
+            elif waiting:
+                for trial in waiting[: self._pace.parallel - len(running)]:
+                    self._start(trial)
+            self._pause(LOOK_S)
+
+    def _start(self, trial: TrialRecord) -> None:
+        self._asked.discard(trial.name)
+        plan = self._plan
+        left = plan.budget.most - trial.earlier
+        limits = Limits(
+            minutes=left if plan.budget.resource == "minutes" else None,
+            laps=plan.until_laps,
+            lap_time_s=plan.until_lap_time,
+            threads=self._pace.threads,
+        )
+        begun = trial.amount > 0.0
+        try:
+            over = self._run(trial).start(limits)
+        except TrainedElsewhere as error:
+            first = self._elsewhere_since.setdefault(trial.name, time.monotonic())
+            if time.monotonic() > first + ELSEWHERE_S:
+                raise
+            self._say(f"{trial.name} waits: {error}")
+            self._pause(LONG_LOOK_S)
+            return
+        except StorageError:
+            raise
+        except DrError as error:
+            self._failed(trial, str(error), error.remedy, may_pass=isinstance(error, WorkerDied))
+            return
+        self._elsewhere_since.pop(trial.name, None)
+        if over:
+            outcome = read_outcome(self._bucket, trial.prefix)
+            stopped = outcome is not None and outcome.stays_ended
+            self._measure(trial)
+            self._set(trial.name, state="stopped" if stopped else "finished", message=over)
+            return
+        self._say(f"{trial.name} {'goes on' if begun else 'begins'}: {self._text(trial)}")
+        self._set(trial.name, state="running")
+
+    def _look_at(self, trial: TrialRecord) -> None:
+        """Note how far a running training has come, and how it has ended."""
+        run = self._run(trial)
+        runs = run.runs  # before its iterations are read, so that none is missed
+        self._measure(trial)
+        trial = self._trial(trial.name)
+        if runs:
+            used_up = trial.amount >= self._plan.budget.most
+            if used_up and self._plan.budget.resource == "steps":
+                self._interrupt(trial.name)
+                self._set(trial.name, state="finished", message="Its budget is used up.")
+                self._say(f"{trial.name} has used up its budget.")
+            return
+        record = run.record()
+        if record is None or record.state in ("interrupted", "lost", "starting", "running"):
+            asked = trial.name in self._asked
+            if asked or (record is not None and record.state == "interrupted"):
+                self._set(trial.name, state="paused")
+            else:
+                self._failed(trial, "Its supervisor was killed.", "", may_pass=True)
+        elif record.state in ("finished", "stopped"):
+            over: TrialState = "finished" if record.state == "finished" else "stopped"
+            self._set(trial.name, state=over, message=record.message)
+            self._say(f"{trial.name}: {record.message}")
+        else:
+            may_pass = record.exit_code in (StorageError.code, WorkerDied.code)
+            self._failed(trial, record.message, record.remedy, may_pass=may_pass)
+
+    def _measure(self, trial: TrialRecord) -> None:
+        """Note how much of its budget a training has used, and its score."""
+        try:
+            records = self._run(trial).iterations()
+        except ObjectDamaged as error:
+            self._say(f"{trial.name}: {error}")
+            return
+        amount = trial.earlier + amount_of(records, self._plan.budget.resource)
+        score = score_of(records, self._plan.metric)
+        if (amount, score) != (trial.amount, trial.score):
+            self._set(trial.name, amount=amount, score=score)
+
+    def _failed(self, trial: TrialRecord, message: str, remedy: str, *, may_pass: bool) -> None:
+        if may_pass and trial.starts < MOST_STARTS:
+            self._say(f"{trial.name}: {message} It is started again.")
+            self._set(trial.name, state="paused", starts=trial.starts + 1)
+            return
+        self._say(f"{trial.name} has failed: {message}")
+        self._set(trial.name, state="failed", message=message, remedy=remedy)
+
+    # --- Comparisons ------------------------------------------------------------------------
+
+    def _compare(self, level: float) -> None:
+        """Compare the trainings at a level, and end, replace or continue them."""
+        number = self.record.checks + 1
+        if number >= len(self._levels):
+            self._finish()
+            return
+        method = self._plan.early_stopping.method
+        ranked = self._ranked(level)
+        if method == "halving":
+            self._halve(number, level, ranked)
+        elif method == "population":
+            self._replace_worst(number, level, ranked)
+        self._put(replace(self.record, checks=number))
+
+    def _ranked(self, level: float) -> list[TrialRecord]:
+        """The trainings that may be the best, by what they could at this level."""
+        scores = {}
+        for trial in self.record.trials:
+            if trial.state not in ("failed", "stopped early"):
+                records = self._run(trial).iterations()
+                within = until(records, self._plan.budget.resource, level - trial.earlier)
+                scores[trial.name] = rank(score_of(within, self._plan.metric), self._plan.metric)
+        names = sorted(scores, key=lambda name: scores[name], reverse=True)
+        return [self._trial(name) for name in names]
+
+    def _halve(self, number: int, level: float, ranked: list[TrialRecord]) -> None:
+        """End the worst trainings."""
+        kept = kept_of(len(ranked), self._plan.early_stopping.reduction_factor)
+        at = comparable(self._plan.budget.resource, level)
+        self._say(f"Check {number} at {at}: {kept} of {len(ranked)} go on.")
+        for place, trial in enumerate(ranked[kept:], kept + 1):
+            if trial.is_over:
+                continue
+            self._interrupt(trial.name)
+            message = f"Check {number} at {at}: place {place} of {len(ranked)}, {kept} go on."
+            self._set(trial.name, state="stopped early", message=message)
+            self._say(f"{trial.name} is stopped early: place {place} of {len(ranked)}.")
+
+    def _replace_worst(self, number: int, level: float, ranked: list[TrialRecord]) -> None:
+        """Let the worst trainings of a population go on with copies of the best."""
+        vary = {
+            key: choices
+            for key, choices in self._plan.vary.hyperparameters.items()
+            if isinstance(choices, Span) or not any(isinstance(each, str) for each in choices)
+        }
+        going = [trial for trial in ranked if not trial.is_over and trial.score is not None]
+        own = {t.name: {**_numbers(self._trials[t.name]), **t.hyperparameters} for t in going}
+        own = {name: {key: each[key] for key in vary} for name, each in own.items()}
+        chance = random.Random(f"{self._plan.seed} {number}")
+        quantile = self._plan.early_stopping.quantile
+        names = [trial.name for trial in going]
+        at = comparable(self._plan.budget.resource, level)
+        self._say(
+            f"Check {number} at {at}: the best of {len(names)} is {names[0] if names else '-'}."
+        )
+        for each in replacements(names, own, vary, quantile, chance):
+            self._copy(number, each)
+
+    def _copy(self, number: int, each: Replacement) -> None:
+        """Go on with the weights of another training, as a new model."""
+        trial, source = self._trial(each.name), self._trial(each.source)
+        self._interrupt(trial.name, wait=True)
+        prefix = copy_of(trial, number)
+        self._runs.pop(trial.name, None)
+        self._set(
+            trial.name,
+            prefix=prefix,
+            hyperparameters=dict(each.hyperparameters),
+            source=source.prefix,
+            state="waiting",
+            earlier=trial.amount,
+            score=None,
+        )
+        self._write(self._trial(trial.name))
+        changed = ", ".join(f"{key}={value:g}" for key, value in each.hyperparameters.items())
+        self._say(f"{trial.name} goes on with the weights of {source.name} and {changed}.")
+
+    def _finish(self) -> None:
+        """All trainings have used their budget: mark the best."""
+        for trial in self._in("running"):
+            self._interrupt(trial.name, wait=True)
+        for trial in self.record.trials:
+            if not trial.is_over:
+                self._set(trial.name, state="finished", message="Its budget is used up.")
+        best = best_of(self.record.trials, self._plan.metric)
+        self._put(replace(self.record, ended_at=time.time(), best=best))
+        if best:
+            trial = self._trial(best)
+            text = f"Best of sweep {self._sweep.name}: {self._text(trial)}"
+            write_description(self._bucket, trial.prefix, text)
+
+    # --- Records and processes --------------------------------------------------------------
+
+    def _text(self, trial: TrialRecord) -> str:
+        return ", ".join(f"{key}={value}" for key, value in varied_now(trial).items())
+
+    def _run(self, trial: TrialRecord) -> TrialRun:
+        if trial.name not in self._runs:
+            self._runs[trial.name] = TrialRun(self._directory, trial, self._bucket)
+        return self._runs[trial.name]
+
+    def _trial(self, name: str) -> TrialRecord:
+        return _trial(self.record, name)
+
+    def _in(self, state: TrialState) -> list[TrialRecord]:
+        return [trial for trial in self.record.trials if trial.state == state]
+
+    def _interrupt(self, name: str, *, wait: bool = False) -> None:
+        """Ask a training to end; it is not lost."""
+        run = self._run(self._trial(name))
+        if name not in self._asked:
+            self._asked.add(name)
+            run.interrupt()
+        while wait and run.runs:
+            self._pause(LOOK_S)
+
+    def _end_all(self) -> None:
+        """Interrupt what runs, and wait for it: nobody looks after it any more."""
+        running = [trial for trial in self.record.trials if self._run(trial).runs]
+        for trial in running:
+            self._interrupt(trial.name)
+        ends_s = time.monotonic() + END_S
+        for trial in running:
+            while self._run(trial).runs and time.monotonic() < ends_s:
+                self._pause(LOOK_S)
+            if self._trial(trial.name).state == "running":
+                with suppress(StorageError):  # the next start finds out by itself
+                    self._set(trial.name, state="paused")
+
+    def _set(self, name: str, **values: object) -> None:
+        trial = replace(self._trial(name), **values)  # type: ignore[arg-type]
+        self._put(_with(self.record, trial))
+
+    def _put(self, record: SweepRecord) -> None:
+        best = best_of(record.trials, self._plan.metric)
+        record = replace(record, best=best)
+        put_sweep(self._bucket, record)
+        self.record = record
+        self._on_change(record)
+
+
+def _trial(record: SweepRecord, name: str) -> TrialRecord:
+    return next(trial for trial in record.trials if trial.name == name)
+
+
+def _with(record: SweepRecord, trial: TrialRecord) -> SweepRecord:
+    trials = tuple(trial if each.name == trial.name else each for each in record.trials)
+    return replace(record, trials=trials)
+
+
+def _numbers(trial: Trial) -> dict[str, float]:
+    return {k: v for k, v in trial.hyperparameters.items() if not isinstance(v, str)}

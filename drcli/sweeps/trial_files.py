@@ -1,0 +1,167 @@
+"""The files of a training of a sweep: an experiment, as the racer could have made it."""
+
+from collections.abc import Mapping
+
+from drcli.base.atomic_file import rewrite
+from drcli.base.problems import ProblemsError, refuse
+from drcli.config.new_folder import plan_experiment
+from drcli.config.presets import MODEL_FILES
+from drcli.config.settings import Settings
+from drcli.config.settings_files import parse_env
+from drcli.config.write_folder import FolderPlan, write
+from drcli.modelfiles.curriculum_file import merged_hyperparameters
+from drcli.modelfiles.custom_files import find, missing_files
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+from drcli.sweeps.sweep_file import SweepFile
+from drcli.sweeps.trials import Trial
+
+_LIMITS = {"episodes": "DR_TRAIN_MAX_EPISODES", "iterations": "DR_TRAIN_MAX_ITERATIONS"}
+"""Settings that end a training once its budget is used up."""
+
+
+class TrialFiles:
+    """Writes the experiments of a sweep into the working folder.
+
+    Args:
+        settings: Of the working folder, without an experiment.
+        sweep: The file of the sweep.
+        bucket: Where the racer's three files are, if not in custom_files/.
+
+    Raises:
+        ProblemsError: One of the racer's files is missing.
+    """
+
+    def __init__(self, settings: Settings, sweep: SweepFile, bucket: Bucket) -> None:
+        self._folder = settings.directory
+        self._sweep = sweep
+        self._own = find(settings.custom_files, bucket)
+        refuse(missing_files(self._own, settings.custom_files, bucket.name))
+
+    def check(self, trials: list[Trial]) -> None:
+        """Check what the file of the sweep says, for all trainings, before any is written.
+
+        Raises:
+            ProblemsError: A file cannot be read, or a value is wrong.
+        """
+        for trial in trials:
+            self._plan(trial, trial.name, {}, {})
+
+    def write(
+        self,
+        trial: Trial,
+        prefix: str,
+        *,
+        used: float = 0.0,
+        hyperparameters: Mapping[str, float],
+        source: str = "",
+    ) -> int:
+        """Write the experiment of a training, or write it again.
+
+        Args:
+            trial: The training.
+            prefix: Its model.
+            used: How much of its budget earlier models have used.
+            hyperparameters: Those that it has now instead of its own.
+            source: Model whose weights it begins with; empty for its own.
+
+        Returns:
+            Its DR_RUN_ID.
+
+        Raises:
+            ProblemsError: A value is wrong.
+            SettingsError: Something cannot be written.
+        """
+        more = {}
+        if source:
+            more = {
+                "DR_LOCAL_S3_PRETRAINED": "True",
+                "DR_LOCAL_S3_PRETRAINED_PREFIX": source,
+                "DR_LOCAL_S3_PRETRAINED_CHECKPOINT": "last",
+            }
+        budget = self._sweep.plan.budget
+        if budget.resource in _LIMITS:
+            more[_LIMITS[budget.resource]] = f"{max(1.0, budget.most - used):.0f}"
+        plan = self._plan(trial, prefix, hyperparameters, more)
+        if all((self._folder / file.name).exists() for file in plan.files):
+            for file in plan.files:
+                rewrite(self._folder / file.name, file.data)
+        else:
+            write(plan)
+        run = next(file for file in plan.files if file.name.endswith("/run.env"))
+        return int(parse_env(run.data, run.name).last["DR_RUN_ID"].value)
+
+    def _plan(
+        self,
+        trial: Trial,
+        prefix: str,
+        hyperparameters: Mapping[str, float],
+        more: Mapping[str, str],
+    ) -> FolderPlan:
+        here = f"custom_files/{trial.name}"
+        values = {
+            **trial.settings,
+            "DR_LOCAL_S3_MODEL_PREFIX": prefix,
+            "DR_LOCAL_S3_METRICS_PREFIX": f"{prefix}/metrics",
+            "DR_LOCAL_S3_CUSTOM_FILES_PREFIX": here,
+            "DR_LOCAL_S3_REWARD_KEY": f"{here}/reward_function.py",
+            "DR_LOCAL_S3_HYPERPARAMETERS_KEY": f"{here}/hyperparameters.json",
+            "DR_LOCAL_S3_MODEL_METADATA_KEY": f"{here}/model_metadata.json",
+            "DR_MODEL_DESCRIPTION": f"Sweep {self._sweep.name}: {trial.text}",
+            **more,
+        }
+        existing = self._folder / "experiments" / trial.name / "run.env"
+        if existing.is_file():
+            entry = parse_env(existing.read_bytes(), "run.env").last.get("DR_RUN_ID")
+            if entry is not None:
+                values["DR_RUN_ID"] = entry.value
+        return plan_experiment(
+            self._folder,
+            trial.name,
+            values,
+            files_of_model=self._files(trial, hyperparameters),
+        )
+
+    def _files(self, trial: Trial, hyperparameters: Mapping[str, float]) -> dict[str, bytes]:
+        files = {name: self._own[name].data for name in MODEL_FILES}
+        if trial.reward_function:
+            files[keys.REWARD_FUNCTION_FILE] = self._read("reward_function", trial.reward_function)
+        if trial.model_metadata:
+            files[keys.MODEL_METADATA_FILE] = self._read("model_metadata", trial.model_metadata)
+        changes = {**trial.hyperparameters, **hyperparameters}
+        whole = files[keys.HYPERPARAMETERS_FILE]
+        Hyperparameters.from_bytes(whole, self._own[keys.HYPERPARAMETERS_FILE].origin)
+        if changes:
+            merged = merged_hyperparameters(whole, changes)
+            try:
+                Hyperparameters.from_bytes(merged)
+            except ProblemsError as error:
+                raise self._of_sweep(trial, error) from None
+            files[keys.HYPERPARAMETERS_FILE] = merged
+        return files
+
+    def _of_sweep(self, trial: Trial, error: ProblemsError) -> ProblemsError:
+        """The problems of hyperparameters, in the lines of the sweep that caused them."""
+        found = []
+        for each in error.problems:
+            key = each.key.split(".")[0].split("[")[0]
+            if key not in trial.hyperparameters:
+                return error
+            path = ("vary", "hyperparameters", key)
+            found.append(self._sweep.problem(path, each.message, each.remedy))
+        return ProblemsError(found)
+
+    def _read(self, section: str, name: str) -> bytes:
+        """A file that the sweep names: beside it, or in custom_files/."""
+        for path in (self._sweep.folder / name, self._folder / "custom_files" / name):
+            if path.is_file():
+                try:
+                    return path.read_bytes()
+                except OSError as error:
+                    what = f"{path} cannot be read ({error.strerror or error})."
+                    refuse([self._sweep.problem(("vary", section), what, "Make it readable.")])
+        what = f"{section}: there is no file {name}."
+        remedy = f"Put it into {self._sweep.folder}, or correct its path there."
+        refuse([self._sweep.problem(("vary", section), what, remedy)])
+        raise AssertionError

@@ -1,0 +1,100 @@
+"""How well a training of a sweep drives at a certain amount of its budget, and who is best."""
+
+from collections.abc import Sequence
+from statistics import fmean
+
+from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.sweep_record import Metric, Resource, TrialRecord, TrialScore
+
+SMOOTH = 3
+"""Iterations over which training episodes are averaged, because they vary by chance."""
+
+Rank = tuple[float, float, float]
+"""Larger is better."""
+
+
+def amount_of(records: Sequence[IterationRecord], resource: Resource) -> float:
+    """How much of a resource the iterations have used: minutes, steps, episodes or their number."""
+    if not records:
+        return 0.0
+    episodes = sum(record.episodes for record in records)
+    return _used(records[-1], resource, len(records), episodes)
+
+
+def until(
+    records: Sequence[IterationRecord], resource: Resource, amount: float
+) -> Sequence[IterationRecord]:
+    """The iterations that ended within an amount, so that trainings are compared at the same one.
+
+    The first iteration is always among them.
+    """
+    episodes = 0
+    for index, record in enumerate(records):
+        episodes += record.episodes
+        if _used(record, resource, index + 1, episodes) > amount and index > 0:
+            return records[:index]
+    return records
+
+
+def score_of(records: Sequence[IterationRecord], metric: Metric) -> TrialScore | None:
+    """The score of the iterations: their best evaluation; None without an iteration."""
+    if not records:
+        return None
+    reward = max(_smoothed([record.mean_reward for record in records]))
+    evaluated = [record for record in records if record.evaluation_progress]
+    if not evaluated:
+        progress = max(_smoothed([record.mean_progress for record in records]))
+        return TrialScore(progress=progress, reward=reward)
+    scores = [_of_evaluation(record, reward) for record in evaluated]
+    return max(scores, key=lambda score: rank(score, metric))
+
+
+def rank(score: TrialScore | None, metric: Metric) -> Rank:
+    """What decides between two trainings.
+
+    By `lap_time`, complete evaluations come first, the fastest of them first, then the others by
+    progress. A training that was not evaluated has only the progress of its training episodes.
+    """
+    if score is None:
+        return (-1.0, 0.0, 0.0)
+    reward = score.reward or 0.0
+    if metric == "reward":
+        return (reward, score.progress, 0.0)
+    time = 0.0 if score.lap_s is None else -score.lap_s
+    if metric == "progress":
+        return (score.progress, time, reward)
+    if score.episodes and score.laps == score.episodes:
+        return (1.0, time, reward)
+    return (0.0, score.progress, time)
+
+
+def best_of(trials: Sequence[TrialRecord], metric: Metric) -> str:
+    """Name of the best training; empty if none has a result."""
+    scored = [trial for trial in trials if trial.score is not None]
+    if not scored:
+        return ""
+    return max(scored, key=lambda trial: rank(trial.score, metric)).name
+
+
+def _used(record: IterationRecord, resource: Resource, count: int, episodes: int) -> float:
+    """What has been used at the end of an iteration, the `count`th of a training."""
+    if resource == "minutes":
+        return record.elapsed_s / 60.0
+    return float({"steps": record.total_steps, "episodes": episodes, "iterations": count}[resource])
+
+
+def _of_evaluation(record: IterationRecord, reward: float) -> TrialScore:
+    laps = record.evaluation_lap_s
+    return TrialScore(
+        checkpoint=record.iteration,  # the evaluation is that of the checkpoint of this number
+        laps=len(laps),
+        episodes=len(record.evaluation_progress),
+        progress=fmean(record.evaluation_progress),
+        lap_s=fmean(laps) if laps else None,
+        reward=reward,
+    )
+
+
+def _smoothed(values: Sequence[float]) -> list[float]:
+    window = min(SMOOTH, len(values))
+    return [fmean(values[end - window : end]) for end in range(window, len(values) + 1)]
