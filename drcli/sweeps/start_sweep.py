@@ -8,7 +8,7 @@ from pathlib import Path
 from drcli.base.errors import DrError, NotAvailable, SettingsError
 from drcli.base.problems import Problem, ProblemsError
 from drcli.base.process_identity import started_s
-from drcli.base.termination import until_sigterm
+from drcli.base.termination import NotedSignals
 from drcli.checks.validate import validate
 from drcli.config.settings import Settings
 from drcli.config.settings_files import EXPERIMENT
@@ -125,7 +125,7 @@ class SweepStart:
             SettingsError: A model of this name exists, or something cannot be written.
             StorageError: The bucket does not answer; nothing is lost.
             TrainedElsewhere: Another machine runs one of the trainings.
-            Stopped: SIGTERM came; the same command continues.
+            Stopped: SIGTERM came; the same command continues. For Ctrl-C, KeyboardInterrupt.
         """
         directory, name = self._settings.directory, self._sweep.name
         if self._record is None:
@@ -135,8 +135,7 @@ class SweepStart:
         )
         folder = run_folder(directory, self._settings.run_id)
         _refuse_second(folder, own)
-        stopped = f"The sweep {name} was interrupted; its trainings are saved."
-        with own.shown(folder), until_sigterm(stopped, "Continue it with the same command."):
+        with own.shown(folder), NotedSignals() as signals:
             sweep = SweepRun(
                 directory,
                 self._sweep,
@@ -145,6 +144,7 @@ class SweepStart:
                 self._bucket,
                 self._pace(parallel),
                 say=say,
+                signals=signals,
                 on_change=lambda record: on_change(report_of(record, self._bucket.name)),
             )
             for sentence in self._warnings(sweep.record):
@@ -187,7 +187,10 @@ class SweepStart:
             seen.add(pair)
             environ = {**os.environ, EXPERIMENT: trial.name}
             report = validate(self._settings.directory, environ=environ)
-            found += [f"{trial.name} cannot start. {error}" for error in report.errors]
+            found += [
+                f"{trial.name} cannot start. {str(error).splitlines()[0]}"
+                for error in report.errors
+            ]
         return found
 
 

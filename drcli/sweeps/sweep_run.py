@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drcli.base.errors import DrError, StorageError, TrainedElsewhere, WorkerDied
+from drcli.base.problems import ProblemsError
+from drcli.base.termination import NotedSignals
 from drcli.exchange.sweep_record import SweepRecord, TrialRecord, TrialState
 from drcli.runs.wait_for_owner import LONG_LOOK_S
 from drcli.store.bucket import Bucket, ObjectDamaged
@@ -71,6 +73,8 @@ class SweepRun:
         pace: How many run at a time.
         say: Shows a sentence on what happens.
         on_change: Called with the record after each change.
+        signals: Notes what interrupts it.
+        pause: Waits so many seconds, for tests.
     """
 
     def __init__(
@@ -83,6 +87,7 @@ class SweepRun:
         pace: Pace,
         *,
         say: Callable[[str], None],
+        signals: NotedSignals,
         on_change: Callable[[SweepRecord], None] = lambda record: None,
         pause: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -95,7 +100,8 @@ class SweepRun:
         self._pace = pace
         self._say = say
         self._on_change = on_change
-        self._pause = pause
+        self._signals = signals
+        self._sleep = pause
         self._levels = levels_of(self._plan.budget, self._plan.early_stopping)
         self._elsewhere_since: dict[str, float] = {}
         self._asked: set[str] = set()
@@ -108,11 +114,15 @@ class SweepRun:
         Raises:
             StorageError: The bucket does not answer; nothing is lost.
             TrainedElsewhere: Another machine runs one of the trainings.
+            Stopped: SIGTERM came, and all trainings are interrupted; or KeyboardInterrupt.
         """
         try:
             self._adopt()
             while self.record.ended_at is None:
                 level = self._levels[min(self.record.checks, len(self._levels) - 1)]
+                if self._changes_nothing():
+                    self._put(replace(self.record, checks=self.record.checks + 1))
+                    continue
                 self._drive_to(level)
                 self._compare(level)
         finally:
@@ -178,12 +188,15 @@ class SweepRun:
                 return
             waiting = [t for t in behind if t.state != "running"]
             running = self._in("running")
-            there = [t for t in running if t.amount >= level]
-            if waiting and len(running) >= self._pace.parallel:
-                for trial in there:
-                    self._interrupt(trial.name)
-            elif waiting:
+            full = len(running) >= self._pace.parallel
+            # Weights that a population copies are of this amount; others may run ahead.
+            if (waiting and full) or self._plan.early_stopping.method == "population":
+                for trial in running:
+                    if trial.amount >= level:
+                        self._interrupt(trial.name)
+            if waiting and not full:
                 for trial in waiting[: self._pace.parallel - len(running)]:
+                    self._refuse_interruption()
                     self._start(trial)
             self._pause(LOOK_S)
 
@@ -210,7 +223,9 @@ class SweepRun:
         except StorageError:
             raise
         except DrError as error:
-            self._failed(trial, str(error), error.remedy, may_pass=isinstance(error, WorkerDied))
+            self._refuse_interruption()  # on a terminal, it has come to whatever ran here
+            may_pass = isinstance(error, WorkerDied)
+            self._failed(trial, _in_short(error), error.remedy, may_pass=may_pass)
             return
         self._elsewhere_since.pop(trial.name, None)
         if over:
@@ -285,6 +300,14 @@ class SweepRun:
         elif method == "population":
             self._replace_worst(number, level, ranked)
         self._put(replace(self.record, checks=number))
+
+    def _changes_nothing(self) -> bool:
+        """Whether all trainings would go on after a check: taking turns for it would cost time."""
+        stopping = self._plan.early_stopping
+        compared = [t for t in self.record.trials if t.state not in ("failed", "stopped early")]
+        is_last = self.record.checks + 1 >= len(self._levels)
+        kept = kept_of(len(compared), stopping.reduction_factor)
+        return stopping.method == "halving" and not is_last and kept >= len(compared)
 
     def _ranked(self, level: float) -> list[TrialRecord]:
         """The trainings that may be the best, by what they could at this level."""
@@ -365,6 +388,17 @@ class SweepRun:
 
     # --- Records and processes --------------------------------------------------------------
 
+    def _pause(self, seconds: float) -> None:
+        """Wait, unless the sweep is interrupted."""
+        self._refuse_interruption()
+        self._sleep(seconds)
+        self._refuse_interruption()
+
+    def _refuse_interruption(self) -> None:
+        name = self.record.name
+        said = f"The sweep {name} was interrupted; its trainings are saved."
+        self._signals.refuse(said, "Continue it with the same command.")
+
     def _text(self, trial: TrialRecord) -> str:
         return ", ".join(f"{key}={value}" for key, value in varied_now(trial).items())
 
@@ -386,7 +420,7 @@ class SweepRun:
             self._asked.add(name)
             run.interrupt()
         while wait and run.runs:
-            self._pause(LOOK_S)
+            self._sleep(LOOK_S)
 
     def _end_all(self) -> None:
         """Interrupt what runs, and wait for it: nobody looks after it any more."""
@@ -395,8 +429,8 @@ class SweepRun:
             self._interrupt(trial.name)
         ends_s = time.monotonic() + END_S
         for trial in running:
-            while self._run(trial).runs and time.monotonic() < ends_s:
-                self._pause(LOOK_S)
+            while self._run(trial).runs and time.monotonic() < ends_s and self._signals.count < 2:
+                self._sleep(LOOK_S)
             if self._trial(trial.name).state == "running":
                 with suppress(StorageError):  # the next start finds out by itself
                     self._set(trial.name, state="paused")
@@ -411,6 +445,13 @@ class SweepRun:
         put_sweep(self._bucket, record)
         self.record = record
         self._on_change(record)
+
+
+def _in_short(error: DrError) -> str:
+    """An error in one line, without the parameters with which a reward function failed."""
+    if isinstance(error, ProblemsError):
+        return " ".join(str(problem).splitlines()[0] for problem in error.errors)
+    return str(error)
 
 
 def _trial(record: SweepRecord, name: str) -> TrialRecord:
