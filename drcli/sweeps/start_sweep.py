@@ -22,6 +22,7 @@ from drcli.sweeps.sweep_file import SweepFile, read_sweep_file
 from drcli.sweeps.sweep_report import SweepReport, report_of
 from drcli.sweeps.sweep_run import Pace, SweepRun
 from drcli.sweeps.trial_files import TrialFiles
+from drcli.sweeps.trial_run import TrialRun
 from drcli.sweeps.trials import Trial, trials_of
 from drcli.workers.cores import usable_cores
 
@@ -145,6 +146,7 @@ class SweepStart:
                 self._pace(parallel),
                 say=say,
                 signals=signals,
+                open_run=lambda trial: TrialRun(directory, trial, self._bucket),
                 on_change=lambda record: on_change(report_of(record, self._bucket.name)),
             )
             for sentence in self._warnings(sweep.record):
@@ -214,7 +216,7 @@ def _refuse_second(folder: Path, own: WaitingStart) -> None:
         if other.kind == "sweep" and (other.prefix, other.bucket) == (own.prefix, own.bucket):
             raise SettingsError(
                 f"The sweep {own.prefix} already runs here, as process {other.pid}.",
-                remedy="Look at it with `dr-sweep show`, or stop it with `dr-stop-training`.",
+                remedy="Look at it with `dr-sweep list`, or stop it with `dr-stop-training`.",
             )
 
 

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drcli.base.errors import DrError, StorageError, TrainedElsewhere, WorkerDied
+from drcli.base.errors import BudgetUsedUp, DrError, StorageError, TrainedElsewhere, WorkerDied
 from drcli.base.problems import ProblemsError
 from drcli.base.termination import NotedSignals
 from drcli.exchange.sweep_record import SweepRecord, TrialRecord, TrialState
@@ -31,7 +31,7 @@ from drcli.sweeps.stored_sweep import (
 )
 from drcli.sweeps.sweep_file import Span, SweepFile
 from drcli.sweeps.trial_files import TrialFiles
-from drcli.sweeps.trial_run import Limits, TrialRun
+from drcli.sweeps.trial_run import Limits, Run
 from drcli.sweeps.trial_score import amount_of, best_of, rank, score_of, until
 from drcli.sweeps.trials import Trial
 
@@ -74,6 +74,7 @@ class SweepRun:
         say: Shows a sentence on what happens.
         on_change: Called with the record after each change.
         signals: Notes what interrupts it.
+        open_run: Gives a training of the sweep its processes.
         pause: Waits so many seconds, for tests.
     """
 
@@ -88,6 +89,7 @@ class SweepRun:
         *,
         say: Callable[[str], None],
         signals: NotedSignals,
+        open_run: Callable[[TrialRecord], Run],
         on_change: Callable[[SweepRecord], None] = lambda record: None,
         pause: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -105,7 +107,8 @@ class SweepRun:
         self._levels = levels_of(self._plan.budget, self._plan.early_stopping)
         self._elsewhere_since: dict[str, float] = {}
         self._asked: set[str] = set()
-        self._runs: dict[str, TrialRun] = {}
+        self._open_run = open_run
+        self._runs: dict[str, Run] = {}
         self.record = self._begun()
 
     def run(self) -> SweepRecord:
@@ -114,6 +117,7 @@ class SweepRun:
         Raises:
             StorageError: The bucket does not answer; nothing is lost.
             TrainedElsewhere: Another machine runs one of the trainings.
+            BudgetUsedUp: That of the day is.
             Stopped: SIGTERM came, and all trainings are interrupted; or KeyboardInterrupt.
         """
         try:
@@ -220,7 +224,7 @@ class SweepRun:
             self._say(f"{trial.name} waits: {error}")
             self._pause(LONG_LOOK_S)
             return
-        except StorageError:
+        except (StorageError, BudgetUsedUp):
             raise
         except DrError as error:
             self._refuse_interruption()  # on a terminal, it has come to whatever ran here
@@ -244,11 +248,6 @@ class SweepRun:
         self._measure(trial)
         trial = self._trial(trial.name)
         if runs:
-            used_up = trial.amount >= self._plan.budget.most
-            if used_up and self._plan.budget.resource == "steps":
-                self._interrupt(trial.name)
-                self._set(trial.name, state="finished", message="Its budget is used up.")
-                self._say(f"{trial.name} has used up its budget.")
             return
         record = run.record()
         if record is None or record.state in ("interrupted", "lost", "starting", "running"):
@@ -402,9 +401,9 @@ class SweepRun:
     def _text(self, trial: TrialRecord) -> str:
         return ", ".join(f"{key}={value}" for key, value in varied_now(trial).items())
 
-    def _run(self, trial: TrialRecord) -> TrialRun:
+    def _run(self, trial: TrialRecord) -> Run:
         if trial.name not in self._runs:
-            self._runs[trial.name] = TrialRun(self._directory, trial, self._bucket)
+            self._runs[trial.name] = self._open_run(trial)
         return self._runs[trial.name]
 
     def _trial(self, name: str) -> TrialRecord:

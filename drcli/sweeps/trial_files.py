@@ -17,7 +17,11 @@ from drcli.store.bucket import Bucket
 from drcli.sweeps.sweep_file import SweepFile
 from drcli.sweeps.trials import Trial
 
-_LIMITS = {"episodes": "DR_TRAIN_MAX_EPISODES", "iterations": "DR_TRAIN_MAX_ITERATIONS"}
+_LIMITS = {
+    "steps": "DR_TRAIN_MAX_STEPS",
+    "episodes": "DR_TRAIN_MAX_EPISODES",
+    "iterations": "DR_TRAIN_MAX_ITERATIONS",
+}
 """Settings that end a training once its budget is used up."""
 
 

@@ -5,6 +5,7 @@ import signal
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
@@ -40,6 +41,31 @@ class Limits:
     laps: int | None = None
     lap_time_s: float | None = None
     threads: int = 0
+
+
+class Run(Protocol):
+    """A training of a sweep, wherever it runs."""
+
+    def start(self, limits: Limits) -> str:
+        """Start it, or resume it; says why if there is nothing to do."""
+        ...
+
+    def record(self) -> RunRecord | None:
+        """Its newest start; None without one."""
+        ...
+
+    @property
+    def runs(self) -> bool:
+        """Whether it runs."""
+        ...
+
+    def iterations(self) -> list[IterationRecord]:
+        """Its iterations so far, oldest first."""
+        ...
+
+    def interrupt(self) -> None:
+        """Let it save its checkpoint and end, without waiting; the next start resumes it."""
+        ...
 
 
 class TrialRun:

@@ -57,11 +57,13 @@ class Goals:
                 with stages, those of the last stage.
         """
         episodes = sum(r.episodes for r in records) if episodes is None else episodes
-        return self._limit(len(records) if count is None else count, episodes) or self._target(
+        steps = records[-1].total_steps if records else 0
+        count = len(records) if count is None else count
+        return self._limit(count, episodes, steps) or self._target(
             records if judged is None else judged
         )
 
-    def _limit(self, count: int, episodes: int) -> str | None:
+    def _limit(self, count: int, episodes: int, steps: int) -> str | None:
         """Why the training is complete, however well the car drives."""
         job, settings = self._job, self._job.config.train
         minutes = job.max_minutes
@@ -79,6 +81,11 @@ class Goals:
             return (
                 f"Training is complete: {done} done, DR_TRAIN_MAX_EPISODES is "
                 f"{settings.train_max_episodes}."
+            )
+        if 0 < settings.train_max_steps <= steps:
+            return (
+                f"Training is complete: {steps:,} steps are learned from, DR_TRAIN_MAX_STEPS is "
+                f"{settings.train_max_steps:,}."
             )
         return None
 
@@ -176,6 +183,8 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
         ways.append(
             f"after {_episodes(settings.train_max_episodes, 'training ')} (DR_TRAIN_MAX_EPISODES)"
         )
+    if settings.train_max_steps > 0:
+        ways.append(f"after {settings.train_max_steps:,} steps (DR_TRAIN_MAX_STEPS)")
     if settings.train_stop_lap_time > 0.0:
         ways.append(
             f"once all evaluation laps of a checkpoint take {settings.train_stop_lap_time:g} s or "

@@ -100,32 +100,39 @@ def start(
         raise typer.Exit(5)
 
 
+@app.command("list")
+def list_all(as_json: AsJson = False) -> None:
+    """List the sweeps of the bucket, the newest first.
+
+    Example: dr-sweep list
+    """
+    from drcli.models.transfer_buckets import bucket_to_look_at
+    from drcli.sweeps.sweep_report import list_sweeps
+
+    found = list_sweeps(bucket_to_look_at(settings().transfer, upload=False))
+    console.warn(*found.damaged)
+    console.emit(found, sweep_view.sweeps(found), as_json=as_json)
+
+
 @app.command()
 def show(
-    name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="A sweep; all without one.")
-    ] = None,
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the sweep.")],
     as_json: AsJson = False,
 ) -> None:
-    """Show the trainings of a sweep, or list all sweeps.
+    """Show the trainings of a sweep, the best first.
 
     Example: dr-sweep show first-sweep
     """
     from drcli.base.errors import SettingsError
     from drcli.models.transfer_buckets import bucket_to_look_at
     from drcli.sweeps.stored_sweep import read_sweep
-    from drcli.sweeps.sweep_report import list_sweeps, report_of
+    from drcli.sweeps.sweep_report import report_of
 
     bucket = bucket_to_look_at(settings().transfer, upload=False)
-    if name is None:
-        found = list_sweeps(bucket)
-        console.warn(*found.damaged)
-        console.emit(found, sweep_view.sweeps(found), as_json=as_json)
-        return
     record = read_sweep(bucket, name)
     if record is None:
         raise SettingsError(
-            f"s3://{bucket.name} has no sweep {name}.", remedy="List them with `dr-sweep show`."
+            f"s3://{bucket.name} has no sweep {name}.", remedy="List them with `dr-sweep list`."
         )
     report = report_of(record, bucket.name)
     console.emit(report, sweep_view.sweep(report), as_json=as_json)

@@ -165,6 +165,12 @@ class TrainSettings(Group, title="Training"):
         "Finish after this many training episodes; 0 for no limit.",
         low=0,
     )
+    train_max_steps: int = setting(
+        "DR_TRAIN_MAX_STEPS",
+        0,
+        "Finish after this many steps learned from; 0 for no limit.",
+        low=0,
+    )
     train_stop_mean_score: float | None = setting(
         "DR_TRAIN_STOP_MEAN_SCORE",
         None,

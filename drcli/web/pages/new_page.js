@@ -41,6 +41,7 @@ const STOP = [
   ["DR_TRAIN_MAX_MINUTES", "Minutes"],
   ["DR_TRAIN_MAX_ITERATIONS", "Iterations"],
   ["DR_TRAIN_MAX_EPISODES", "Training episodes"],
+  ["DR_TRAIN_MAX_STEPS", "Steps"],
   ["DR_TRAIN_STOP_PROGRESS", "Mean progress of evaluations, %"],
   ["DR_TRAIN_STOP_EVALUATIONS", "For so many evaluations in a row"],
   ["DR_TRAIN_STOP_LAP_TIME", "Mean lap time of evaluations, s"],

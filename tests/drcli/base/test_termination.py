@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from drcli.base.termination import Stopped, until_sigterm
+from drcli.base.termination import NotedSignals, Stopped, until_sigterm
 
 
 def test_sigterm_ends_the_block_with_cleanup_and_is_handled_as_before_afterwards():
@@ -43,3 +43,25 @@ def test_a_second_sigterm_does_not_interrupt_the_cleanup():
         work()
 
     assert cleaned == [True]
+
+
+def test_noted_signals_end_the_work_only_where_it_asks():
+    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
+    with NotedSignals() as noted:
+        noted.refuse("Stopped.", "Begin again.")
+        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGINT)
+
+        with pytest.raises(Stopped, match="Stopped"):
+            noted.refuse("Stopped.", "Begin again.")
+        assert noted.count == 2
+
+    assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)) == before
+
+
+def test_ctrl_c_is_a_keyboard_interrupt():
+    with NotedSignals() as noted:
+        signal.raise_signal(signal.SIGINT)
+
+        with pytest.raises(KeyboardInterrupt):
+            noted.refuse("Stopped.", "Begin again.")

@@ -203,6 +203,16 @@ def test_episodes_can_be_limited(goals):  # 000-13
     assert limited.reached(records[:1], episodes=50) is not None
 
 
+def test_steps_can_be_limited(goals):
+    limited = goals("DR_TRAIN_MAX_STEPS=2500")
+    records = [record(k, total_steps=1000 * (k + 1)) for k in range(3)]
+
+    assert limited.reached(records[:2]) is None
+    assert limited.reached(records) == (
+        "Training is complete: 3,000 steps are learned from, DR_TRAIN_MAX_STEPS is 2,500."
+    )
+
+
 def test_the_mean_score_is_taken_over_so_many_episodes_as_are_wanted(goals):  # 000-12
     limited = goals("DR_TRAIN_STOP_MEAN_SCORE=300", "DR_TRAIN_STOP_SCORE_EPISODES=40")
     records = [record(0, mean_reward=0.0), *(record(k, mean_reward=300.0) for k in (1, 2))]

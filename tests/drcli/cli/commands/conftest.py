@@ -24,6 +24,7 @@ from drcli.exchange.log_places import log_file
 from drcli.exchange.race_rules import RaceRules
 from drcli.exchange.race_submission import DrivenCar, DrivenLap, RaceResult, RaceSubmission
 from drcli.exchange.robust_result import RobustCell, RobustResult
+from drcli.exchange.sweep_record import SweepRecord, TrialRecord, TrialScore
 from drcli.exchange.training_start import Pretrained
 from drcli.formats.car_actions import CarAction
 from drcli.modelfiles.custom_files import InputFile, Inputs
@@ -86,6 +87,7 @@ from drcli.spot.stack_end import StoppedStack
 from drcli.spot.stack_report import StackReport
 from drcli.spot.stacks import Stack
 from drcli.store import race_keys
+from drcli.sweeps.sweep_report import SweepList, report_of
 from drcli.tracks.track_facts import TrackFacts, TrackList
 from drcli.video.video_report import FilmedEpisode, VideoReport
 from drcli.web.viewer_process import ViewerRecord, ViewerReport
@@ -284,12 +286,31 @@ def paper_reports(
     _lay_down(run.folder, monkeypatch)
     joined = JoinReport(f"s3://bucket/{MODEL}", "The training is complete.", 0, took_over=False)
     monkeypatch.setattr("drcli.runs.join_training.join_training", lambda *_, **__: joined)
+    _lay_down_sweep(run.folder, monkeypatch)
     report = run.folder / "report.html"
     report.touch()
     monkeypatch.setattr("drcli.analysis.report_place.report_file", lambda *_: report)
     _lay_down_evaluations(monkeypatch)
     _lay_down_video(monkeypatch)
     _lay_down_droa(run.folder, monkeypatch)
+
+
+def _lay_down_sweep(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sweep of three trainings, one of which has failed."""
+    (folder / "sweep.yaml").write_text(
+        "name: pace\nvary: {hyperparameters: {lr: [1e-4, 3e-4, 0.001]}}\nbudget: {minutes: 20}\n"
+    )
+    score = TrialScore(8, 5, 5, 100.0, 12.345, 345.6)
+    trials = [
+        TrialRecord("pace-01", "pace-01", 1, {"lr": "0.0001"}, "failed", message="Broken."),
+        TrialRecord("pace-02", "pace-02", 2, {"lr": "0.0003"}, "finished", amount=20, score=score),
+        TrialRecord("pace-03", "pace-03-g2", 3, {"lr": "0.001"}, "stopped early", amount=5.0),
+    ]
+    record = SweepRecord("pace", "lap_time", "minutes", 20, 1.0, tuple(trials), 2, 9.0, "pace-02")
+    monkeypatch.setattr("drcli.sweeps.start_sweep.SweepRun.run", lambda *_: record)
+    monkeypatch.setattr("drcli.sweeps.stored_sweep.read_sweep", lambda *_: record)
+    found = SweepList("bucket", [report_of(record, "bucket")])
+    monkeypatch.setattr("drcli.sweeps.sweep_report.list_sweeps", lambda *_: found)
 
 
 def race_bucket() -> MemoryBucket:

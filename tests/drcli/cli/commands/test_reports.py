@@ -22,6 +22,10 @@ CALLS = {
     "start-training": "",
     "stop-training": "training",
     "start-worker --join s3://bucket/model": "is complete",
+    "sweep start sweep.yaml --dry-run": "pace-03",
+    "sweep start sweep.yaml": "* best; its model is pace-02",
+    "sweep show pace": "stopped early",
+    "sweep list": "pace-02",
     "increment-training -f": "starts with the weights of",
     "evaluate": "laps",
     "evaluate --robust": "Robust score",
@@ -170,6 +174,7 @@ VARIANTS = {
     "start-tournament -q",
     "export car --check",
     "spot create --dry-run",
+    "sweep start --dry-run",
     "spot delete --keep-bucket",
 }
 """Commands with an option that makes them print another report."""
