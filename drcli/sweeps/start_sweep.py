@@ -5,10 +5,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import psutil
+
 from drcli.base.errors import DrError, NotAvailable, SettingsError
 from drcli.base.problems import Problem, ProblemsError
 from drcli.base.process_identity import started_s
 from drcli.base.termination import NotedSignals
+from drcli.checks.machine_rules import TRAINER_BYTES, WORKER_BYTES
 from drcli.checks.validate import validate
 from drcli.config.settings import Settings
 from drcli.config.settings_files import EXPERIMENT
@@ -19,6 +22,7 @@ from drcli.store.connect import open_bucket
 from drcli.store.lease import live_holder
 from drcli.sweeps.stored_sweep import read_sweep, refuse_used_models, wipe_sweep
 from drcli.sweeps.sweep_file import SweepFile, read_sweep_file
+from drcli.sweeps.sweep_progress import SweepProgress
 from drcli.sweeps.sweep_report import SweepReport, report_of
 from drcli.sweeps.sweep_run import Pace, SweepRun
 from drcli.sweeps.trial_files import TrialFiles
@@ -137,20 +141,26 @@ class SweepStart:
         folder = run_folder(directory, self._settings.run_id)
         _refuse_second(folder, own)
         with own.shown(folder), NotedSignals() as signals:
-            sweep = SweepRun(
+            progress = SweepProgress(
                 directory,
                 self._sweep,
                 self._trials,
                 self._files,
                 self._bucket,
+                say=say,
+                on_change=lambda record: on_change(report_of(record, self._bucket.name)),
+            )
+            for sentence in self._warnings(progress.record):
+                warn(sentence)
+            sweep = SweepRun(
+                progress,
+                self._sweep,
+                self._bucket,
                 self._pace(parallel),
                 say=say,
                 signals=signals,
                 open_run=lambda trial: TrialRun(directory, trial, self._bucket),
-                on_change=lambda record: on_change(report_of(record, self._bucket.name)),
             )
-            for sentence in self._warnings(sweep.record):
-                warn(sentence)
             record = sweep.run()
         return report_of(record, self._bucket.name)
 
@@ -171,8 +181,11 @@ class SweepStart:
         return replace(report, comparison=found.html)
 
     def _pace(self, parallel: int | None) -> Pace:
-        cores = usable_cores(self._settings.run.train)
-        wanted = parallel or self._sweep.plan.parallel or max(1, cores // CORES)
+        config = self._settings.run.train
+        cores = usable_cores(config)
+        room = psutil.virtual_memory().available // (config.workers * WORKER_BYTES + TRAINER_BYTES)
+        fitting = max(1, min(cores // CORES, room))
+        wanted = parallel or self._sweep.plan.parallel or fitting
         many = min(wanted, len(self._trials))
         given = self._settings.threads
         return Pace(many, 0 if given or many == 1 else max(1, cores // many))

@@ -295,6 +295,9 @@ def _contradictions(found: SweepFile) -> Iterator[Problem]:
     if plan.search == "grid" and plan.trials is not None:
         what = f"trials={plan.trials} has no meaning for search=grid, which trains every one."
         yield problem(("trials",), what, "Remove it, or write search: random.")
+    if plan.early_stopping.method == "population" and len(plan.vary.model_metadata) > 1:
+        what = "early_stopping.method=population copies weights, which fit one model_metadata only."
+        yield problem(("early_stopping", "method"), what, "Keep one file in vary.model_metadata.")
     yield from _names(found)
     for section in ("hyperparameters", "settings"):
         for key, choices in getattr(plan.vary, section).items():

@@ -9,8 +9,7 @@ import random
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 from drcli.base.errors import BudgetUsedUp, DrError, StorageError, TrainedElsewhere, WorkerDied
 from drcli.base.problems import ProblemsError
@@ -24,16 +23,12 @@ from drcli.store.notes import write_description
 from drcli.sweeps.early_stopping import Replacement, comparable, kept_of, levels_of, replacements
 from drcli.sweeps.stored_sweep import (
     copy_of,
-    put_sweep,
-    read_sweep,
-    refuse_other_trials,
     varied_now,
 )
 from drcli.sweeps.sweep_file import Span, SweepFile
-from drcli.sweeps.trial_files import TrialFiles
+from drcli.sweeps.sweep_progress import SweepProgress
 from drcli.sweeps.trial_run import Limits, Run
-from drcli.sweeps.trial_score import amount_of, best_of, rank, score_of, until
-from drcli.sweeps.trials import Trial
+from drcli.sweeps.trial_score import amount_of, rank, score_of, until
 
 LOOK_S = 1.0
 """How often the trainings are looked at."""
@@ -65,14 +60,11 @@ class SweepRun:
     """The trainings of a sweep, from the first start to the best of them.
 
     Args:
-        directory: The working folder.
+        progress: The record of the sweep.
         sweep: The file of the sweep.
-        trials: Its trainings, which have been checked.
-        files: Writes their experiments.
-        bucket: Where models and record are.
+        bucket: Where the models are.
         pace: How many run at a time.
         say: Shows a sentence on what happens.
-        on_change: Called with the record after each change.
         signals: Notes what interrupts it.
         open_run: Gives a training of the sweep its processes.
         pause: Waits so many seconds, for tests.
@@ -80,28 +72,22 @@ class SweepRun:
 
     def __init__(
         self,
-        directory: Path,
+        progress: SweepProgress,
         sweep: SweepFile,
-        trials: list[Trial],
-        files: TrialFiles,
         bucket: Bucket,
         pace: Pace,
         *,
         say: Callable[[str], None],
         signals: NotedSignals,
         open_run: Callable[[TrialRecord], Run],
-        on_change: Callable[[SweepRecord], None] = lambda record: None,
         pause: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._directory = directory
+        self._progress = progress
         self._sweep = sweep
         self._plan = sweep.plan
-        self._trials = {trial.name: trial for trial in trials}
-        self._files = files
         self._bucket = bucket
         self._pace = pace
         self._say = say
-        self._on_change = on_change
         self._signals = signals
         self._sleep = pause
         self._levels = levels_of(self._plan.budget, self._plan.early_stopping)
@@ -109,7 +95,6 @@ class SweepRun:
         self._asked: set[str] = set()
         self._open_run = open_run
         self._runs: dict[str, Run] = {}
-        self.record = self._begun()
 
     def run(self) -> SweepRecord:
         """Train until all trainings are over, and mark the best.
@@ -122,76 +107,37 @@ class SweepRun:
         """
         try:
             self._adopt()
-            while self.record.ended_at is None:
-                level = self._levels[min(self.record.checks, len(self._levels) - 1)]
+            while self._progress.record.ended_at is None:
+                level = self._levels[min(self._checks, len(self._levels) - 1)]
                 if self._changes_nothing():
-                    self._put(replace(self.record, checks=self.record.checks + 1))
+                    self._progress.note_check(self._checks + 1)
                     continue
                 self._drive_to(level)
                 self._compare(level)
         finally:
             self._end_all()
-        return self.record
-
-    def _begun(self) -> SweepRecord:
-        """The record of an earlier start, or a new one."""
-        found = read_sweep(self._bucket, self._sweep.name)
-        if found is None:
-            record = SweepRecord(
-                name=self._sweep.name,
-                metric=self._plan.metric,
-                resource=self._plan.budget.resource,
-                most=self._plan.budget.most,
-                began_at=time.time(),
-                trials=(),
-            )
-            trials = []
-            for trial in self._trials.values():
-                run_id = self._files.write(trial, trial.name, hyperparameters={})
-                trials.append(TrialRecord(trial.name, trial.name, run_id, trial.varied))
-            record = replace(record, trials=tuple(trials))
-            self._put(record)
-            return record
-        refuse_other_trials(found, self._sweep, list(self._trials.values()))
-        again = replace(found, resource=self._plan.budget.resource, most=self._plan.budget.most)
-        for each in found.trials:
-            if each.state == "failed":
-                self._say(f"{each.name} has failed before, and is tried again.")
-                fresh = replace(each, state="waiting", starts=0, message="", remedy="")
-                again = replace(_with(again, fresh), ended_at=None)
-            elif each.is_over or (self._directory / "experiments" / each.name).is_dir():
-                continue
-            again = _with(again, replace(_trial(again, each.name), run_id=self._write(each)))
-        self._put(again)
-        return again
-
-    def _write(self, trial: TrialRecord) -> int:
-        return self._files.write(
-            self._trials[trial.name],
-            trial.prefix,
-            used=trial.earlier,
-            hyperparameters=trial.hyperparameters,
-            source=trial.source,
-        )
+        return self._progress.record
 
     def _adopt(self) -> None:
         """Go on with trainings that an earlier sweep, which was killed, has left running."""
-        for trial in self.record.trials:
+        for trial in self._all:
             if trial.state == "running":
-                self._set(trial.name, state="running" if self._run(trial).runs else "paused")
+                self._progress.change(
+                    trial.name, state="running" if self._run(trial).runs else "paused"
+                )
 
     # --- To the next comparison -------------------------------------------------------------
 
     def _drive_to(self, level: float) -> None:
         """Train until every training has used `level` of its budget or is over."""
         while True:
-            for trial in self._in("running"):
+            for trial in self._progress.in_state("running"):
                 self._look_at(trial)
-            behind = [t for t in self.record.trials if not t.is_over and t.amount < level]
+            behind = [t for t in self._all if not t.is_over and t.amount < level]
             if not behind:
                 return
             waiting = [t for t in behind if t.state != "running"]
-            running = self._in("running")
+            running = self._progress.in_state("running")
             full = len(running) >= self._pace.parallel
             # Weights that a population copies are of this amount; others may run ahead.
             if (waiting and full) or self._plan.early_stopping.method == "population":
@@ -236,29 +182,31 @@ class SweepRun:
             outcome = read_outcome(self._bucket, trial.prefix)
             stopped = outcome is not None and outcome.stays_ended
             self._measure(trial)
-            self._set(trial.name, state="stopped" if stopped else "finished", message=over)
+            self._progress.change(
+                trial.name, state="stopped" if stopped else "finished", message=over
+            )
             return
         self._say(f"{trial.name} {'goes on' if begun else 'begins'}: {self._text(trial)}")
-        self._set(trial.name, state="running")
+        self._progress.change(trial.name, state="running")
 
     def _look_at(self, trial: TrialRecord) -> None:
         """Note how far a running training has come, and how it has ended."""
         run = self._run(trial)
         runs = run.runs  # before its iterations are read, so that none is missed
         self._measure(trial)
-        trial = self._trial(trial.name)
+        trial = self._progress.trial(trial.name)
         if runs:
             return
         record = run.record()
         if record is None or record.state in ("interrupted", "lost", "starting", "running"):
             asked = trial.name in self._asked
             if asked or (record is not None and record.state == "interrupted"):
-                self._set(trial.name, state="paused")
+                self._progress.change(trial.name, state="paused")
             else:
                 self._failed(trial, "Its supervisor was killed.", "", may_pass=True)
         elif record.state in ("finished", "stopped"):
             over: TrialState = "finished" if record.state == "finished" else "stopped"
-            self._set(trial.name, state=over, message=record.message)
+            self._progress.change(trial.name, state=over, message=record.message)
             self._say(f"{trial.name}: {record.message}")
         else:
             may_pass = record.exit_code in (StorageError.code, WorkerDied.code)
@@ -274,21 +222,21 @@ class SweepRun:
         amount = trial.earlier + amount_of(records, self._plan.budget.resource)
         score = score_of(records, self._plan.metric)
         if (amount, score) != (trial.amount, trial.score):
-            self._set(trial.name, amount=amount, score=score)
+            self._progress.change(trial.name, amount=amount, score=score)
 
     def _failed(self, trial: TrialRecord, message: str, remedy: str, *, may_pass: bool) -> None:
         if may_pass and trial.starts < MOST_STARTS:
             self._say(f"{trial.name}: {message} It is started again.")
-            self._set(trial.name, state="paused", starts=trial.starts + 1)
+            self._progress.change(trial.name, state="paused", starts=trial.starts + 1)
             return
         self._say(f"{trial.name} has failed: {message}")
-        self._set(trial.name, state="failed", message=message, remedy=remedy)
+        self._progress.change(trial.name, state="failed", message=message, remedy=remedy)
 
     # --- Comparisons ------------------------------------------------------------------------
 
     def _compare(self, level: float) -> None:
         """Compare the trainings at a level, and end, replace or continue them."""
-        number = self.record.checks + 1
+        number = self._checks + 1
         if number >= len(self._levels):
             self._finish()
             return
@@ -298,26 +246,26 @@ class SweepRun:
             self._halve(number, level, ranked)
         elif method == "population":
             self._replace_worst(number, level, ranked)
-        self._put(replace(self.record, checks=number))
+        self._progress.note_check(number)
 
     def _changes_nothing(self) -> bool:
         """Whether all trainings would go on after a check: taking turns for it would cost time."""
         stopping = self._plan.early_stopping
-        compared = [t for t in self.record.trials if t.state not in ("failed", "stopped early")]
-        is_last = self.record.checks + 1 >= len(self._levels)
+        compared = [t for t in self._all if t.state not in ("failed", "stopped early")]
+        is_last = self._checks + 1 >= len(self._levels)
         kept = kept_of(len(compared), stopping.reduction_factor)
         return stopping.method == "halving" and not is_last and kept >= len(compared)
 
     def _ranked(self, level: float) -> list[TrialRecord]:
         """The trainings that may be the best, by what they could at this level."""
         scores = {}
-        for trial in self.record.trials:
+        for trial in self._all:
             if trial.state not in ("failed", "stopped early"):
                 records = self._run(trial).iterations()
                 within = until(records, self._plan.budget.resource, level - trial.earlier)
                 scores[trial.name] = rank(score_of(within, self._plan.metric), self._plan.metric)
         names = sorted(scores, key=lambda name: scores[name], reverse=True)
-        return [self._trial(name) for name in names]
+        return [self._progress.trial(name) for name in names]
 
     def _halve(self, number: int, level: float, ranked: list[TrialRecord]) -> None:
         """End the worst trainings."""
@@ -329,7 +277,7 @@ class SweepRun:
                 continue
             self._interrupt(trial.name)
             message = f"Check {number} at {at}: place {place} of {len(ranked)}, {kept} go on."
-            self._set(trial.name, state="stopped early", message=message)
+            self._progress.change(trial.name, state="stopped early", message=message)
             self._say(f"{trial.name} is stopped early: place {place} of {len(ranked)}.")
 
     def _replace_worst(self, number: int, level: float, ranked: list[TrialRecord]) -> None:
@@ -340,8 +288,10 @@ class SweepRun:
             if isinstance(choices, Span) or not any(isinstance(each, str) for each in choices)
         }
         going = [trial for trial in ranked if not trial.is_over and trial.score is not None]
-        own = {t.name: {**_numbers(self._trials[t.name]), **t.hyperparameters} for t in going}
-        own = {name: {key: each[key] for key in vary} for name, each in own.items()}
+        own = {}
+        for trial in going:
+            now = {**self._progress.trials[trial.name].hyperparameters, **trial.hyperparameters}
+            own[trial.name] = {key: float(now[key]) for key in vary}
         chance = random.Random(f"{self._plan.seed} {number}")
         quantile = self._plan.early_stopping.quantile
         names = [trial.name for trial in going]
@@ -354,12 +304,12 @@ class SweepRun:
 
     def _copy(self, number: int, each: Replacement) -> None:
         """Go on with the weights of another training, as a new model."""
-        trial, source = self._trial(each.name), self._trial(each.source)
+        trial, source = self._progress.trial(each.name), self._progress.trial(each.source)
         self._interrupt(trial.name, wait=True)
         prefix = copy_of(trial, number)
         self._runs.pop(trial.name, None)
-        self._set(
-            trial.name,
+        copy = replace(
+            trial,
             prefix=prefix,
             hyperparameters=dict(each.hyperparameters),
             source=source.prefix,
@@ -367,21 +317,24 @@ class SweepRun:
             earlier=trial.amount,
             score=None,
         )
-        self._write(self._trial(trial.name))
+        # First the experiment: the record says which model is trained with it.
+        self._progress.write_experiment(copy)
+        self._progress.replace(copy)
         changed = ", ".join(f"{key}={value:g}" for key, value in each.hyperparameters.items())
         self._say(f"{trial.name} goes on with the weights of {source.name} and {changed}.")
 
     def _finish(self) -> None:
         """All trainings have used their budget: mark the best."""
-        for trial in self._in("running"):
+        for trial in self._progress.in_state("running"):
             self._interrupt(trial.name, wait=True)
-        for trial in self.record.trials:
+        for trial in self._all:
             if not trial.is_over:
-                self._set(trial.name, state="finished", message="Its budget is used up.")
-        best = best_of(self.record.trials, self._plan.metric)
-        self._put(replace(self.record, ended_at=time.time(), best=best))
+                self._progress.change(
+                    trial.name, state="finished", message="Its budget is used up."
+                )
+        best = self._progress.end()
         if best:
-            trial = self._trial(best)
+            trial = self._progress.trial(best)
             text = f"Best of sweep {self._sweep.name}: {self._text(trial)}"
             write_description(self._bucket, trial.prefix, text)
 
@@ -394,9 +347,17 @@ class SweepRun:
         self._refuse_interruption()
 
     def _refuse_interruption(self) -> None:
-        name = self.record.name
+        name = self._progress.record.name
         said = f"The sweep {name} was interrupted; its trainings are saved."
         self._signals.refuse(said, "Continue it with the same command.")
+
+    @property
+    def _all(self) -> tuple[TrialRecord, ...]:
+        return self._progress.record.trials
+
+    @property
+    def _checks(self) -> int:
+        return self._progress.record.checks
 
     def _text(self, trial: TrialRecord) -> str:
         return ", ".join(f"{key}={value}" for key, value in varied_now(trial).items())
@@ -406,15 +367,9 @@ class SweepRun:
             self._runs[trial.name] = self._open_run(trial)
         return self._runs[trial.name]
 
-    def _trial(self, name: str) -> TrialRecord:
-        return _trial(self.record, name)
-
-    def _in(self, state: TrialState) -> list[TrialRecord]:
-        return [trial for trial in self.record.trials if trial.state == state]
-
     def _interrupt(self, name: str, *, wait: bool = False) -> None:
         """Ask a training to end; it is not lost."""
-        run = self._run(self._trial(name))
+        run = self._run(self._progress.trial(name))
         if name not in self._asked:
             self._asked.add(name)
             run.interrupt()
@@ -423,27 +378,16 @@ class SweepRun:
 
     def _end_all(self) -> None:
         """Interrupt what runs, and wait for it: nobody looks after it any more."""
-        running = [trial for trial in self.record.trials if self._run(trial).runs]
+        running = [trial for trial in self._all if self._run(trial).runs]
         for trial in running:
             self._interrupt(trial.name)
         ends_s = time.monotonic() + END_S
         for trial in running:
             while self._run(trial).runs and time.monotonic() < ends_s and self._signals.count < 2:
                 self._sleep(LOOK_S)
-            if self._trial(trial.name).state == "running":
+            if self._progress.trial(trial.name).state == "running":
                 with suppress(StorageError):  # the next start finds out by itself
-                    self._set(trial.name, state="paused")
-
-    def _set(self, name: str, **values: object) -> None:
-        trial = replace(self._trial(name), **values)  # type: ignore[arg-type]
-        self._put(_with(self.record, trial))
-
-    def _put(self, record: SweepRecord) -> None:
-        best = best_of(record.trials, self._plan.metric)
-        record = replace(record, best=best)
-        put_sweep(self._bucket, record)
-        self.record = record
-        self._on_change(record)
+                    self._progress.change(trial.name, state="paused")
 
 
 def _in_short(error: DrError) -> str:
@@ -451,16 +395,3 @@ def _in_short(error: DrError) -> str:
     if isinstance(error, ProblemsError):
         return " ".join(str(problem).splitlines()[0] for problem in error.errors)
     return str(error)
-
-
-def _trial(record: SweepRecord, name: str) -> TrialRecord:
-    return next(trial for trial in record.trials if trial.name == name)
-
-
-def _with(record: SweepRecord, trial: TrialRecord) -> SweepRecord:
-    trials = tuple(trial if each.name == trial.name else each for each in record.trials)
-    return replace(record, trials=trials)
-
-
-def _numbers(trial: Trial) -> dict[str, float]:
-    return {k: v for k, v in trial.hyperparameters.items() if not isinstance(v, str)}

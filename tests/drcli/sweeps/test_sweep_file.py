@@ -123,6 +123,11 @@ def test_a_range_says_what_it_is(read):
         (VARY + "early_stopping: {reduction_factor: 1}\n", "is below 1.1"),
         (VARY + "settings: {DR_WORLD: x}\n", "Did you mean DR_WORLD_NAME?"),
         (VARY + "settings: {DR_RUN_ID: 3}\n", "a sweep sets DR_RUN_ID itself"),
+        (
+            VARY.replace("vary:", "vary:\n  model_metadata: [a.json, b.json]")
+            + "early_stopping: {method: population}\n",
+            "which fit one model_metadata only",
+        ),
         (VARY + "parallel: 0\n", "parallel=0 is below 1"),
         (VARY + "vary: 3\n", "occurs twice"),
         (

@@ -16,6 +16,7 @@ from drcli.store.notes import DESCRIPTION
 from drcli.sweeps import sweep_run
 from drcli.sweeps.stored_sweep import read_sweep, refuse_used_models, wipe_sweep
 from drcli.sweeps.sweep_file import read_sweep_file
+from drcli.sweeps.sweep_progress import SweepProgress
 from drcli.sweeps.sweep_run import Pace, SweepRun
 from drcli.sweeps.trial_files import TrialFiles
 from drcli.sweeps.trials import trials_of
@@ -92,11 +93,12 @@ class Shop:
         files = TrialFiles(load_settings(self.folder), file, self.bucket)
         files.check(trials)
         self.runs = {}
+        progress = SweepProgress(
+            self.folder, file, trials, files, self.bucket, say=self.said.append
+        )
         return SweepRun(
-            self.folder,
+            progress,
             file,
-            trials,
-            files,
             self.bucket,
             Pace(parallel),
             say=self.said.append,

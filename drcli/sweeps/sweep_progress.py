@@ -1,0 +1,144 @@
+"""How far the trainings of a sweep have come: the record in the bucket, and their experiments."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from drcli.exchange.sweep_record import SweepRecord, TrialRecord, TrialState
+from drcli.store.bucket import Bucket
+from drcli.sweeps.stored_sweep import put_sweep, read_sweep, refuse_other_trials
+from drcli.sweeps.sweep_file import SweepFile
+from drcli.sweeps.trial_files import TrialFiles
+from drcli.sweeps.trial_score import best_of
+from drcli.sweeps.trials import Trial
+
+
+class SweepProgress:
+    """The record of a sweep, which is written to the bucket after each change.
+
+    Begins a new one, with an experiment for each training, or continues that of an earlier start.
+
+    Args:
+        directory: The working folder.
+        sweep: The file of the sweep.
+        trials: Its trainings, which have been checked.
+        files: Writes their experiments.
+        bucket: Where models and record are.
+        say: Shows a sentence on what happens.
+        on_change: Called with the record after each change.
+
+    Raises:
+        ProblemsError: An earlier start had other trainings.
+        SettingsError: An experiment cannot be written.
+
+    Attributes:
+        record: The record.
+        trials: The trainings as the file has them, by name.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        sweep: SweepFile,
+        trials: list[Trial],
+        files: TrialFiles,
+        bucket: Bucket,
+        *,
+        say: Callable[[str], None],
+        on_change: Callable[[SweepRecord], None] = lambda record: None,
+    ) -> None:
+        self.trials = {trial.name: trial for trial in trials}
+        self._sweep = sweep
+        self._files = files
+        self._bucket = bucket
+        self._on_change = on_change
+        found = read_sweep(bucket, sweep.name)
+        if found is None:
+            self.put(self._new())
+        else:
+            refuse_other_trials(found, sweep, trials)
+            self.put(self._continued(found, directory, say))
+
+    def trial(self, name: str) -> TrialRecord:
+        """A training by its name."""
+        return next(trial for trial in self.record.trials if trial.name == name)
+
+    def in_state(self, state: TrialState) -> list[TrialRecord]:
+        """The trainings that are in a state now."""
+        return [trial for trial in self.record.trials if trial.state == state]
+
+    def change(self, name: str, **values: object) -> TrialRecord:
+        """Give fields of a training new values."""
+        trial = replace(self.trial(name), **values)  # type: ignore[arg-type]
+        self.replace(trial)
+        return trial
+
+    def replace(self, trial: TrialRecord) -> None:
+        """Replace the training of this name."""
+        self.put(_with(self.record, trial))
+
+    def note_check(self, number: int) -> None:
+        """Note that the trainings were compared for the `number`th time."""
+        self.put(replace(self.record, checks=number))
+
+    def end(self) -> str:
+        """Note that all trainings are over; returns the name of the best, empty without one."""
+        self.put(replace(self.record, ended_at=time.time()))
+        return self.record.best
+
+    def put(self, record: SweepRecord) -> None:
+        """Replace the record; which training is best follows from the others."""
+        record = replace(record, best=best_of(record.trials, record.metric))
+        put_sweep(self._bucket, record)
+        self.record = record
+        self._on_change(record)
+
+    def write_experiment(self, trial: TrialRecord) -> int:
+        """Write the experiment of a training as it is now; returns its DR_RUN_ID."""
+        return self._files.write(
+            self.trials[trial.name],
+            trial.prefix,
+            used=trial.earlier,
+            hyperparameters=trial.hyperparameters,
+            source=trial.source,
+        )
+
+    def _new(self) -> SweepRecord:
+        trials = []
+        for trial in self.trials.values():
+            new = TrialRecord(trial.name, trial.name, 0, trial.varied)
+            trials.append(replace(new, run_id=self.write_experiment(new)))
+        plan = self._sweep.plan
+        return SweepRecord(
+            name=self._sweep.name,
+            metric=plan.metric,
+            resource=plan.budget.resource,
+            most=plan.budget.most,
+            began_at=time.time(),
+            trials=tuple(trials),
+        )
+
+    def _continued(
+        self, found: SweepRecord, directory: Path, say: Callable[[str], None]
+    ) -> SweepRecord:
+        plan = self._sweep.plan
+        record = replace(
+            found, metric=plan.metric, resource=plan.budget.resource, most=plan.budget.most
+        )
+        for trial in found.trials:
+            failed = trial.state == "failed"
+            if failed:
+                say(f"{trial.name} has failed before, and is tried again.")
+                trial = replace(trial, state="waiting", starts=0, message="", remedy="")
+                record = replace(record, ended_at=None)
+            there = (directory / "experiments" / trial.name).is_dir()
+            if failed or not (trial.is_over or there):
+                trial = replace(trial, run_id=self.write_experiment(trial))
+            record = _with(record, trial)
+        return record
+
+
+def _with(record: SweepRecord, trial: TrialRecord) -> SweepRecord:
+    trials = tuple(trial if each.name == trial.name else each for each in record.trials)
+    return replace(record, trials=trials)
