@@ -68,11 +68,10 @@ class SweepProgress:
         """The trainings that are in a state now."""
         return [trial for trial in self.record.trials if trial.state == state]
 
-    def change(self, name: str, **values: object) -> TrialRecord:
+    def change(self, name: str, **values: object) -> None:
         """Give fields of a training new values."""
         trial = replace(self.trial(name), **values)  # type: ignore[arg-type]
         self.replace(trial)
-        return trial
 
     def replace(self, trial: TrialRecord) -> None:
         """Replace the training of this name."""

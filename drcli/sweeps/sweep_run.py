@@ -9,7 +9,7 @@ import random
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drcli.base.errors import BudgetUsedUp, DrError, StorageError, TrainedElsewhere, WorkerDied
 from drcli.base.problems import ProblemsError
