@@ -81,6 +81,7 @@ class Job:
         stages: Of the training, in order; empty without a curriculum.
         tasks: Evaluations that the worker processes of one command share.
         training: Id of the record of the training; empty if there is none.
+        ray_workers: How many simulation workers Ray places; the settings have none then.
     """
 
     config: RunConfig
@@ -101,6 +102,7 @@ class Job:
     tasks: tuple[EvaluationTask, ...] = ()
     training: str = ""
     until_lap_time_s: float | None = None
+    ray_workers: int = 0
 
     @property
     def wanted_laps(self) -> int:

@@ -84,13 +84,22 @@ class _Ended:
 
 
 def join_training(
-    settings: Settings, prefix: str, *, waits: bool, takes_over: bool, say: Callable[[str], object]
+    settings: Settings,
+    prefix: str,
+    *,
+    waits: bool,
+    takes_over: bool,
+    say: Callable[[str], object],
+    ends_with: int | None = None,
 ) -> JoinReport:
     """Drive for the training of a model until it ends or somebody wants this machine to stop.
 
     Arguments and errors are those of `JoinedMachine` and its `run`.
     """
-    return JoinedMachine(settings, prefix, waits=waits, takes_over=takes_over, say=say).run()
+    machine = JoinedMachine(
+        settings, prefix, waits=waits, takes_over=takes_over, say=say, ends_with=ends_with
+    )
+    return machine.run()
 
 
 class JoinedMachine:
@@ -102,6 +111,7 @@ class JoinedMachine:
         waits: Whether to wait for a training that has not started yet.
         takes_over: Whether to go on with the training if its machine is gone.
         say: Shows the user a sentence.
+        ends_with: Number of the process whose end ends this one; None for none.
     """
 
     def __init__(
@@ -112,7 +122,9 @@ class JoinedMachine:
         waits: bool,
         takes_over: bool,
         say: Callable[[str], object],
+        ends_with: int | None = None,
     ) -> None:
+        self._ends_with = ends_with
         self._settings = settings
         self._prefix = prefix
         self._waits = waits
@@ -150,7 +162,7 @@ class JoinedMachine:
                 ended = self._go_on_with(job) if gone else self._drive(job)
                 if ended is not None:
                     return self._report(ended.message, ended.code)
-                if self._signal is not None:
+                if self._is_stopped():
                     break
         return self._report(
             f"This machine has left the training of {self._model}, which goes on.",
@@ -164,6 +176,8 @@ class JoinedMachine:
         return JoinReport(self._model, message, code, self._took_over)
 
     def _is_stopped(self) -> bool:
+        if self._ends_with not in (None, os.getppid()):
+            self._signal = signal.SIGTERM
         return self._signal is not None
 
     @contextmanager
@@ -186,7 +200,7 @@ class JoinedMachine:
             machine is gone is one that this machine may go on with if it has joined or waits.
         """
         said = ""
-        while self._signal is None:
+        while not self._is_stopped():
             lease, record = read_lease(self._bucket, self._prefix), self._join_record()
             if lease is not None and lease.newer:
                 raise SettingsError(
@@ -318,12 +332,12 @@ class JoinedMachine:
             child.process = start_process(job, child.name, child.module, *child.arguments)
             child.started = time.monotonic()
             while child.running:
-                if self._signal is not None:
+                if self._is_stopped():
                     return None
                 said = self._show_activity(job, child.name, said)
                 time.sleep(POLL_S)
             code = child.process.returncode
-            if code == 0 or self._signal is not None:
+            if code == 0 or self._is_stopped():
                 return None
             words = WorkerExit.read(job.folder, child.name) or exit_of_stuck(
                 code, log_file(job.directory, self._prefix, child.name), remedy=REWARD_REMEDY

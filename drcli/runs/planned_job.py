@@ -5,6 +5,7 @@ import secrets
 import socket
 import time
 from contextlib import suppress
+from dataclasses import replace
 from datetime import datetime
 
 from drcli.config.settings import Settings
@@ -13,6 +14,7 @@ from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_record import run_folder
 from drcli.exchange.stage import Stage
 from drcli.exchange.training_start import TrainingStart
+from drcli.workers.ray_extra import require_ray
 
 
 def planned_job(
@@ -39,8 +41,13 @@ def planned_job(
         stages: As for `Job`.
     """
     lives_s = 60.0 * settings.time_to_live_minutes
+    config = settings.run
+    by_ray = settings.launcher == "ray"
+    if by_ray:  # its workers join as those of other machines do
+        require_ray()
+        config = replace(config, train=config.train.replaced(workers=0))
     return Job(
-        config=settings.run,
+        config=config,
         session=secrets.token_hex(6),
         seed=seed,
         until_laps=until_laps,
@@ -51,6 +58,7 @@ def planned_job(
         whole_run=whole_run,
         ends_at=began_at + lives_s if lives_s else None,
         stages=stages,
+        ray_workers=settings.workers if by_ray else 0,
     )
 
 

@@ -83,6 +83,8 @@ class Supervisor:
         self._children = [Child(TRAINER, "drcli.workers.trainer", [], gpus)]
         for k in range(job.config.train.workers):
             self._children.append(Child(f"sim-{k}", "drcli.workers.sim", [str(k)]))
+        if job.ray_workers:
+            self._children.append(Child("ray", "drcli.workers.ray_workers", []))
         self._server_began = 0.0
         names = ["supervisor", *(child.name for child in self._children)]
         if job.end_work:

@@ -20,6 +20,7 @@ NAMES = (
     "fidelity",
     "memory",
     "joined",
+    "ray_nodes",
     "reference",
     "guide_values",
     "fast_lap",

@@ -1,5 +1,6 @@
 """`dr start-worker`."""
 
+import os
 import re
 from typing import Annotated
 
@@ -49,6 +50,12 @@ def start_worker(
             help="Wait if the machine of the training is gone, instead of going on here.",
         ),
     ] = False,
+    end_with_parent: Annotated[
+        bool,
+        typer.Option(
+            "--end-with-parent", help="End when the process that has started this one ends."
+        ),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Drive for a training that runs on another machine.
@@ -80,7 +87,12 @@ def start_worker(
     from drcli.runs.join_training import join_training
 
     report = join_training(
-        settings, prefix, waits=wait, takes_over=not no_take_over, say=console.say
+        settings,
+        prefix,
+        waits=wait,
+        takes_over=not no_take_over,
+        say=console.say,
+        ends_with=os.getppid() if end_with_parent else None,
     )
     console.emit(report, report.message, as_json=as_json)
     raise typer.Exit(report.code)

@@ -101,6 +101,18 @@ class TrainSettings(Group, title="Training"):
         "How workers share episodes once some have joined with `dr-start-worker`: equally, or "
         "slower workers less; equal for trainings that must repeat exactly.",
     )
+    launcher: Literal["local", "ray"] = setting(
+        "DR_LAUNCHER",
+        "local",
+        "Who starts simulation workers: this machine, or Ray on a cluster (docs/ray.md).",
+        file="system.env",
+    )
+    ray_address: str = setting(
+        "DR_RAY_ADDRESS",
+        "",
+        "Address of the Ray cluster; if empty, RAY_ADDRESS, and without it Ray starts here.",
+        file="system.env",
+    )
     torch_precision: Literal["auto", "fp32", "bf16"] = setting(
         "DR_TORCH_PRECISION",
         "auto",
