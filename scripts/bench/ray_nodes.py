@@ -72,12 +72,12 @@ def main() -> None:
         found = _train(folder, cluster.address, nodes, chosen)
     finally:
         cluster.shutdown()
+        shutil.rmtree(folder)
     found |= {"killed nodes": nodes.killed}
     if chosen.json:
         print(json.dumps({**facts(), **found}))
     else:
         print("\n".join(f"{name}: {value}" for name, value in found.items()))
-    shutil.rmtree(folder)
 
 
 def _train(
