@@ -372,6 +372,7 @@ class JoinedMachine:
         job = replace(
             job,
             config=replace(job.config, train=job.config.train.replaced(workers=1)),
+            ray_workers=0,  # this machine may not know the cluster
             session=secrets.token_hex(6),
             term=0,
             folder=run_folder(self._settings.directory, own.run_id),

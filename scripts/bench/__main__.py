@@ -21,6 +21,7 @@ NAMES = (
     "memory",
     "joined",
     "ray_nodes",
+    "scale",
     "reference",
     "guide_values",
     "fast_lap",

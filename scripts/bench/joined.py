@@ -14,9 +14,10 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 
 import psutil
 from machine import facts
@@ -36,9 +37,24 @@ PROGRAMS = Path(sys.executable).parent
 
 
 class Training:
-    """A training without workers of its own, and the machines that join it."""
+    """A training without workers of its own, and the machines that join it.
 
-    def __init__(self, folder: Path, episodes: int, workers: int = 0) -> None:
+    Args:
+        folder: Of the training, empty.
+        episodes: Of an iteration.
+        workers: Of its own.
+        prepare: Changes the racer's files in the folder before the training starts.
+        settings: Of the environment.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        episodes: int,
+        workers: int = 0,
+        prepare: Callable[[Path], object] = lambda folder: None,
+        settings: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
         self.folder = folder
         self._links: list[SlowLink] = []
         self._machines: list[subprocess.Popen[bytes]] = []
@@ -48,11 +64,13 @@ class Training:
         path = folder / "custom_files" / "hyperparameters.json"
         values = json.loads(path.read_text())
         path.write_text(json.dumps({**values, "num_episodes_between_training": episodes}))
+        prepare(folder / "custom_files")
         self.environment = {k: v for k, v in os.environ.items() if not k.startswith("DR_")}
         own = {
             "DR_LOCAL_S3_MODEL_PREFIX": PREFIX,
             "DR_WORKERS": str(workers),
             "DR_LOCAL_S3_IDLE_MINUTES": "0",
+            **settings,
         }
         self._head = subprocess.Popen(
             [PROGRAMS / "dr-start-training", "--foreground", "--seed", "1"],
