@@ -1,14 +1,16 @@
 """The records of simulation workers that have joined a training, as its trainer reads them."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import datetime
 
 from drcli.base.json_record import RecordError
 from drcli.exchange.joined_worker import MemberRecord, Shares, SharesRecord
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, read_record
+from drcli.store.rollout_reader import READS_FAR
 
 RENEWED_S = 5.0
 """How often a worker renews its record."""
@@ -83,6 +85,20 @@ class MemberReader:
         self._clock = clock
         self._seen: dict[str, _Seen] = {}
 
+    def _records(self, changed: Mapping[str, ObjectInfo]) -> dict[str, MemberRecord | None]:
+        """The records in some objects, read at the same time; None for a missing or damaged one."""
+
+        def read(info: ObjectInfo) -> MemberRecord | None:
+            try:
+                return MemberRecord.decode(self._bucket.get(info.key))
+            except (ObjectMissing, RecordError):
+                return None
+
+        if len(changed) < 2:
+            return {name: read(info) for name, info in changed.items()}
+        with ThreadPoolExecutor(min(READS_FAR, len(changed))) as readers:
+            return dict(zip(changed, readers.map(read, changed.values()), strict=True))
+
     def read(self) -> dict[str, Member]:
         """All workers that have joined, by name.
 
@@ -90,6 +106,7 @@ class MemberReader:
             StorageError: The bucket does not answer.
         """
         found: dict[str, _Seen] = {}
+        changed: dict[str, ObjectInfo] = {}
         for info in self._bucket.list(keys.members_folder(self._prefix)):
             name = keys.member_of(self._prefix, info.key)
             if name is None:
@@ -97,16 +114,17 @@ class MemberReader:
             before = self._seen.get(name)
             if before is not None and before.modified == info.modified:
                 found[name] = before
-                continue
-            try:
-                record = MemberRecord.decode(self._bucket.get(info.key))
-            except (ObjectMissing, RecordError):
+            else:
+                changed[name] = info
+        for name, record in self._records(changed).items():
+            before = self._seen.get(name)
+            if record is None:
                 if before is not None:  # it is just written, or damaged
                     found[name] = before
                 continue
             unchanged = before is not None and before.record == record
             seen_s = before.seen_s if before is not None and unchanged else self._clock()
-            found[name] = _Seen(info.modified, record, seen_s)
+            found[name] = _Seen(changed[name].modified, record, seen_s)
         self._seen = found
         now_s = self._clock()
         members = {name: Member(each.record, now_s - each.seen_s) for name, each in found.items()}

@@ -1,18 +1,21 @@
 """Workers hand in, the trainer takes: only what a manifest confirms, and nobody waits unheard."""
 
 import json
+import threading
 
 import numpy as np
 import pytest
 
 from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError
+from drcli.exchange.joined_worker import MemberRecord
 from drcli.exchange.rollout import Episodes
 from drcli.exchange.rollout_manifest import Driving, Manifest
 from drcli.learn.rollout_buffer import Rollout
 from drcli.store import keys, rollout_reader
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
+from drcli.store.members import MemberReader
 from drcli.store.model_prefix import delete_unlearned
 from drcli.store.rollout_reader import RolloutReader, find_manifest
 from drcli.store.rollout_writer import RolloutWriter
@@ -358,3 +361,39 @@ def test_what_was_driven_ahead_of_the_last_update_is_deleted_at_the_end():
 
     assert find_manifest(bucket, PREFIX, 2, 0) is not None  # a replay buffer may need it
     assert find_manifest(bucket, PREFIX, 3, 0) is None
+
+
+class MeetingBucket(MemoryBucket):
+    """Answers a GET of some objects only while another one is asked for, too."""
+
+    def __init__(self, end):
+        super().__init__()
+        self._end, self._meeting = end, threading.Barrier(2)
+
+    def get(self, key):
+        if key.endswith(self._end):
+            self._meeting.wait(10.0)  # a reader that asks one after the other fails here
+        return super().get(key)
+
+
+def test_manifests_of_a_far_bucket_are_read_at_the_same_time(clock):
+    bucket = MeetingBucket("manifest.json")
+    for worker in range(4):
+        hand_in(bucket, worker)
+    reader = RolloutReader(bucket, PREFIX, frugal=True, clock=clock, pause=clock.pause)
+
+    arrived = wait(reader, range(4))
+    reader.close()
+
+    assert list(arrived) == [0, 1, 2, 3]
+
+
+def test_records_of_workers_are_read_at_the_same_time():
+    bucket = MeetingBucket(".json")
+    for number in range(4):
+        record = MemberRecord(f"joined-{number}", "ours", "far", 1)
+        bucket.put(keys.member(PREFIX, record.member), record.encode())
+
+    members = MemberReader(bucket, PREFIX, "ours").read()
+
+    assert sorted(members) == ["joined-0", "joined-1", "joined-2", "joined-3"]
