@@ -20,7 +20,7 @@ PREFETCH_BYTES = 24 << 20
 READS, READS_FAR = 2, 16
 """Objects that are read at the same time from a bucket on this machine, whose server needs the
 processor, and from one elsewhere, where each read waits for a round trip. By the model of
-docs/scale.md, 100 workers are three times as fast with 32 as with one after the other."""
+docs/scale.md, 100 workers are three times as fast so as with one read after the other."""
 
 FIRST_LOOK_S, WOKEN_LOOK_S = 0.1, 0.5
 """First pause between two looks for rollouts: in any case, and for a trainer that its workers wake.

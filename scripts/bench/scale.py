@@ -34,7 +34,7 @@ SKIPPED = 2
 REQUESTS = 60
 """Of each kind, to measure the bucket."""
 
-MANY = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000)
+MANY = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 3000, 10_000)
 
 WORKER_USD, TRAINER_USD = 0.036, 0.80
 """Price per hour of a spot machine with two cores, which drives, and of one with a GPU, which
@@ -243,13 +243,13 @@ def extrapolate(figures: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
         step_s=1.0 / 800.0,
         learn_s=0.15,
     )
-    today = Setup(ahead=1)
-    wide = replace(today, manifest_reads=32, part_reads=32, member_reads=32)
+    today = Setup(ahead=1, manifest_reads=16, part_reads=16, member_reads=16)
+    before = replace(today, manifest_reads=1, part_reads=2, member_reads=1)
     cases = {
         "20 episodes an iteration, as shipped": replace(today, episodes=20),
         "100 episodes an iteration": replace(today, episodes=100),
         "as many episodes as workers, 100 at least": today,
-        "the same, 32 objects read at a time": wide,
+        "the same, objects read one after the other": before,
     }
     return {
         name: [
@@ -264,7 +264,7 @@ def _row(costs: Costs, setup: Setup, workers: int, *, grows: bool) -> dict[str, 
     if grows:
         setup = replace(setup, episodes=max(100, workers))
     setup = replace(setup, workers=workers)
-    model = predicted(costs, setup, iterations=6 if workers > 500 else 12)
+    model = predicted(costs, setup, iterations=2 if workers > 500 else 8)
     return {"workers": workers, "episodes": setup.episodes, **_told(model, workers)}
 
 

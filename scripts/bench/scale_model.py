@@ -9,7 +9,7 @@ import heapq
 import math
 import random
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 
 PAGE = 1000
@@ -163,6 +163,20 @@ class Station:
         return start_s + service_s
 
 
+@dataclass(frozen=True)
+class Request:
+    """A request to the bucket."""
+
+    kind: str
+    size: float
+    trainer: bool = False
+
+
+Process = Generator[float | Request | list["Process"], None, None]
+"""What a machine does: it waits so many seconds, for the answer to a request, or for the end of
+several processes."""
+
+
 class Model:
     """A training with these costs, from its first checkpoint on.
 
@@ -181,95 +195,133 @@ class Model:
         self.now_s = 0.0
         self.outcome = Outcome(workers=setup.workers)
         self._puts, self._gets, self._link = Station(), Station(), Station()
-        self._published = [0.0]
-        self._delivered: list[int] = []
-        self._done = 0
-        self._goal = 0
-        self._members_s = 0.0
-        self._trainer_waits_since_s = 0.0
-        self._fetching = False
+        self._newest = 0
+        self._delivered: Counter[int] = Counter()
+        self._members_s = setup.members_s
 
     def run(self, iterations: int, skipped: int = 3) -> Outcome:
         """Let the training run for some iterations, without the first ones, and say what came."""
-        self._goal = iterations + skipped
-        self._delivered = [0] * (self._goal + 2)
         for worker in range(self._setup.workers):
-            self._at(self.now_s, lambda worker=worker: self._notice(worker, 0))  # type: ignore[misc]
-            phase_s = self._chance.random() * self._setup.renew_s
-            self._at(phase_s, self._renew)
-        self._at(0.0, self._wait_for_rollouts)
-        began_s = 0.0
-        measured = False
-        while self._events and self._done < self._goal:
+            self._start(self._drive(worker))
+            self._start(self._renew())
+        self._start(self._train())
+        began_s: float | None = None
+        while self._newest < iterations + skipped:
             self.now_s, _, event = heapq.heappop(self._events)
             event()
-            if not measured and self._done >= skipped:
-                measured, began_s = True, self.now_s
+            if began_s is None and self._newest >= skipped:
+                began_s = self.now_s
                 self.outcome = Outcome(workers=self._setup.workers)
-        self.outcome.seconds = self.now_s - began_s
+        self.outcome.seconds = self.now_s - (began_s or 0.0)
         return self.outcome
+
+    # --- Processes and requests --------------------------------------------------------------
 
     def _at(self, when_s: float, event: Callable[[], None]) -> None:
         self._count += 1
         heapq.heappush(self._events, (when_s, self._count, event))
 
-    # --- Requests ----------------------------------------------------------------------------
+    def _start(self, process: Process, ended: Callable[[], None] = lambda: None) -> None:
+        """Let a process go on until it waits for something."""
+        try:
+            awaited = next(process)
+        except StopIteration:
+            ended()
+            return
 
-    def _request(self, kind: str, when_s: float, size: float, *, trainer: bool) -> float:
-        """When the answer to a request is there."""
-        costs = self._costs
-        self.outcome.requests[kind] += 1
-        writes = kind in ("put", "list")
-        limit = costs.puts_per_s if writes else costs.gets_per_s
-        served_s = (self._puts if writes else self._gets).serve(when_s, 1.0 / limit)
-        service_s = {"put": costs.put_s, "get": costs.get_s, "list": costs.list_s}[kind]
-        there_s = served_s + service_s + costs.round_trip_s
-        if kind == "put":
-            self.outcome.sent_bytes += size
+        def go_on() -> None:
+            self._start(process, ended)
+
+        if isinstance(awaited, Request):
+            self._send(awaited, go_on)
+        elif isinstance(awaited, list):
+            self._start_all(awaited, go_on)
         else:
-            self.outcome.received_bytes += size
-        if trainer:
-            return self._link.serve(there_s, size / costs.trainer_bytes_per_s)
-        return there_s + size / costs.worker_bytes_per_s
+            self._at(self.now_s + awaited, go_on)
 
-    def _requests(self, kind: str, count: int, at_once: int, size: float) -> float:
-        """When all of many requests of the trainer are answered, so many at the same time."""
-        threads = [self.now_s] * max(1, min(at_once, count))
-        for _ in range(count):
-            begins_s = heapq.heappop(threads)
-            heapq.heappush(threads, self._request(kind, begins_s, size, trainer=True))
-        return max(threads)
+    def _start_all(self, processes: list[Process], go_on: Callable[[], None]) -> None:
+        left = len(processes)
+
+        def ended() -> None:
+            nonlocal left
+            left -= 1
+            if left == 0:
+                go_on()
+
+        for process in processes:
+            self._start(process, ended)
+
+    def _send(self, request: Request, answered: Callable[[], None]) -> None:
+        """Serve a request: the bucket first, then the network of the machine."""
+        costs = self._costs
+        self.outcome.requests[request.kind] += 1
+        writes = request.kind in ("put", "list")
+        limit = costs.puts_per_s if writes else costs.gets_per_s
+        served_s = (self._puts if writes else self._gets).serve(self.now_s, 1.0 / limit)
+        service_s = {"put": costs.put_s, "get": costs.get_s, "list": costs.list_s}[request.kind]
+        if request.kind == "put":
+            self.outcome.sent_bytes += request.size
+        else:
+            self.outcome.received_bytes += request.size
+        there_s = served_s + service_s + costs.round_trip_s
+
+        def over_the_link() -> None:
+            seconds = request.size / costs.trainer_bytes_per_s
+            self._at(self._link.serve(self.now_s, seconds), answered)
+
+        if request.trainer:
+            self._at(there_s, over_the_link)
+        else:
+            self._at(there_s + request.size / costs.worker_bytes_per_s, answered)
+
+    def _many(self, count: int, at_once: int, size: float) -> list[Process]:
+        """GET requests of the trainer, so many at the same time."""
+        left = count
+
+        def thread() -> Process:
+            nonlocal left
+            while left > 0:
+                left -= 1
+                yield Request("get", size, trainer=True)
+
+        return [thread() for _ in range(max(1, min(at_once, count)))]
 
     def _pause(self, waited_s: float) -> float:
         return min(self._setup.look_s, max(0.06, self._setup.look_share * waited_s))
 
     # --- A worker ----------------------------------------------------------------------------
 
-    def _renew(self) -> None:
-        self._request("put", self.now_s, 300.0, trainer=False)
-        self._at(self.now_s + self._setup.renew_s, self._renew)
+    def _renew(self) -> Process:
+        """Renew the record of a worker again and again."""
+        yield self._chance.random() * self._setup.renew_s
+        while True:
+            yield Request("put", 300.0)
+            yield self._setup.renew_s
 
-    def _notice(self, worker: int, iteration: int, since_s: float | None = None) -> None:
-        """Look for the checkpoint of an iteration; one `ahead` of it will do."""
-        since_s = self.now_s if since_s is None else since_s
-        answered_s = self._request("get", self.now_s, 200.0, trainer=False)
-        needed = max(0, iteration - self._setup.ahead)
-        if needed < len(self._published) and self._published[needed] <= self.now_s:
-            self._at(answered_s, lambda: self._fetch(worker, iteration))
-            return
-        again_s = answered_s + self._pause(answered_s - since_s)
-        self._at(again_s, lambda: self._notice(worker, iteration, since_s))
-
-    def _fetch(self, worker: int, iteration: int) -> None:
-        when_s = self.now_s
-        for _ in range(self._costs.worker_gets):
-            when_s = self._request("get", when_s, 2000.0, trainer=False)
-        when_s = self._request("get", when_s, self._costs.weights_bytes, trainer=False)
-        steps = self._steps_of(worker)
-        pace = max(0.2, self._chance.gauss(1.0, self._costs.spread))
-        took_s = self._costs.drive_s + steps * self._costs.step_s * pace if steps else 0.0
-        self.outcome.driving_s += took_s
-        self._at(when_s + took_s, lambda: self._deliver(worker, iteration, steps))
+    def _drive(self, worker: int) -> Process:
+        """Drive one iteration after the other."""
+        costs, iteration = self._costs, 0
+        while True:
+            began_s = self.now_s
+            yield Request("get", 200.0)
+            while self._newest < iteration - self._setup.ahead:
+                yield self._pause(self.now_s - began_s)
+                yield Request("get", 200.0)
+            for _ in range(costs.worker_gets):
+                yield Request("get", 2000.0)
+            yield Request("get", costs.weights_bytes)
+            steps = self._steps_of(worker)
+            if steps:
+                pace = max(0.2, self._chance.gauss(1.0, costs.spread))
+                took_s = costs.drive_s + steps * costs.step_s * pace
+                yield took_s
+                self.outcome.driving_s += took_s
+                yield Request("put", steps * costs.step_bytes)
+                yield Request("put", steps * costs.trace_bytes)
+                for _ in range(costs.worker_puts - 2):
+                    yield Request("put", 1000.0)
+            self._delivered[iteration] += 1
+            iteration += 1
 
     def _steps_of(self, worker: int) -> float:
         """Steps of a worker's share: no episode is split."""
@@ -277,84 +329,67 @@ class Model:
         own = episodes * (worker + 1) // workers - episodes * worker // workers
         return own * self._costs.episode_steps
 
-    def _deliver(self, worker: int, iteration: int, steps: float) -> None:
-        when_s = self.now_s
-        if steps:
-            costs = self._costs
-            when_s = self._request("put", when_s, steps * costs.step_bytes, trainer=False)
-            when_s = self._request("put", when_s, steps * costs.trace_bytes, trainer=False)
-            for _ in range(costs.worker_puts - 2):
-                when_s = self._request("put", when_s, 1000.0, trainer=False)
-        self._at(when_s, lambda: self._delivery(iteration))
-        if iteration + 1 < self._goal:
-            self._at(when_s, lambda: self._notice(worker, iteration + 1))
-
-    def _delivery(self, iteration: int) -> None:
-        self._delivered[iteration] += 1
-
     # --- The trainer -------------------------------------------------------------------------
 
-    def _wait_for_rollouts(self) -> None:
-        """Look for the rollouts of the next iteration until all are there."""
-        began_s = self._trainer_waits_since_s
-        answered_s = self.now_s
-        for _ in range(math.ceil(2 * self._drivers / PAGE)):
-            answered_s = self._request("list", answered_s, 300.0 * PAGE, trainer=True)
-        if self._delivered[self._done] >= self._setup.workers:
-            self.outcome.waits_s["drive"] += self.now_s - began_s
-            self._at(answered_s, self._collect)
-            return
-        again_s = answered_s + self._pause(answered_s - began_s)
-        if self.now_s >= self._members_s:
-            read_s = self._read_members()
-            self.outcome.waits_s["members"] += read_s - self.now_s
-            self._members_s = read_s + self._setup.members_s
-            again_s = max(again_s, read_s)
-        self._at(again_s, self._wait_for_rollouts)
+    def _train(self) -> Process:
+        """Wait, fetch, learn and publish, again and again."""
+        costs, setup = self._costs, self._setup
+        drivers = min(setup.workers, setup.episodes)
+        steps = setup.episodes * costs.episode_steps
+        while True:
+            yield from self._wait_for_rollouts(drivers)
+            began_s = self.now_s
+            # Parts are fetched while manifests are read.
+            part = steps * costs.step_bytes / drivers
+            yield [
+                *self._many(drivers, setup.manifest_reads, 1500.0),
+                *self._many(drivers, setup.part_reads, part),
+            ]
+            self.outcome.waits_s["fetch"] += self.now_s - began_s
+            learns_s = costs.learn_s + steps * costs.learn_step_s
+            yield learns_s
+            self.outcome.learning_s += learns_s
+            self.outcome.waits_s["learn"] += learns_s
+            began_s = self.now_s
+            yield Request("put", costs.weights_bytes, trainer=True)
+            for _ in range(costs.trainer_puts - 1):
+                yield Request("put", 2000.0, trainer=True)
+            self.outcome.waits_s["publish"] += self.now_s - began_s
+            self._newest += 1
+            self.outcome.iterations += 1
+            self.outcome.steps += steps
+            # No worker waits for the rest.
+            self._start(self._write_state())
 
-    @property
-    def _drivers(self) -> int:
-        return min(self._setup.workers, self._setup.episodes)
+    def _write_state(self) -> Process:
+        yield Request("put", self._costs.state_bytes, trainer=True)
 
-    def _read_members(self) -> float:
+    def _wait_for_rollouts(self, drivers: int) -> Process:
+        """Look for the rollouts of this iteration until all are there."""
+        began_s = self.now_s
+        while True:
+            complete = self._delivered[self._newest] >= self._setup.workers
+            for _ in range(math.ceil(2 * drivers / PAGE)):
+                yield Request("list", 600.0 * drivers, trainer=True)
+            if complete:
+                self.outcome.waits_s["drive"] += self.now_s - began_s
+                return
+            if self.now_s >= self._members_s:
+                read_s = self.now_s
+                yield from self._read_members()
+                self.outcome.waits_s["members"] += self.now_s - read_s
+                began_s += self.now_s - read_s
+                self._members_s = self.now_s + self._setup.members_s
+            yield self._pause(self.now_s - began_s)
+
+    def _read_members(self) -> Process:
         """Read the records of all workers that have renewed theirs."""
         workers, setup = self._setup.workers, self._setup
-        pages_s = self._requests("list", math.ceil(workers / PAGE), 1, 300.0 * PAGE)
-        changed = workers if setup.members_s >= setup.renew_s else workers // 2
-        return max(pages_s, self._requests("get", changed, setup.member_reads, 300.0))
-
-    def _collect(self) -> None:
-        began_s, drivers = self.now_s, self._drivers
-        read_s = self._requests("get", drivers, self._setup.manifest_reads, 1500.0)
-        steps = self._setup.episodes * self._costs.episode_steps
-        part = steps * self._costs.step_bytes / drivers
-        # Parts are fetched while manifests are read.
-        read_s = max(read_s, self._requests("get", drivers, self._setup.part_reads, part))
-        self.outcome.waits_s["fetch"] += read_s - began_s
-        learns_s = self._costs.learn_s + steps * self._costs.learn_step_s
-        self.outcome.learning_s += learns_s
-        self.outcome.waits_s["learn"] += learns_s
-        self._at(read_s + learns_s, lambda: self._publish(steps))
-
-    def _publish(self, steps: float) -> None:
-        began_s = when_s = self.now_s
-        when_s = self._request("put", when_s, self._costs.weights_bytes, trainer=True)
-        for _ in range(self._costs.trainer_puts - 1):
-            when_s = self._request("put", when_s, 2000.0, trainer=True)
-        self.outcome.waits_s["publish"] += when_s - began_s
-        # What no worker waits for is written while the workers drive.
-        self._request("put", when_s, self._costs.state_bytes, trainer=True)
-        self._at(when_s, lambda: self._published_now(steps))
-
-    def _published_now(self, steps: float) -> None:
-        self._published.append(self.now_s)
-        self.outcome.iterations += 1
-        self.outcome.steps += steps
-        self._done += 1
-        self._trainer_waits_since_s = self.now_s
-        self._at(self.now_s, self._wait_for_rollouts)
+        for _ in range(math.ceil(workers / PAGE)):
+            yield Request("list", 300.0 * min(workers, PAGE), trainer=True)
+        yield self._many(workers, setup.member_reads, 300.0)
 
 
 def predicted(costs: Costs, setup: Setup, iterations: int = 20, seed: int = 1) -> Outcome:
     """What a training with these costs and this setup comes to."""
-    return Model(costs, setup, seed).run(iterations)
+    return Model(costs, setup, seed).run(iterations, skipped=min(3, iterations))
