@@ -25,7 +25,7 @@ def test_without_latency_and_learning_n_workers_are_n_times_as_fast(workers):
 
     assert found.iterations_per_s == pytest.approx(workers / 80.0, rel=0.02)
     assert found.steps_per_s == pytest.approx(workers * 100.0, rel=0.02)
-    assert found.worker_idle == pytest.approx(0.0, abs=0.01)
+    assert found.worker_idle == pytest.approx(0.0, abs=0.02)
 
 
 def test_driving_and_learning_take_turns_without_overlap():
