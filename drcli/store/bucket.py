@@ -71,6 +71,11 @@ class Bucket(Protocol):
         """All objects below a folder, which ends with a slash or is empty, sorted by key."""
 
 
+READS, READS_FAR = 2, 16
+"""Objects that are read at the same time from a bucket on this machine, whose server needs the
+processor, and from one elsewhere, where each read waits for a round trip. By the model of
+docs/scale.md, 100 workers are three times as fast so as with one read after the other."""
+
 _OVERWRITTEN_S = (0.005, 0.03)
 """Pauses before an object is read again that looked damaged or missing."""
 

@@ -9,8 +9,14 @@ from datetime import datetime
 from drcli.base.json_record import RecordError
 from drcli.exchange.joined_worker import MemberRecord, Shares, SharesRecord
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, read_record
-from drcli.store.rollout_reader import READS_FAR
+from drcli.store.bucket import (
+    READS_FAR,
+    Bucket,
+    ObjectDamaged,
+    ObjectInfo,
+    ObjectMissing,
+    read_record,
+)
 
 RENEWED_S = 5.0
 """How often a worker renews its record."""

@@ -12,15 +12,17 @@ from drcli.exchange.rollback_record import NO_ROLLBACKS, Rollbacks
 from drcli.exchange.rollout import Episodes, decode_episodes
 from drcli.exchange.rollout_manifest import Manifest, Part, belongs
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.bucket import (
+    READS,
+    READS_FAR,
+    Bucket,
+    ObjectDamaged,
+    ObjectMissing,
+    read_record,
+)
 
 PREFETCH_BYTES = 24 << 20
 """Limit for downloads ahead of their use: three thousand steps."""
-
-READS, READS_FAR = 2, 16
-"""Objects that are read at the same time from a bucket on this machine, whose server needs the
-processor, and from one elsewhere, where each read waits for a round trip. By the model of
-docs/scale.md, 100 workers are three times as fast so as with one read after the other."""
 
 FIRST_LOOK_S, WOKEN_LOOK_S = 0.1, 0.5
 """First pause between two looks for rollouts: in any case, and for a trainer that its workers wake.

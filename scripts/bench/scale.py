@@ -68,6 +68,7 @@ def main() -> None:
     parser.add_argument("--figures", type=Path, default=FIGURES, help="file of the figures")
     parser.add_argument("--workers", type=int, nargs="+", default=WORKERS)
     parser.add_argument("--seconds", type=float, default=60.0, help="of each measurement")
+    parser.add_argument("--most", type=int, default=10_000, help="workers of the curves")
     parser.add_argument("--pictures", type=Path, help="folder for the curves")
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args()
@@ -75,7 +76,7 @@ def main() -> None:
         measured = measure(chosen.workers, chosen.seconds)
         chosen.figures.write_text(json.dumps(measured, indent=1) + "\n")
     figures = json.loads(chosen.figures.read_text())
-    checked, curves = check(figures), extrapolate(figures)
+    checked, curves = check(figures), extrapolate(figures, chosen.most)
     if chosen.pictures is not None:
         from scale_pictures import draw
 
@@ -230,8 +231,8 @@ def check(figures: dict[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def extrapolate(figures: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
-    """Curves up to 10,000 workers on Amazon, for several settings."""
+def extrapolate(figures: dict[str, Any], most: int) -> dict[str, list[dict[str, Any]]]:
+    """Curves on Amazon for several settings, up to so many workers."""
     alone = figures["runs"][0]
     costs = replace(
         GPU,
@@ -255,6 +256,7 @@ def extrapolate(figures: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
         name: [
             _row(costs, setup, workers, grows="as" in name.split()[0] or "same" in name)
             for workers in MANY
+            if workers <= most
         ]
         for name, setup in cases.items()
     }

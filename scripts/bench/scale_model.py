@@ -300,7 +300,10 @@ class Model:
 
     def _drive(self, worker: int) -> Process:
         """Drive one iteration after the other."""
-        costs, iteration = self._costs, 0
+        costs, iteration, steps = self._costs, 0, self._steps_of(worker)
+        while not steps:  # it asks for a share once a second
+            yield Request("get", 2000.0)
+            yield 1.0
         while True:
             began_s = self.now_s
             yield Request("get", 200.0)
@@ -310,16 +313,14 @@ class Model:
             for _ in range(costs.worker_gets):
                 yield Request("get", 2000.0)
             yield Request("get", costs.weights_bytes)
-            steps = self._steps_of(worker)
-            if steps:
-                pace = max(0.2, self._chance.gauss(1.0, costs.spread))
-                took_s = costs.drive_s + steps * costs.step_s * pace
-                yield took_s
-                self.outcome.driving_s += took_s
-                yield Request("put", steps * costs.step_bytes)
-                yield Request("put", steps * costs.trace_bytes)
-                for _ in range(costs.worker_puts - 2):
-                    yield Request("put", 1000.0)
+            pace = max(0.2, self._chance.gauss(1.0, costs.spread))
+            took_s = costs.drive_s + steps * costs.step_s * pace
+            yield took_s
+            self.outcome.driving_s += took_s
+            yield Request("put", steps * costs.step_bytes)
+            yield Request("put", steps * costs.trace_bytes)
+            for _ in range(costs.worker_puts - 2):
+                yield Request("put", 1000.0)
             self._delivered[iteration] += 1
             iteration += 1
 
@@ -368,7 +369,7 @@ class Model:
         """Look for the rollouts of this iteration until all are there."""
         began_s = self.now_s
         while True:
-            complete = self._delivered[self._newest] >= self._setup.workers
+            complete = self._delivered[self._newest] >= drivers
             for _ in range(math.ceil(2 * drivers / PAGE)):
                 yield Request("list", 600.0 * drivers, trainer=True)
             if complete:
