@@ -102,6 +102,7 @@ UNIMPORTED = {
     "drcli.playback.player_process",
     "drcli.web.serve",
     "drcli.workers.joined_sim",
+    "drcli.workers.learner_process",
     "drcli.workers.ray_workers",
     "drcli.workers.trainer",
     "drcli.workers.evaluate_many",

@@ -29,11 +29,12 @@ from drcli.formats.build_network import build_policy
 from drcli.learn.compute import choose_compute, driving_format, flush_denormals
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.encoders import compute_in
+from drcli.learn.learner import Learner
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.update_result import UpdateInterruptedError
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.workers.build_learner import Learner, build_learner
+from drcli.workers.build_learner import build_learner
 from drcli.workers.build_race import actions_of, build_simulation, load_world, longest_episode
 from drcli.workers.cores import driving_threads, learning_threads, overlaps
 from drcli.workers.driven_episode import Driven, Plan, episodes_of

@@ -16,7 +16,9 @@ import torch
 from torch import Tensor, nn
 
 from drcli.learn.encoders import compute_in
+from drcli.learn.gradient_group import GradientGroup
 from drcli.learn.policy import Observation, Policy, PolicySpec
+from drcli.learn.update_result import NonFiniteLossError
 
 SMALLEST_PART = 16
 """Samples of a part. Convolutions of fewer samples take more time per sample."""
@@ -53,7 +55,16 @@ class DataParallel(Generic[M]):
             added up to the same sum, up to rounding.
     """
 
-    def __init__(self, model: M, parts: int = 1, threads: int = 1, *, bf16: bool = False) -> None:
+    def __init__(
+        self,
+        model: M,
+        parts: int = 1,
+        threads: int = 1,
+        *,
+        bf16: bool = False,
+        group: GradientGroup | None = None,
+        num_statistics: int = 0,
+    ) -> None:
         """Start a thread for each part.
 
         Args:
@@ -63,8 +74,12 @@ class DataParallel(Generic[M]):
             bf16: Whether the bodies compute in bfloat16. All parts share one copy of the weights in
                 it, which is made for each gradient: to cast them in every layer and part took a
                 third of the time (of torch.autocast, on an AMD EPYC with AVX512_BF16).
+            group: The processes between which minibatches are divided first; None for this one.
+            num_statistics: Numbers that `loss_of` returns beside the loss; needed for a group.
         """
         self._model = model
+        self._group = group
+        self._num_statistics = num_statistics
         self._parameters = list(model.parameters())
         self._models = [_with_bodies_in_bfloat16(model) if bf16 else model]
         self._casts = [
@@ -100,7 +115,8 @@ class DataParallel(Generic[M]):
         """Add the gradient of the mean loss to the network's parameters.
 
         The sums are made in the order of the parts, so that equal seeds give equal weights. If the
-        memory of a GPU is too small, it is tried again with smaller parts.
+        memory of a GPU is too small, it is tried again with smaller parts. With a group, every
+        process calls this with the same minibatch, and without gradients from before.
 
         Args:
             loss_of: Loss and statistics of a range of samples.
@@ -111,16 +127,52 @@ class DataParallel(Generic[M]):
 
         Raises:
             torch.OutOfMemoryError: Even a single sample is too large.
+            NonFiniteLossError: `loss_of` raised it, here or in another process.
+            LearnerLostError: Another process has ended.
         """
-        own = self._parameters
+        if self._group is None:
+            return self._backward_of(loss_of, slice(0, samples), 1.0)
+        own, weight = self._group.own_share(samples)
+        return self._backward_with_others(self._group, loss_of, own, weight)
+
+    def backward_share(self, loss_of: LossOf[M], samples: int, weight: float) -> Tensor:
+        """The same with a minibatch of this process's own.
+
+        Args:
+            loss_of: Loss and statistics of a range of its samples.
+            samples: Their number.
+            weight: Of their mean; the weights of all processes sum to 1.
+        """
+        own = slice(0, samples)
+        if self._group is None:
+            return self._backward_of(loss_of, own, weight)
+        return self._backward_with_others(self._group, loss_of, own, weight)
+
+    def _backward_with_others(
+        self, group: GradientGroup, loss_of: LossOf[M], own: slice, weight: float
+    ) -> Tensor:
+        learned = [p for p in self._parameters if p.requires_grad]
+        failure = None
+        try:
+            statistics = self._backward_of(loss_of, own, weight)
+        except NonFiniteLossError as error:
+            failure, statistics = error, learned[0].new_zeros(self._num_statistics)
+        return group.add_up(learned, statistics, failure)
+
+    def _backward_of(self, loss_of: LossOf[M], samples: slice, weight: float) -> Tensor:
+        """Add `weight` times the gradient of the mean loss of some samples.
+
+        It returns as large a share of the statistics.
+        """
+        own, length = self._parameters, samples.stop - samples.start
         before = [None if p.grad is None else p.grad.clone() for p in own]
         while True:
             try:
-                return self._backward_once(loss_of, samples)
+                return self._backward_once(loss_of, samples, weight)
             except torch.OutOfMemoryError:
                 if self.most_samples == 1:
                     raise
-                failed = min(samples, self.most_samples or samples)
+                failed = min(length, self.most_samples or length)
             # Outside of `except`: the exception holds on to the tensors of the failed pass.
             self.most_samples = max(1, failed // 2)
             for parameter, grad in zip(own, before, strict=True):
@@ -129,7 +181,13 @@ class DataParallel(Generic[M]):
             if torch.cuda.is_available():
                 torch.cuda.empty_cache()
 
-    def _backward_once(self, loss_of: LossOf[M], samples: int) -> Tensor:
+    def _backward_once(self, loss_of: LossOf[M], samples: slice, weight: float) -> Tensor:
+        length = samples.stop - samples.start
+
+        def backward(model: M, part: slice) -> Tensor:
+            shifted = slice(samples.start + part.start, samples.start + part.stop)
+            return _backward(model, loss_of, shifted, (length, weight), most)
+
         with torch.no_grad():
             for own, cast in self._casts:
                 cast.copy_(own)
@@ -137,13 +195,13 @@ class DataParallel(Generic[M]):
         for model in models:
             if model is not self._model:
                 model.zero_grad(set_to_none=True)  # what a failed call may have left
-        if self._pool is None or samples < len(models):
+        if self._pool is None or length < len(models):
             models = models[:1]
-            statistics = _backward(models[0], loss_of, slice(0, samples), samples, most)
+            statistics = backward(models[0], slice(0, length))
         else:
-            parts = _parts(samples, len(models))
+            parts = _parts(length, len(models))
             tasks = [
-                self._pool.submit(_backward, model, loss_of, part, samples, most)
+                self._pool.submit(backward, model, part)
                 for model, part in zip(models, parts, strict=True)
             ]
             wait(tasks)
@@ -213,21 +271,24 @@ def _parts(length: int, count: int) -> list[slice]:
     return [slice(*ends) for ends in pairwise(length * i // count for i in range(count + 1))]
 
 
-def _backward(model: M, loss_of: LossOf[M], part: slice, samples: int, most: int | None) -> Tensor:
+def _backward(
+    model: M, loss_of: LossOf[M], part: slice, whole: tuple[int, float], most: int | None
+) -> Tensor:
     """Add a part's share of the gradient to a network, and return its share of the statistics.
 
     Args:
         model: The network.
         loss_of: Loss and statistics of a range of samples.
         part: The samples of this part.
-        samples: All samples of the minibatch.
+        whole: Samples of which the mean is taken, and the weight of that mean.
         most: So many samples are computed at once; None for all of the part.
     """
+    samples, weight = whole
     length = part.stop - part.start
     total: Tensor | None = None
     for each in _parts(length, -(-length // (most or length))):
         own = slice(part.start + each.start, part.start + each.stop)
-        share = (own.stop - own.start) / samples
+        share = (own.stop - own.start) / samples * weight
         loss, statistics = loss_of(model, own)
         torch.autograd.backward(loss * share)
         weighted = statistics.detach() * share

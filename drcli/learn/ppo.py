@@ -15,6 +15,7 @@ from drcli.learn.advantages import explained_variance, gae, normalized
 from drcli.learn.algorithm_config import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
+from drcli.learn.gradient_group import GradientGroup
 from drcli.learn.rollout_buffer import Rollout, RolloutTensors
 from drcli.learn.update_result import (
     NonFiniteLossError,
@@ -26,6 +27,9 @@ from drcli.learn.update_result import (
 WARMED_UP = 0.25
 """Share of the returns' variance that a new critic explains when the policy begins to learn from
 it. A critic that guesses explains nothing, and one in the middle of a training about half."""
+
+NUM_STATISTICS = 5
+"""Numbers in `PPOStats` that are means over minibatches."""
 
 
 class PPO:
@@ -41,14 +45,28 @@ class PPO:
     memory_steps = 0
     """Steps of earlier rollouts that it learns from again."""
 
-    def __init__(self, model: ActorCritic, config: PPOConfig, compute: Compute) -> None:
+    def __init__(
+        self,
+        model: ActorCritic,
+        config: PPOConfig,
+        compute: Compute,
+        group: GradientGroup | None = None,
+    ) -> None:
+        """Begin; every process of a `group` makes the same updates of the same rollouts."""
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
         self.critic_warmup = 0
         self.lr_factor = 1.0
         self.optimizer = Adam(model.parameters(), config.lr, config.adam_eps)
-        self._parallel = DataParallel(self.model, compute.parts, compute.threads, bf16=compute.bf16)
+        self._parallel = DataParallel(
+            self.model,
+            compute.parts,
+            compute.threads,
+            bf16=compute.bf16,
+            group=group,
+            num_statistics=NUM_STATISTICS,
+        )
 
     @property
     def most_samples(self) -> int | None:
@@ -78,6 +96,7 @@ class PPO:
         Raises:
             NonFiniteLossError: A return, a loss or a weight is NaN or infinite.
             UpdateInterruptedError: `should_stop` returned True.
+            LearnerLostError: Another process of the group has ended.
         """
         config, history = self.config, []
         batch, explained = self._with_advantages(rollout)
@@ -90,7 +109,7 @@ class PPO:
         self.model.train()
         with self._parallel.optimizer_threads():
             for epoch in range(config.num_epochs):
-                totals, count = torch.zeros(5, device=self.compute.device), 0
+                totals, count = torch.zeros(NUM_STATISTICS, device=self.compute.device), 0
                 for rows in minibatches(rollout.steps, config.batch_size, order):
                     if should_stop():
                         raise UpdateInterruptedError

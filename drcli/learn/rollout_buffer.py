@@ -1,5 +1,6 @@
 """The rollout of one iteration: as arrays, and as tensors for an update."""
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -51,6 +52,25 @@ class Rollout:
     def steps(self) -> int:
         """Number of steps in all episodes."""
         return len(self.rewards)
+
+    def of_episodes(self, chosen: Sequence[int]) -> "Rollout":
+        """Some of the episodes, by their numbers from 0, in that order."""
+        ends = np.cumsum(self.lengths)
+        rows = [np.arange(ends[k] - self.lengths[k], ends[k]) for k in chosen]
+        steps = np.concatenate([np.empty(0, np.int64), *rows])
+        episodes = np.asarray(chosen, np.int64)
+        return Rollout(
+            frames=self.frames[steps],
+            actions=self.actions[steps],
+            log_probs=self.log_probs[steps],
+            values=self.values[steps],
+            rewards=self.rewards[steps],
+            lengths=self.lengths[episodes],
+            last_values=self.last_values[episodes],
+            cut=self.cut[episodes],
+            scans=self.scans[steps],
+            states=self.states[steps],
+        )
 
     def stacked_rows(self, stack: int) -> Ints:
         """Rows of the frames that are seen together at each step, oldest first. Shape (t, stack).

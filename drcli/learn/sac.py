@@ -14,6 +14,7 @@ from drcli.learn.advantages import gae
 from drcli.learn.algorithm_config import UPDATES_PER_STEP, SACConfig
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
+from drcli.learn.gradient_group import GradientGroup
 from drcli.learn.replay_buffer import ReplayBuffer, Transitions
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.sac_networks import SACAgent, squash
@@ -27,6 +28,12 @@ from drcli.learn.update_result import (
 REPORTS = 4
 """Number of parts of an update that are reported."""
 
+NUM_STATISTICS = 8
+"""Numbers in `SACStats` that are means over minibatches."""
+
+RANK_STRIDE = 7_919
+"""Keeps the random numbers of processes apart."""
+
 
 class SAC:
     """The learner: an agent, its replay buffer, its optimizer, and the update that improves it.
@@ -36,19 +43,41 @@ class SAC:
         critic_warmup: As in `PPO`; 0, because every update begins with the critics.
     """
 
-    def __init__(self, model: SACAgent, config: SACConfig, compute: Compute) -> None:
+    def __init__(
+        self,
+        model: SACAgent,
+        config: SACConfig,
+        compute: Compute,
+        group: GradientGroup | None = None,
+    ) -> None:
+        """Begin; each process of a `group` keeps some of the episodes, and draws from those.
+
+        The gradients of the processes count by the steps that they can draw from, so that the sum
+        is an estimate for all steps.
+        """
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
         self.critic_warmup = 0
         self.lr_factor = 1.0
         self.updates_per_step = config.sac_updates_per_step or UPDATES_PER_STEP[compute.device.type]
-        self.replay = ReplayBuffer(
-            model.spec, config.sac_replay_steps, config.discount_factor, config.sac_n_step
-        )
+        self._group = group
+        self._rank, size = (0, 1) if group is None else (group.rank, group.size)
+        self._given = [0] * size
+        share = -(-config.sac_replay_steps // size)
+        self.replay = ReplayBuffer(model.spec, share, config.discount_factor, config.sac_n_step)
+        ends = [config.batch_size * rank // size for rank in (self._rank, self._rank + 1)]
+        self._own_batch_size = max(1, ends[1] - ends[0])
         learned = [p for p in model.parameters() if p.requires_grad]
         self.optimizer = Adam(learned, config.lr)
-        self._parallel = DataParallel(self.model, compute.parts, compute.threads, bf16=compute.bf16)
+        self._parallel = DataParallel(
+            self.model,
+            compute.parts,
+            compute.threads,
+            bf16=compute.bf16,
+            group=group,
+            num_statistics=NUM_STATISTICS,
+        )
 
     @property
     def memory_steps(self) -> int:
@@ -62,7 +91,13 @@ class SAC:
 
     def remember(self, rollout: Rollout) -> None:
         """Add a rollout of an earlier iteration to the replay buffer without learning from it."""
-        self.replay.add(rollout)
+        own = []
+        for episode, length in enumerate(rollout.lengths.tolist()):
+            rank = self._given.index(min(self._given))
+            self._given[rank] += length
+            if rank == self._rank:
+                own.append(episode)
+        self.replay.add(rollout if self._group is None else rollout.of_episodes(own))
 
     def update(
         self,
@@ -79,10 +114,12 @@ class SAC:
         statistics before `sac_learning_starts`.
         """
         self._follow_returns(rollout)
-        self.replay.add(rollout)
-        if self.replay.added < self.config.sac_learning_starts or not self.replay.transitions:
+        self.remember(rollout)
+        own = self.replay.transitions
+        of_all = [own] if self._group is None else self._group.of_all(own)
+        if sum(self._given) < self.config.sac_learning_starts or not min(of_all):
             return []
-        draw = torch.Generator().manual_seed(seed)
+        draw = torch.Generator().manual_seed(seed + RANK_STRIDE * self._rank)
         total = max(1, round(rollout.steps * self.updates_per_step))
         parts = min(REPORTS, total)
         history = []
@@ -90,16 +127,18 @@ class SAC:
         self.model.train()
         with self._parallel.optimizer_threads():
             for part in range(parts):
-                totals = torch.zeros(8, device=self.compute.device)
+                totals = torch.zeros(NUM_STATISTICS, device=self.compute.device)
                 count = total * (part + 1) // parts - total * part // parts
                 for _ in range(count):
                     if should_stop():
                         raise UpdateInterruptedError
-                    batch = self.replay.sample(self.config.batch_size, draw)
+                    batch = self.replay.sample(self._own_batch_size, draw)
                     noise = torch.randn((2, *batch.actions.shape), generator=draw)
                     loss = partial(self._loss, batch, noise)
                     self.optimizer.zero_grad()
-                    totals += self._parallel.backward(loss, len(batch.returns))
+                    totals += self._parallel.backward_share(
+                        loss, len(batch.returns), own / sum(of_all)
+                    )
                     self.optimizer.step()
                     self._follow_critics()
                 means = (totals / count).tolist()

@@ -10,29 +10,34 @@ from drcli.formats.build_network import policy_spec
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.algorithm_config import PPOConfig, SACConfig
 from drcli.learn.compute import Compute, choose_compute
+from drcli.learn.gradient_group import GradientGroup
+from drcli.learn.learner import Learner
 from drcli.learn.ppo import PPO
 from drcli.learn.sac import SAC
 from drcli.learn.sac_networks import SACAgent
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.workers.cores import learning_threads
+from drcli.workers.learner_group import LearnerGroup
+from drcli.workers.learner_messages import Build
 
 _logger = get_logger(__name__)
 
-Learner = PPO | SAC
 C = TypeVar("C", PPOConfig, SACConfig)
 
 
 def build_learner(
-    metadata: ModelMetadata, parameters: Hyperparameters, compute: Compute
+    metadata: ModelMetadata,
+    parameters: Hyperparameters,
+    compute: Compute,
+    group: GradientGroup | None = None,
 ) -> Learner:
     """The algorithm that model_metadata.json asks for, with fresh weights."""
     spec = policy_spec(metadata, parameters)
     if metadata.training_algorithm == "sac":
-        return SAC(
-            SACAgent(spec, parameters.sac_alpha), algorithm_config(SACConfig, parameters), compute
-        )
-    return PPO(ActorCritic(spec), algorithm_config(PPOConfig, parameters), compute)
+        agent = SACAgent(spec, parameters.sac_alpha)
+        return SAC(agent, algorithm_config(SACConfig, parameters), compute, group)
+    return PPO(ActorCritic(spec), algorithm_config(PPOConfig, parameters), compute, group)
 
 
 def learner_of_training(
@@ -41,18 +46,29 @@ def learner_of_training(
     parameters: Hyperparameters,
     rollbacks: Rollbacks,
     number_format: str | None,
+    group: LearnerGroup | None = None,
 ) -> Learner:
     """The same for a training, on the processor and with the learning rate that it has now.
 
-    A training keeps the number format that it began with; None if it begins.
+    A training keeps the number format that it began with; None if it begins. The processes of a
+    `group` build the same learner and share the cores.
     """
     plain.info("Using the following hyper-parameters")
     plain.info(parameters.canonical_json(metadata.training_algorithm))
+    size = 1 if group is None else group.size
     compute = choose_compute(
-        train.torch_precision, parameters.batch_size, learning_threads(train), before=number_format
+        train.torch_precision,
+        max(1, parameters.batch_size // size),
+        max(1, learning_threads(train) // size),
+        before=number_format,
     )
-    _logger.info("Learning in %s", compute.reason)
-    learner = build_learner(metadata, parameters, compute)
+    where = f" in each of {size} processes" if size > 1 else ""
+    _logger.info("Learning%s in %s", where, compute.reason)
+    if group is None:
+        learner = build_learner(metadata, parameters, compute)
+    else:
+        group.build(Build(metadata, parameters, compute))
+        learner = build_learner(metadata, parameters, compute, group.gradients)
     learner.lr_factor = rollbacks.factor(learner.config.lr)
     if learner.lr_factor != 1.0:
         rate = learner.lr_factor * learner.config.lr

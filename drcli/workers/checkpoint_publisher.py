@@ -9,9 +9,9 @@ from safetensors.torch import save as save_tensors
 from drcli.base.errors import StorageError
 from drcli.base.log import get_logger, plain
 from drcli.exchange.checkpoint import CheckpointName, Counters
+from drcli.learn.learner import Learner
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.trace_retention import TraceRetention
-from drcli.workers.build_learner import Learner
 from drcli.workers.write_graph import GraphWriter
 
 _logger = get_logger(__name__)

@@ -4,11 +4,11 @@ from safetensors.torch import load as load_tensors
 
 from drcli.base.log import get_logger
 from drcli.formats.build_network import load_weights
+from drcli.learn.learner import Learner
 from drcli.store import keys
 from drcli.store.best_checkpoint import evaluated_numbers
 from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import Checkpoint, checkpoint_objects
-from drcli.workers.build_learner import Learner
 
 _logger = get_logger(__name__)
 

@@ -21,6 +21,8 @@ from drcli.exchange.run_state import TrainingEnd
 from drcli.exchange.stage_note import StageNote
 from drcli.formats.build_network import load_weights
 from drcli.learn.compute import flush_denormals
+from drcli.learn.gradient_group import LearnerLostError
+from drcli.learn.learner import Learner
 from drcli.learn.update_result import NonFiniteLossError, Stats, UpdateInterruptedError
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
@@ -32,11 +34,12 @@ from drcli.store.rollout_reader import FIRST_LOOK_S, WOKEN_LOOK_S, RolloutReader
 from drcli.store.trace_retention import TraceRetention
 from drcli.tracking.figure_sender import FigureSender
 from drcli.workers import reference_log, worker_process
-from drcli.workers.build_learner import Learner, learner_of_training
+from drcli.workers.build_learner import learner_of_training
 from drcli.workers.checkpoint_publisher import CheckpointPublisher
 from drcli.workers.collect_rollouts import Collected, Collector
 from drcli.workers.cores import overlaps
 from drcli.workers.goals import Goals
+from drcli.workers.learner_group import LearnerGroup, learner_died, learner_group
 from drcli.workers.learner_metrics import LearnerMetrics, Row, line_of, row_of, with_losses
 from drcli.workers.learning_alarms import LearningAlarms
 from drcli.workers.live_figures import LiveFigures
@@ -62,11 +65,21 @@ SEED_STRIDE = 1_000_003
 class Trainer:
     """Learns from its first checkpoint to the end of the training."""
 
-    def __init__(self, job: Job, lifeline: Lifeline, goals: Goals | None = None) -> None:
-        """Prepare; with the `goals` of a trainer of this process that has gone back."""
+    def __init__(
+        self,
+        job: Job,
+        lifeline: Lifeline,
+        goals: Goals | None = None,
+        group: LearnerGroup | None = None,
+    ) -> None:
+        """Prepare; with the `goals` of a trainer of this process that has gone back.
+
+        `group` has the other learner processes, if there are any.
+        """
         train, model = job.config.train, job.config.model
         self._job = job
         self._lifeline = lifeline
+        self._group = group
         self._prefix = model.prefix
         self._bucket = worker_process.open_own_bucket(job, lifeline)
         self._activity = Activity(self._bucket, self._prefix, "trainer", lifeline.pulse)
@@ -151,6 +164,7 @@ class Trainer:
             self._stages.parameters(self._design.parameters),
             self._rollbacks.known,
             number_format,
+            self._group,
         )
 
     def _divide_episodes(self) -> None:
@@ -260,6 +274,8 @@ class Trainer:
             older = self._stages.first_iteration <= iteration < self._progress.newest.number
             rollout = self._collector.recall(iteration) if older else None
             if rollout is not None:
+                if self._group is not None:
+                    self._group.remember(rollout)
                 self._learner.remember(rollout)
                 _logger.info("Remembered %d steps of iteration %d.", rollout.steps, iteration)
 
@@ -345,13 +361,17 @@ class Trainer:
         if self._learner.critic_warmup:
             _logger.info("The critic is new: until it is useful, this update improves it alone.")
         began = time.monotonic()
+        seed = self._job.seed + SEED_STRIDE * self._progress.newest.number
+        steps_before = self._progress.newest.steps - self._stages.first_step
         try:
+            if self._group is not None:
+                self._group.begin_update(self._learner, collected.rollout, seed, steps_before)
             stats = self._learner.update(
                 collected.rollout,
-                seed=self._job.seed + SEED_STRIDE * self._progress.newest.number,
+                seed,
                 on_epoch=self._log_epoch,
                 should_stop=self._lifeline.step_done,
-                steps_before=self._progress.newest.steps - self._stages.first_step,
+                steps_before=steps_before,
             )
         except UpdateInterruptedError:
             # Nothing is lost: a resumed training drives this iteration again.
@@ -488,14 +508,17 @@ def _sentence(text: str) -> str:
 def learn(job: Job, lifeline: Lifeline) -> None:
     """Learn until the training ends; after a rollback, begin again from the bucket."""
     goals = None
-    while True:
-        trainer = Trainer(job, lifeline, goals)
-        try:
-            trainer.run()
-        except RolledBack:
-            goals = trainer.goals
-            continue
-        return
+    with learner_group(job.config.train.train_learners) as group:
+        while True:
+            try:
+                trainer = Trainer(job, lifeline, goals, group)
+                trainer.run()
+            except RolledBack:
+                goals = trainer.goals
+                continue
+            except LearnerLostError as error:
+                raise learner_died(error) from error
+            return
 
 
 def main(job: Job, lifeline: Lifeline) -> None:

@@ -14,6 +14,7 @@ NAMES = (
     "analyze",
     "sim",
     "learn",
+    "learners",
     "lap",
     "camera",
     "endurance",

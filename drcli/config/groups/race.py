@@ -119,6 +119,14 @@ class TrainSettings(Group, title="Training"):
         "Number format of the trainer; auto uses bf16 if the processor has instructions for it.",
         file="system.env",
     )
+    train_learners: int = setting(
+        "DR_TRAIN_LEARNERS",
+        1,
+        "Processes of the trainer, which divide each minibatch: one for each GPU, or each with "
+        "its share of the cores.",
+        between=(1, 64),
+        file="system.env",
+    )
     sagemaker_cuda_devices: Gpus = setting(
         "DR_SAGEMAKER_CUDA_DEVICES",
         "",

@@ -1,0 +1,141 @@
+"""Sums gradients over several learner processes, each of which has all weights.
+
+Every process calls the same methods in the same order. The messages are those of torch.distributed:
+gloo between processors, NCCL between GPUs.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import torch
+from torch import Tensor, distributed
+
+from drcli.learn.update_result import NonFiniteLossError
+
+
+class LearnerLostError(RuntimeError):
+    """Another learner process has ended."""
+
+
+class GradientGroup:
+    """The learner processes of a training, seen from one of them.
+
+    torch's DistributedDataParallel is not used: it needs the gradients in the network itself, where
+    `DataParallel` has those of all its parts only at the end, and it cannot repeat a minibatch that
+    did not fit into a GPU. What it would send is sent here as well: one sum for each step.
+
+    Attributes:
+        rank: Number of this process; 0 is the trainer.
+        size: How many processes there are.
+        slots: Memory that all processes see; None if gradients are sent.
+    """
+
+    def __init__(self) -> None:
+        """Use the default process group of torch.distributed, which must exist."""
+        self.rank: int = distributed.get_rank()
+        self.size: int = distributed.get_world_size()
+        self.slots: Tensor | None = None
+        self._sums = torch.empty(0)
+        self._turn = 0
+
+    def own_share(self, samples: int) -> tuple[slice, float]:
+        """The samples of a minibatch that are this process's, and their weight in the mean.
+
+        If there are fewer samples than processes, each process computes all of them.
+        """
+        if samples < self.size:
+            return slice(0, samples), 1.0 / self.size
+        ends = [samples * rank // self.size for rank in (self.rank, self.rank + 1)]
+        return slice(*ends), (ends[1] - ends[0]) / samples
+
+    def add_up(
+        self, parameters: Sequence[Tensor], statistics: Tensor, failure: NonFiniteLossError | None
+    ) -> Tensor:
+        """Replace the gradients of the parameters by their sums over all processes.
+
+        Args:
+            parameters: Those that learn, with this process's gradients, float32.
+            statistics: Numbers to be summed as well; their shape is the same everywhere.
+            failure: Why this process has no gradients.
+
+        Returns:
+            The sums of the statistics.
+
+        Raises:
+            NonFiniteLossError: A process had no gradients; all processes raise it.
+            LearnerLostError: Another process has ended.
+        """
+        failed = statistics.new_tensor([float(failure is not None)])
+        numbers = torch.cat([statistics.flatten(), failed])
+        if self.slots is None:
+            joined = torch.cat([*_grads(parameters), numbers])
+            if failure is not None:
+                joined[:-1] = 0.0
+            self.sum(joined)  # one message, because each one takes as long as some layers
+            sums, numbers = joined[: -len(numbers)], joined[-len(numbers) :]
+        else:
+            slots, self._turn = self.slots[self._turn], 1 - self._turn
+            torch.cat(_grads(parameters), out=slots[self.rank])
+            # Nobody gets an answer before all have written. Who writes into these slots again, two
+            # steps later, has an answer for the step in between: everybody has read them.
+            self.sum(numbers)
+            # In the order of the processes, so that all get the same bits.
+            sums = torch.add(slots[0], slots[1], out=self._sums)
+            for slot in slots[2:]:
+                sums.add_(slot)
+        if numbers[-1] > 0.0:
+            raise failure or NonFiniteLossError(
+                "The loss of another learner process is not finite."
+            )
+        at = 0
+        for parameter in parameters:
+            total = sums[at : at + parameter.numel()].view(parameter.shape)
+            at += parameter.numel()
+            if parameter.grad is None:
+                continue
+            if parameter.is_contiguous():
+                parameter.grad = total
+            else:
+                parameter.grad.copy_(total)  # in the layout of the weights, as Adam needs it
+        return numbers[:-1].view(statistics.shape)
+
+    def share_memory(self, slots: Tensor | None) -> None:
+        """Exchange gradients through memory that all processes see, from the next step on.
+
+        Args:
+            slots: For two steps one after the other, with room for the gradients of each process.
+                Shape (2, size, n), float32; None to send them.
+        """
+        self.slots = slots
+        self._sums = torch.empty(0 if slots is None else slots.shape[2])
+
+    def of_all(self, number: int) -> list[int]:
+        """A whole number of each process, by rank."""
+        numbers = torch.zeros(self.size, dtype=torch.int64)
+        numbers[self.rank] = number
+        self.sum(numbers)
+        return [int(each) for each in numbers]
+
+    def sum(self, tensor: Tensor) -> None:
+        """Replace a tensor by its sum over all processes."""
+        try:
+            distributed.all_reduce(tensor)
+        except RuntimeError as error:
+            raise LearnerLostError(_first_line(error)) from error
+
+    def from_trainer(self, tensors: Iterable[Tensor]) -> None:
+        """Replace tensors, contiguous ones, by those of the trainer."""
+        try:
+            for tensor in tensors:
+                if tensor.numel():
+                    distributed.broadcast(tensor, src=0)
+        except RuntimeError as error:
+            raise LearnerLostError(_first_line(error)) from error
+
+
+def _grads(parameters: Sequence[Tensor]) -> list[Tensor]:
+    """Gradients in one dimension; 0 where there is none."""
+    return [(torch.zeros_like(p) if p.grad is None else p.grad).flatten() for p in parameters]
+
+
+def _first_line(error: RuntimeError) -> str:
+    return (str(error).splitlines() or [""])[0]

@@ -1,0 +1,221 @@
+"""The trainer's side of several learner processes on one machine (DR_TRAIN_LEARNERS).
+
+The trainer alone reads and writes the bucket. The other processes have nothing that is not sent to
+them with each update, so one that is started again has lost nothing.
+"""
+
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from datetime import timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import torch
+
+from drcli.base.errors import SettingsError, WorkerDied
+from drcli.learn.gradient_group import GradientGroup, LearnerLostError
+from drcli.learn.learner import Learner
+from drcli.learn.rollout_buffer import Rollout
+from drcli.workers import gradient_memory
+from drcli.workers.learner_messages import (
+    Build,
+    Join,
+    Message,
+    Remember,
+    Update,
+    columns_of,
+    kinds_of,
+)
+
+if TYPE_CHECKING:
+    from torch.distributed.distributed_c10d import Store
+
+MOST_SILENCE = timedelta(minutes=10)
+"""How long a process waits for another one in the middle of an update. One that has ended is
+noticed at once."""
+
+LOOPBACK = {"linux": "lo", "darwin": "lo0"}
+"""Network interface on which gloo talks: without it, a machine whose own name is unknown to its
+network fails."""
+
+
+class LearnerGroup:
+    """The learner processes of this machine: the trainer, and those that it has started.
+
+    Attributes:
+        size: How many.
+        gradients: For the trainer's own learner.
+    """
+
+    def __init__(self, size: int) -> None:
+        """Start the others, and wait until they are there.
+
+        Raises:
+            SettingsError: There are fewer GPUs than processes.
+            WorkerDied: A process has not started.
+        """
+        gpus = torch.cuda.device_count() if torch.cuda.is_available() else size
+        if gpus < size:
+            raise SettingsError(
+                f"DR_TRAIN_LEARNERS in system.env is {size}, but the trainer has "
+                f"{gpus} GPU{'s' * (gpus != 1)}.",
+                remedy="Set it to that number, or name more of them in DR_SAGEMAKER_CUDA_DEVICES.",
+            )
+        from torch import distributed
+
+        self.size = size
+        self._parameters = 0
+        # The type is ignored because torch does not export it by name.
+        store = distributed.TCPStore(  # type: ignore[attr-defined]
+            "127.0.0.1", 0, size, is_master=True, wait_for_workers=False
+        )
+        self._processes = [
+            # Each is a stranger to the others' pipes, so that it sees the end of the trainer.
+            subprocess.Popen(
+                [sys.executable, "-P", "-m", "drcli.workers.learner_process"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+            )
+            for _ in range(1, size)
+        ]
+        try:
+            for rank, process in enumerate(self._processes, 1):
+                _send(process, Join(rank, size, store.port))
+            for process in self._processes:
+                assert process.stdout is not None
+                if not process.stdout.read(1):
+                    raise LearnerLostError("it ended before its first message")
+            join_group(store, 0, size)
+            self.gradients = GradientGroup()
+        except (LearnerLostError, RuntimeError) as error:
+            self.close()
+            raise learner_died(error) from error
+
+    def build(self, build: Build) -> None:
+        """Let the others build the learner that this process builds, too."""
+        self._tell(build)
+
+    def begin_update(
+        self,
+        learner: Learner,
+        rollout: Rollout,
+        seed: int,
+        steps_before: int,
+    ) -> None:
+        """Let the others take part in the update that this process makes next.
+
+        Args:
+            learner: Of this process.
+            rollout: As for the update.
+            seed: As for the update.
+            steps_before: As for the update.
+
+        Raises:
+            LearnerLostError: A process has ended.
+        """
+        memory = self._new_memory(learner)
+        columns, state = columns_of(rollout), learner.optimizer.tensors()
+        weights = learner.model.state_dict()
+        self._tell(
+            Update(
+                optimizer=kinds_of(state),
+                rollout=kinds_of(columns),
+                seed=seed,
+                steps_before=steps_before,
+                lr_factor=learner.lr_factor,
+                critic_warmup=learner.critic_warmup,
+                memory=memory,
+            )
+        )
+        if memory is not None and memory[0] is not None:
+            self.gradients.of_all(0)  # everybody has opened it
+            memory[0].unlink()
+        self.gradients.from_trainer(tensor.contiguous() for tensor in weights.values())
+        self.gradients.from_trainer(state.values())
+        self.gradients.from_trainer(columns.values())
+
+    def _new_memory(self, learner: Learner) -> tuple[Path | None, int] | None:
+        """Exchange the gradients of a network of another size through memory, if there is room."""
+        count = sum(p.numel() for p in learner.model.parameters() if p.requires_grad)
+        if learner.compute.device.type != "cpu" or count == self._parameters:
+            return None
+        self._parameters = count
+        created = gradient_memory.create(self.size, count)
+        path, slots = created or (None, None)
+        self.gradients.share_memory(slots)
+        return path, count
+
+    def remember(self, rollout: Rollout) -> None:
+        """Let the others remember a rollout that this process remembers, too."""
+        columns = columns_of(rollout)
+        self._tell(Remember(kinds_of(columns)))
+        self.gradients.from_trainer(columns.values())
+
+    def close(self) -> None:
+        """End the other processes, whatever they do."""
+        from torch import distributed
+
+        for process in self._processes:
+            process.kill()
+        for process in self._processes:
+            process.wait()
+            for pipe in (process.stdin, process.stdout):
+                with suppress(OSError):
+                    if pipe is not None:
+                        pipe.close()
+        if distributed.is_initialized():
+            distributed.destroy_process_group()
+
+    def _tell(self, message: Message) -> None:
+        for process in self._processes:
+            _send(process, message)
+
+
+def join_group(store: "Store", rank: int, size: int) -> None:
+    """Make the process group of this process, with NCCL between GPUs."""
+    from torch import distributed
+
+    if sys.platform in LOOPBACK:
+        os.environ.setdefault("GLOO_SOCKET_IFNAME", LOOPBACK[sys.platform])
+    backend = "gloo"
+    if torch.cuda.is_available():
+        torch.cuda.set_device(rank)
+        backend = "cpu:gloo,cuda:nccl"
+    distributed.init_process_group(
+        backend, store=store, rank=rank, world_size=size, timeout=MOST_SILENCE
+    )
+
+
+def learner_died(error: Exception) -> WorkerDied:
+    """The failure of a trainer whose other learner process has ended; it starts again."""
+    return WorkerDied(
+        f"A learner process of DR_TRAIN_LEARNERS has ended: {error}.",
+        remedy="Read its reason with `dr-logs trainer`; if memory is short, set "
+        "DR_TRAIN_LEARNERS to 1 in system.env.",
+    )
+
+
+@contextmanager
+def learner_group(size: int) -> Iterator[LearnerGroup | None]:
+    """The group of so many processes; None for one, the trainer itself."""
+    if size == 1:
+        yield None
+        return
+    group = LearnerGroup(size)
+    try:
+        yield group
+    finally:
+        group.close()
+
+
+def _send(process: "subprocess.Popen[bytes]", message: Join | Message) -> None:
+    assert process.stdin is not None
+    try:
+        pickle.dump(message, process.stdin)
+        process.stdin.flush()
+    except BrokenPipeError:
+        raise LearnerLostError("it does not listen any more") from None
