@@ -13,8 +13,8 @@ from drcli.models.transfer_buckets import UNDEFINED
 MOST_REPAIRS = 5
 """How often wrong lines are removed: a removed line may reveal another problem."""
 
-SCREEN = ("DR_HOST_X", "DR_DISPLAY", "DR_GUI_ENABLE", "DR_ROBOMAKER_CUDA_DEVICES")
-"""Settings about X servers and GPUs that are not needed here (V-06)."""
+SCREEN = ("DR_HOST_X", "DR_DISPLAY", "DR_GUI_ENABLE")
+"""Settings about X servers that are not needed here (V-06)."""
 
 
 @dataclass(frozen=True)

@@ -16,15 +16,30 @@ class Adam:
     The class `torch.optim.Adam` always loads PyTorch's compiler, which costs every process that
     learns 70 MB and more than a second.
 
-    Attributes:
-        lr: Step size of the next steps.
     """
 
     def __init__(self, parameters: Iterable[Tensor], lr: float, eps: float = 1e-8) -> None:
-        self.lr = lr
         self._parameters = list(parameters)
+        # On a GPU a tensor, because a CUDA graph would never see another number.
+        self._lr: float | Tensor = lr
+        if self._parameters and self._parameters[0].is_cuda:
+            self._lr = torch.tensor(lr, device=self._parameters[0].device)
+        self.lr = lr
         self._eps = eps
         self._state: dict[int, dict[str, Tensor]] = {}
+
+    @property
+    def lr(self) -> float:
+        """Step size of the next steps."""
+        return self._rate
+
+    @lr.setter
+    def lr(self, rate: float) -> None:
+        self._rate = rate
+        if isinstance(self._lr, Tensor):
+            self._lr.fill_(rate)
+        else:
+            self._lr = rate
 
     def zero_grad(self) -> None:
         """Forget the gradients of all parameters."""
@@ -50,7 +65,7 @@ class Adam:
             amsgrad=False,
             beta1=BETAS[0],
             beta2=BETAS[1],
-            lr=self.lr,
+            lr=self._lr,
             weight_decay=0.0,
             eps=self._eps,
             maximize=False,

@@ -16,6 +16,9 @@ _EAGER = "not compiled: torch.compile reached 0.8 to 1.0 of this speed where it 
 """On two cores, in fp32, both bodies; compiling took half a minute to more than one."""
 
 
+_GRAPHS = "each step as one CUDA graph"
+
+
 @dataclass(frozen=True)
 class Compute:
     """Device and number format of an update.
@@ -27,6 +30,7 @@ class Compute:
         reason: Why, for the log.
         threads: Processor cores of an update; unused on a GPU.
         parts: Number of parts of a minibatch; see `DataParallel`.
+        graphs: Whether a GPU gets a gradient step as one CUDA graph; see `CapturedStep`.
     """
 
     device: torch.device
@@ -34,6 +38,7 @@ class Compute:
     reason: str
     threads: int = 1
     parts: int = 1
+    graphs: bool = False
 
     @property
     def number_format(self) -> str:
@@ -85,8 +90,10 @@ def choose_compute(
         why = f"this processor has instructions for bfloat16 ({units})"
     else:
         why = "no instructions for bfloat16 (AMX, AVX512_BF16) here"
-    reason = f"{name} on {where}: {why}; minibatches of {batch_size}, {_EAGER}"
-    return Compute(torch.device(device), name == "bf16", reason, threads, parts)
+    graphs = device == "cuda"
+    how = _GRAPHS if graphs else _EAGER
+    reason = f"{name} on {where}: {why}; minibatches of {batch_size}, {how}"
+    return Compute(torch.device(device), name == "bf16", reason, threads, parts, graphs)
 
 
 def driving_format(learner: str | None) -> torch.dtype:

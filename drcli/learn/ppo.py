@@ -13,14 +13,17 @@ from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.adam import Adam
 from drcli.learn.advantages import explained_variance, gae, normalized
 from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.captured_step import CapturedStep
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
 from drcli.learn.gradient_group import GradientGroup
+from drcli.learn.reused_memory import ReusedMemory
 from drcli.learn.rollout_buffer import Rollout, RolloutTensors
 from drcli.learn.update_result import (
     NonFiniteLossError,
     PPOStats,
     UpdateInterruptedError,
+    require_finite_losses,
     require_finite_weights,
 )
 
@@ -30,6 +33,9 @@ it. A critic that guesses explains nothing, and one in the middle of a training 
 
 NUM_STATISTICS = 5
 """Numbers in `PPOStats` that are means over minibatches."""
+
+LOSSES = ("surrogate", "value", "entropy")
+"""The first of them."""
 
 
 class PPO:
@@ -67,6 +73,18 @@ class PPO:
             group=group,
             num_statistics=NUM_STATISTICS,
         )
+        # Of the present update.
+        self._batch: RolloutTensors | None = None
+        self._beta = torch.zeros((), device=compute.device)
+        self._fixed: list[Tensor] = []
+        captures = compute.graphs and group is None
+        self._memory = ReusedMemory(compute.device) if captures else None
+        self._step = CapturedStep(self._take_step, compute.device, enabled=captures)
+
+    @property
+    def capture_failure(self) -> str | None:
+        """Why a GPU gets each operation of a step by itself, although it should not; else None."""
+        return self._step.failure
 
     @property
     def most_samples(self) -> int | None:
@@ -99,40 +117,57 @@ class PPO:
             LearnerLostError: Another process of the group has ended.
         """
         config, history = self.config, []
-        batch, explained = self._with_advantages(rollout)
+        explained = self._prepare(rollout)
         order = torch.Generator().manual_seed(seed)
         self.optimizer.lr = self.lr_factor * config.lr_at(steps_before)
-        beta = config.beta_entropy_at(steps_before)
+        self._beta.fill_(config.beta_entropy_at(steps_before))
         if explained >= WARMED_UP:
             self.critic_warmup = 0
-        fixed = self.model.without_critic() if self.critic_warmup else []
+        self._fix(self.model.without_critic() if self.critic_warmup else [])
         self.model.train()
         with self._parallel.optimizer_threads():
             for epoch in range(config.num_epochs):
                 totals, count = torch.zeros(NUM_STATISTICS, device=self.compute.device), 0
-                for rows in minibatches(rollout.steps, config.batch_size, order):
+                shuffled = torch.randperm(rollout.steps, generator=order).to(totals.device)
+                for rows in minibatches(shuffled, config.batch_size):
                     if should_stop():
                         raise UpdateInterruptedError
-                    loss = partial(self._loss, batch, rows.to(self.compute.device), beta)
-                    self.optimizer.zero_grad()
-                    totals += self._parallel.backward(loss, len(rows))
-                    for parameter in fixed:
-                        parameter.grad = None  # so that the optimizer leaves it as it is
-                    if config.max_grad_norm is not None:
-                        clip_grad_norm_(self.model.parameters(), config.max_grad_norm)
-                    self.optimizer.step()
+                    totals += self._step(rows)
                     count += 1
                 numbers = [*(totals / count).tolist(), explained]
+                require_finite_losses(dict(zip(LOSSES, numbers, strict=False)))
                 history.append(PPOStats(epoch, self.optimizer.lr, *numbers))
                 on_epoch(history[-1])
                 if config.target_kl is not None and history[-1].approx_kl > config.target_kl:
                     break
+        self._batch = None
         require_finite_weights(self.model)
         self.critic_warmup = max(0, self.critic_warmup - 1)
         return history
 
-    def _with_advantages(self, rollout: Rollout) -> tuple[RolloutTensors, float]:
-        """The data of the update, and the variance that the critic explained.
+    def _take_step(self, rows: Tensor) -> Tensor:
+        """Learn from some rows of the rollout; returns means of the numbers in `PPOStats`."""
+        loss = partial(self._loss, rows)
+        self.optimizer.zero_grad()
+        statistics = self._parallel.backward(loss, len(rows))
+        for parameter in self._fixed:
+            parameter.grad = None  # so that the optimizer leaves it as it is
+        if self.config.max_grad_norm is not None:
+            clip_grad_norm_(self.model.parameters(), self.config.max_grad_norm)
+        self.optimizer.step()
+        return statistics
+
+    def _fix(self, parameters: list[Tensor]) -> None:
+        """Leave these parameters as they are in the present update."""
+        if len(parameters) != len(self._fixed):
+            self._step.forget()
+        self._fixed = parameters
+
+    def _prepare(self, rollout: Rollout) -> float:
+        """Put the data of the update into place.
+
+        Returns:
+            Share of the returns' variance that the critic explained.
 
         Raises:
             NonFiniteLossError: A return is NaN or infinite; nothing was changed.
@@ -153,24 +188,29 @@ class PPO:
             raise NonFiniteLossError("A return is nan or infinite.")
         self.model.follow_returns(returns, values)
         clip = np.inf if config.clip_advantage is None else config.clip_advantage
-        batch = RolloutTensors.of(
+        moves = 0 if self._memory is None else self._memory.moves
+        self._batch = RolloutTensors.of(
             rollout,
             self.model.spec.stack,
             self.model.body.block if self.compute.bf16 else 1,
             values=self.model.returns.units(values),
             advantages=normalized(advantages).clip(-clip, clip),
             returns=self.model.returns.units(returns),
+            memory=self._memory,
         )
-        return batch, explained_variance(rollout.values, targets)
+        if self._memory is not None:
+            self._step.enabled = self._batch.frames.is_cuda
+            if self._memory.moves != moves:
+                self._step.forget()
+        return explained_variance(rollout.values, targets)
 
-    def _loss(
-        self, batch: RolloutTensors, rows: Tensor, beta: float, model: ActorCritic, part: slice
-    ) -> tuple[Tensor, Tensor]:
+    def _loss(self, rows: Tensor, model: ActorCritic, part: slice) -> tuple[Tensor, Tensor]:
         """The loss of a part of a minibatch's rows, and its means of the numbers in `PPOStats`.
 
-        `model` is the network or a copy on the same weights, and `beta` the weight of the entropy.
+        `model` is the network or a copy on the same weights.
         """
-        rows = rows[part]
+        batch, rows = self._batch, rows[part]
+        assert batch is not None
         advantages = batch.advantages[rows]
         policy, value = model(batch.observation(rows))
         log_ratio = model.log_prob(policy, batch.actions[rows]) - batch.log_probs[rows]
@@ -180,9 +220,9 @@ class PPO:
         policy_loss = -surrogate.mean()
         value_loss = self._value_loss(value, batch.values[rows], batch.returns[rows])
         entropy = model.entropy(policy).mean()
-        loss = policy_loss + value_loss - beta * entropy
+        loss = policy_loss + value_loss - self._beta * entropy
 
-        if not bool(torch.isfinite(loss)):
+        if not loss.is_cuda and not bool(torch.isfinite(loss)):
             raise NonFiniteLossError(
                 f"The loss is {loss.item()} (surrogate {policy_loss.item():.4g}, "
                 f"value {value_loss.item():.4g}, entropy {entropy.item():.4g})."
@@ -205,13 +245,12 @@ class PPO:
         ).mean()
 
 
-def minibatches(steps: int, batch_size: int, order: torch.Generator) -> Iterator[Tensor]:
-    """Shuffled row numbers, in full minibatches.
+def minibatches(rows: Tensor, batch_size: int) -> Iterator[Tensor]:
+    """Shuffled row numbers in full minibatches.
 
     The remainder is left out, as in the reference; each epoch leaves out different rows. If there
     are fewer steps than `batch_size`, they are one minibatch.
     """
-    size = min(batch_size, steps)
-    rows = torch.randperm(steps, generator=order)
-    for start in range(0, steps - size + 1, size):
+    size = min(batch_size, len(rows))
+    for start in range(0, len(rows) - size + 1, size):
         yield rows[start : start + size]

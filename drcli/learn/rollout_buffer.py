@@ -12,6 +12,7 @@ from torch import Tensor
 
 from drcli.learn.encoders import in_blocks
 from drcli.learn.policy import Float32s, Float64s, Observation
+from drcli.learn.reused_memory import ReusedMemory
 
 Ints = NDArray[np.int64]
 
@@ -87,7 +88,8 @@ class Rollout:
 class RolloutTensors:
     """A rollout with its advantages, as tensors on the learner's device, a row for each step.
 
-    The frames stay in the memory of the machine if that of a GPU is too small for them.
+    The frames stay in the memory of the machine if that of a GPU is too small for them. On a GPU,
+    the columns may have more rows than there are steps.
 
     `frame_rows` are the rows of the frames that are seen together at each step, of shape
     (t, stack). `values` and `returns`, which the critic should predict, are in the critic's own
@@ -113,6 +115,7 @@ class RolloutTensors:
         values: Tensor,
         advantages: Float64s,
         returns: Tensor,
+        memory: ReusedMemory | None = None,
     ) -> "RolloutTensors":
         """Join a rollout with the results of an update, on their device.
 
@@ -123,26 +126,30 @@ class RolloutTensors:
             values: For the critic, see above.
             advantages: Normalised.
             returns: For the critic.
+            memory: Where the columns are put; None for new memory on the device of `returns`.
         """
 
-        def tensor(column: NDArray[Any]) -> Tensor:
-            return torch.from_numpy(np.ascontiguousarray(column)).to(returns.device)
+        def place(name: str, column: Tensor) -> Tensor:
+            return column.to(returns.device) if memory is None else memory.place(name, column)
+
+        def tensor(name: str, column: NDArray[Any]) -> Tensor:
+            return place(name, torch.from_numpy(np.ascontiguousarray(column)))
 
         frames = torch.from_numpy(np.ascontiguousarray(rollout.frames))
         if block > 1:
             frames = in_blocks(frames, block)  # once, and not for each epoch
         with suppress(torch.OutOfMemoryError):
-            frames = frames.to(returns.device)
+            frames = place("frames", frames)
         return RolloutTensors(
             frames=frames,
-            frame_rows=tensor(rollout.stacked_rows(stack)),
-            scans=tensor(rollout.scans),
-            states=tensor(rollout.states),
-            actions=tensor(rollout.actions),
-            log_probs=tensor(rollout.log_probs),
-            values=values,
-            advantages=tensor(advantages.astype(np.float32)),
-            returns=returns,
+            frame_rows=tensor("frame_rows", rollout.stacked_rows(stack)),
+            scans=tensor("scans", rollout.scans),
+            states=tensor("states", rollout.states),
+            actions=tensor("actions", rollout.actions),
+            log_probs=tensor("log_probs", rollout.log_probs),
+            values=place("values", values),
+            advantages=tensor("advantages", advantages.astype(np.float32)),
+            returns=place("returns", returns),
         )
 
     def observation(self, rows: Tensor) -> Observation:

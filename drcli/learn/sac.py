@@ -12,9 +12,11 @@ from torch.nn import functional
 from drcli.learn.adam import Adam
 from drcli.learn.advantages import gae
 from drcli.learn.algorithm_config import UPDATES_PER_STEP, SACConfig
+from drcli.learn.captured_step import CapturedStep
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
 from drcli.learn.gradient_group import GradientGroup
+from drcli.learn.policy import Observation
 from drcli.learn.replay_buffer import ReplayBuffer, Transitions
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.sac_networks import SACAgent, squash
@@ -22,6 +24,7 @@ from drcli.learn.update_result import (
     NonFiniteLossError,
     SACStats,
     UpdateInterruptedError,
+    require_finite_losses,
     require_finite_weights,
 )
 
@@ -30,6 +33,9 @@ REPORTS = 4
 
 NUM_STATISTICS = 8
 """Numbers in `SACStats` that are means over minibatches."""
+
+LOSSES = ("actor", "qf1_values", "qf2_values", "qf1", "qf2")
+"""The first of them."""
 
 RANK_STRIDE = 7_919
 """Keeps the random numbers of processes apart."""
@@ -78,6 +84,17 @@ class SAC:
             group=group,
             num_statistics=NUM_STATISTICS,
         )
+        self._fixed_alpha = torch.tensor(
+            config.sac_alpha, dtype=torch.float64, device=compute.device
+        )
+        self._weight = 1.0
+        captures = compute.graphs and group is None
+        self._step = CapturedStep(self._take_step, compute.device, enabled=captures)
+
+    @property
+    def capture_failure(self) -> str | None:
+        """As in `PPO`."""
+        return self._step.failure
 
     @property
     def memory_steps(self) -> int:
@@ -119,6 +136,7 @@ class SAC:
         of_all = [own] if self._group is None else self._group.of_all(own)
         if sum(self._given) < self.config.sac_learning_starts or not min(of_all):
             return []
+        self._weight = own / sum(of_all)
         draw = torch.Generator().manual_seed(seed + RANK_STRIDE * self._rank)
         total = max(1, round(rollout.steps * self.updates_per_step))
         parts = min(REPORTS, total)
@@ -134,18 +152,31 @@ class SAC:
                         raise UpdateInterruptedError
                     batch = self.replay.sample(self._own_batch_size, draw)
                     noise = torch.randn((2, *batch.actions.shape), generator=draw)
-                    loss = partial(self._loss, batch, noise)
-                    self.optimizer.zero_grad()
-                    totals += self._parallel.backward_share(
-                        loss, len(batch.returns), own / sum(of_all)
-                    )
-                    self.optimizer.step()
-                    self._follow_critics()
+                    totals += self._step(noise, *batch.before, *batch.after, *batch[1:3], batch[4])
                 means = (totals / count).tolist()
+                require_finite_losses(dict(zip(LOSSES, means, strict=False)))
                 history.append(SACStats(part, self.optimizer.lr, *means))
                 on_epoch(history[-1])
         require_finite_weights(self.model)
         return history
+
+    def _take_step(self, noise: Tensor, *columns: Tensor) -> Tensor:
+        """Learn from a minibatch; returns means of the numbers in `SACStats`.
+
+        Args:
+            noise: As for `_loss`.
+            columns: Those of the observations before and after each step, then actions, returns
+                and discounts, as in `Transitions`.
+        """
+        before, after = Observation(*columns[:3]), Observation(*columns[3:6])
+        actions, returns, discounts = columns[6:]
+        batch = Transitions(before, actions, returns, after, discounts)
+        loss = partial(self._loss, batch, noise)
+        self.optimizer.zero_grad()
+        statistics = self._parallel.backward_share(loss, len(returns), self._weight)
+        self.optimizer.step()
+        self._follow_critics()
+        return statistics
 
     def _follow_returns(self, rollout: Rollout) -> None:
         """Let the critics' units follow what was driven.
@@ -202,7 +233,7 @@ class SAC:
         if self.config.sac_auto_alpha:
             loss = loss + alpha_loss
 
-        if not bool(torch.isfinite(loss)):
+        if not loss.is_cuda and not bool(torch.isfinite(loss)):
             raise NonFiniteLossError(
                 f"The loss is {loss.item()} (actor {actor_loss.item():.4g}, "
                 f"critics {critic_loss.item():.4g}, temperature {alpha.item():.4g})."
@@ -218,8 +249,7 @@ class SAC:
         """The temperature now, in the critics' units, without gradient."""
         if self.config.sac_auto_alpha:
             return self.model.log_alpha.detach().exp()
-        fixed = torch.tensor(self.config.sac_alpha, dtype=torch.float64, device=self.compute.device)
-        return self.model.returns.units(fixed)
+        return self.model.returns.units(self._fixed_alpha)
 
     def _target(self, model: SACAgent, batch: Transitions, noise: Tensor, alpha: Tensor) -> Tensor:
         """The critics' target, in their units: R + gamma^k * (min Q' - alpha * log pi). Shape (n,).

@@ -1,5 +1,7 @@
 """The result of an update: its statistics, by the names that CleanRL logs, or its error."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import torch
@@ -71,6 +73,20 @@ class NonFiniteLossError(ArithmeticError):
 
 class UpdateInterruptedError(RuntimeError):
     """The caller asked to stop during an update."""
+
+
+def require_finite_losses(losses: Mapping[str, float]) -> None:
+    """Check the mean losses of an epoch.
+
+    On a GPU, where each look at a number waits for all that was started before it, this replaces
+    the check of each minibatch.
+
+    Raises:
+        NonFiniteLossError: One is NaN or infinite.
+    """
+    if not all(math.isfinite(loss) for loss in losses.values()):
+        named = ", ".join(f"{name} {loss:.4g}" for name, loss in losses.items())
+        raise NonFiniteLossError(f"A loss of this epoch is not finite ({named}).")
 
 
 def require_finite_weights(model: nn.Module) -> None:

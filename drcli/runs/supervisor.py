@@ -82,7 +82,8 @@ class Supervisor:
         gpus = job.config.train.sagemaker_cuda_devices
         self._children = [Child(TRAINER, "drcli.workers.trainer", [], gpus)]
         for k in range(job.config.train.workers):
-            self._children.append(Child(f"sim-{k}", "drcli.workers.sim", [str(k)]))
+            gpus = job.config.train.robomaker_cuda_devices
+            self._children.append(Child(f"sim-{k}", "drcli.workers.sim", [str(k)], gpus))
         if job.ray_workers:
             self._children.append(Child("ray", "drcli.workers.ray_workers", []))
         self._server_began = 0.0

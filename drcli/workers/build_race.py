@@ -3,10 +3,12 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 from drcli.base.errors import SettingsError
+from drcli.base.log import get_logger
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.run_config import RaceConfig
 from drcli.config.track_names import remedy, track_problem
@@ -32,6 +34,8 @@ from drsim.sensing.observations import Randomize
 from drsim.sensing.sensors import Sensors
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
+
+_logger = get_logger(__name__)
 
 SLACK = 2.5
 """How many times the slowest lap's duration an episode may last: cars do not drive straight."""
@@ -165,13 +169,17 @@ def build_simulation(
     seed: int,
     on_reward_error: Callable[[RewardError, int], float] | None = None,
     longest_latency_s: float = 0.0,
+    gpu: bool = False,
 ) -> Simulation:
     """The simulation of a worker. `longest_latency_s` is that of conditions given to its `reset`.
+
+    With `gpu`, a GPU draws the frames; if it cannot, the processor does.
 
     Raises:
         ProblemsError: There is no room for that many obstacles or bots (V-07).
     """
-    return Simulation(
+    build = partial(
+        Simulation,
         track,
         num_cars=num_cars,
         reward_function=reward,
@@ -186,6 +194,13 @@ def build_simulation(
         on_reward_error=on_reward_error,
         longest_latency_s=longest_latency_s,
     )
+    try:
+        return build(gpu=gpu)
+    except OSError as error:
+        if not gpu:
+            raise
+        _logger.warning("The processor draws the frames, because the GPU cannot: %s", error)
+        return build()
 
 
 def load_reward(

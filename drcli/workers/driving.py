@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from time import time as unix_s
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from drcli.base.log import get_logger
 from drcli.exchange.trace import STEP_S, Phase, Row
+from drcli.learn.gpu_policy import GpuPolicy
 from drcli.learn.policy import Decision, Observation, Policy, PolicySpec, decide
 from drcli.workers import print_limit
 from drcli.workers.driven_episode import Driven, Plan
@@ -123,6 +125,9 @@ class Driver:
         self._simulation = simulation
         self._racers = racers
         self._seed = seed
+        self._frames = None  # on the GPU
+        if simulation.device_frames is not None:
+            self._frames = torch.as_tensor(simulation.device_frames, device="cuda")
         self._traffic = simulation.traffic if keeps_objects else None
         self._onlooker = onlooker
 
@@ -191,7 +196,8 @@ class Driver:
             frames, seen = self._observe(group)
             noise = np.stack([next(seat.noise) for seat in group])
             deterministic = np.full(len(group), group[0].plan.phase == "evaluation")
-            decision = decide(racer.model, seen, noise, deterministic, epsilon)
+            taken = self._on_device(racer.model, cars, seen)
+            decision = decide(racer.model, taken, noise, deterministic, epsilon)
             steering[cars], speed[cars] = racer.actions.requests(decision.actions)
             chosen.append((group, frames, seen, decision))
         with print_limit.limited_prints():
@@ -280,6 +286,12 @@ class Driver:
             looks = zip(group, frames, strict=True)
             stacked = np.stack([seat.stacked(frame) for seat, frame in looks])
         return frames, Observation.of_arrays(stacked, self._simulation.scans[cars], states)
+
+    def _on_device(self, policy: Policy, cars: list[int], seen: Observation) -> Observation:
+        """The same with frames that are on the GPU already, if the policy chooses there."""
+        if self._frames is None or policy.spec.stack > 1 or not isinstance(policy, GpuPolicy):
+            return seen
+        return seen._replace(frames=self._frames[cars])
 
     def _expect(self, cut: Sequence[_Seat]) -> None:
         """Ask the critic for the value of the rest of episodes that the step limit cut off."""

@@ -13,6 +13,7 @@ from torch import Tensor
 from drcli.exchange.live_record import ShownCar
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.data_parallel import DataParallelPolicy
+from drcli.learn.gpu_policy import GpuPolicy
 from drcli.learn.policy import Policy
 from drcli.learn.sac_networks import SACAgent
 from drcli.workers.live_moment import Look
@@ -90,8 +91,8 @@ def with_policy(
 
 
 def _own(policy: Policy) -> Policy:
-    """The policy itself, without what divides the cars among threads."""
-    return policy.policy if isinstance(policy, DataParallelPolicy) else policy
+    """The policy itself in main memory, without what divides the cars among threads."""
+    return policy.policy if isinstance(policy, DataParallelPolicy | GpuPolicy) else policy
 
 
 def _said(frames: Tensor, calls: Sequence[tuple[Tensor, Tensor]]) -> Tensor | None:

@@ -23,9 +23,10 @@ from drcli.formats.build_network import build_policy, load_weights
 from drcli.learn.compute import driving_format, flush_denormals
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.encoders import compute_in
+from drcli.learn.gpu_policy import GpuPolicy
 from drcli.modelfiles.network_shape import Design
 from drcli.store.best_checkpoint import write_evaluation
-from drcli.store.checkpoints import CheckpointStore
+from drcli.store.checkpoints import Checkpoint, CheckpointStore
 from drcli.store.members import read_shares
 from drcli.store.repair import Model, repair_metrics
 from drcli.store.rollout_writer import RolloutWriter
@@ -42,6 +43,7 @@ from drcli.workers.live_view import LiveShow, live_show
 from drcli.workers.membership import Membership
 from drcli.workers.reward_failures import AllEpisodesDiscarded, RewardErrorsExceeded, RewardFailures
 from drcli.workers.second_track import sentence_of
+from drcli.workers.sim_device import choose_sim_device
 from drcli.workers.stage_progress import stage_index
 from drcli.workers.training_simulation import TrainingSimulation
 from drcli.workers.wait_for_trainer import POLL_S, WOKEN_POLL_S, CheckpointWaiter
@@ -95,7 +97,14 @@ class SimWorker:
         torch.set_num_threads(1)
         _logger.info("Using %d of %d cores for motion, cameras and policy.", threads, cores())
         self._model = build_policy(design.metadata, design.parameters)
-        self._racer = Racer(DataParallelPolicy(self._model, threads), actions_of(design.metadata))
+        self._device = choose_sim_device(train.sim_device, worker)
+        say = _logger.info if self._device.is_wanted else _logger.warning
+        say("Cameras and policy are computed %s.", self._device.reason)
+        self._on_gpu: GpuPolicy | None = None
+        if self._device.gpu is not None:
+            self._on_gpu = GpuPolicy(self._model, self._device.gpu)
+        policy = self._on_gpu or DataParallelPolicy(self._model, threads)
+        self._racer = Racer(policy, actions_of(design.metadata))
         self._failures = RewardFailures(train, worker)
         self._failures.restore(self._bucket, self._prefix)
         own = Model(self._bucket, self._prefix, model.metrics_prefix, model.metric, (worker,))
@@ -146,6 +155,7 @@ class SimWorker:
             worker=self._worker,
             divisor=self._divisor,
             joined=self._membership is not None,
+            gpu=self._on_gpu is not None,
             on_reward_error=self._failures.handle,
             onlooker=self._live,
         )
@@ -203,14 +213,22 @@ class SimWorker:
                 iteration = newest  # what was driven ahead belongs to the stage before
             self._waiter.learn_from(checkpoint.record)
             counters = checkpoint.record.counters
-            compute_in(self._model, driving_format(counters.number_format))
-            load_weights(self._model, checkpoint.tensors, checkpoint.record.name)
+            self._load(checkpoint)
             self._rollbacks = counters.rollbacks or 0
             if self._is_assigned(name, counters.shares):
                 self._iterate(iteration, name)
             else:
                 self._driven_steps = 0
             iteration += 1
+
+    def _load(self, checkpoint: Checkpoint) -> None:
+        """Drive with the weights of a checkpoint, in the number format of its learner."""
+        learner = checkpoint.record.counters.number_format
+        if self._on_gpu is None:
+            compute_in(self._model, driving_format(learner))
+        load_weights(self._model, checkpoint.tensors, checkpoint.record.name)
+        if self._on_gpu is not None:
+            self._on_gpu.follow(torch.bfloat16 if learner == "bf16" else torch.float32)
 
     def _is_assigned(self, name: CheckpointName, version: int | None) -> bool:
         """Find out which episodes this worker drives with a checkpoint; whether there are any."""

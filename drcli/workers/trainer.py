@@ -145,6 +145,7 @@ class Trainer:
         )
         self._alarms = LearningAlarms(self._history, self._checkpoints)
         self._is_short_of_gpu_memory = False
+        self._is_capture_failed = False
         self._figures = LiveFigures(FigureSender([]))
         graphs = GraphWriter(
             self._checkpoints,
@@ -390,6 +391,13 @@ class Trainer:
                 "of %d samples at a time are added up, with the same result; a smaller batch_size "
                 "is faster.",
                 self._learner.most_samples,
+            )
+        if self._learner.capture_failure is not None and not self._is_capture_failed:
+            self._is_capture_failed = True
+            _logger.warning(
+                "The GPU gets each operation by itself, because a step could not be captured as "
+                "a CUDA graph: %s",
+                self._learner.capture_failure,
             )
         ended = time.monotonic()
         cycle_s = ended - self._cycle_began

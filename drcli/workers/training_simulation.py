@@ -49,6 +49,7 @@ class TrainingSimulation:
         worker: int,
         divisor: int,
         joined: bool = False,
+        gpu: bool = False,
         on_reward_error: Callable[[RewardError, int], float],
         onlooker: Onlooker | None = None,
     ) -> None:
@@ -63,6 +64,7 @@ class TrainingSimulation:
             worker: Counts from 0.
             divisor: How many times fewer cars than usual are driven at a time.
             joined: Whether the worker has joined from elsewhere: its part may become larger.
+            gpu: Whether a GPU draws the frames.
             on_reward_error: What to do when the reward function fails, as in `Simulation`.
             onlooker: May look at the driving.
 
@@ -114,6 +116,7 @@ class TrainingSimulation:
             num_threads=threads,
             seed=seed,
             on_reward_error=on_reward_error,
+            gpu=gpu,
         )
         self._driver = Driver(self._simulation, [racer], seed, onlooker=onlooker)
         second = job.config.second_race(race) if evaluates else None

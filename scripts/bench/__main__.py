@@ -19,6 +19,7 @@ NAMES = (
     "camera",
     "endurance",
     "fidelity",
+    "gpu",
     "memory",
     "joined",
     "ray_nodes",

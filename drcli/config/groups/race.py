@@ -119,6 +119,19 @@ class TrainSettings(Group, title="Training"):
         "Number format of the trainer; auto uses bf16 if the processor has instructions for it.",
         file="system.env",
     )
+    sim_device: Literal["auto", "cpu", "gpu"] = setting(
+        "DR_SIM_DEVICE",
+        "auto",
+        "Where simulation workers compute cameras and policy; auto uses a GPU if there is one and "
+        "the extra gpu is installed.",
+        file="system.env",
+    )
+    robomaker_cuda_devices: Gpus = setting(
+        "DR_ROBOMAKER_CUDA_DEVICES",
+        "",
+        "GPUs of the simulation workers; if empty, those that CUDA_VISIBLE_DEVICES allows.",
+        file="system.env",
+    )
     train_learners: int = setting(
         "DR_TRAIN_LEARNERS",
         1,

@@ -40,12 +40,6 @@ class ContainerSettings(Group, title="Containers", file="system.env", ignored=DO
     robomaker_mount_scripts_dir: str = setting(
         "DR_ROBOMAKER_MOUNT_SCRIPTS_DIR", "", "Scripts to mount.", planned=DOCKER
     )
-    robomaker_cuda_devices: str = setting(
-        "DR_ROBOMAKER_CUDA_DEVICES",
-        "",
-        "GPUs of the simulation.",
-        ignored="the simulation uses no GPU",
-    )
     quiet_activate: bool = setting(
         "DR_QUIET_ACTIVATE",
         False,

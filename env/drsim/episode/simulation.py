@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -64,6 +65,7 @@ class Simulation:
         randomize: Randomize = "nothing",
         longest_latency_s: float = 0.0,
         reward_clock: Callable[[], float] = perf_counter,
+        gpu: bool = False,
     ) -> None:
         """Build the cars and, unless given, the picture of the track.
 
@@ -89,9 +91,11 @@ class Simulation:
             longest_latency_s: The longest latency of conditions that `reset` will get, if that is
                 longer than what `realism` draws.
             reward_clock: Measures the calls of the reward function, in seconds.
+            gpu: Draw the frames on an NVIDIA GPU.
 
         Raises:
             ValueError: The race does not fit on the track, or the number of cars not the race.
+            OSError: There is no GPU that can be used; it says why.
         """
         if num_cars % race.racers:
             raise ValueError(f"{num_cars} cars cannot race in groups of {race.racers}.")
@@ -120,6 +124,7 @@ class Simulation:
             traffic=self.traffic,
             disturbances=self._draws.disturbances,
             randomize=randomize,
+            gpu=gpu,
         )
         self.frames = self._observations.frames
         self.scans = self._observations.scans
@@ -274,6 +279,11 @@ class Simulation:
     def observations(self) -> Bytes:
         """Current camera frames of the first eye, grey. A live view. Shape (n, 120, 160)."""
         return self.frames[:, 0]
+
+    @property
+    def device_frames(self) -> Any:
+        """`frames` on the GPU, with the interface of CUDA arrays; None without one."""
+        return self._observations.device_frames
 
     @property
     def poses(self) -> Floats:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from drsim.sensing.camera import LensParts, draw_ground, draw_solids, lens_parts
 from drsim.sensing.lamps import Lamps
 from drsim.sensing.lighting import Lighting
 from drsim.sensing.scene import Scene
+
+if TYPE_CHECKING:
+    from drsim.sensing.cuda_camera import CudaCamera
 
 _FRAMES_PER_JOB = 4
 """Small enough to share the work evenly; starting a job costs about half a frame."""
@@ -45,6 +48,9 @@ class FrameRenderer:
     because the caller computes in Python meanwhile, and only one thread at a time can. What comes
     over them is drawn by all threads once all frames have their ground.
 
+    With a `CudaCamera`, a GPU draws ground, walls and sky instead. Frames that something comes over
+    are sent back to it.
+
     Attributes:
         frames: Grey frames, rewritten between `start` and `finish`; with two eyes the left one
             first. Shape (n, eyes, 120, 160).
@@ -62,14 +68,17 @@ class FrameRenderer:
         lamps: Lamps | None = None,
         after: Callable[[slice], None] | None = None,
         changes: Callable[[Ints], bool] | None = None,
+        gpu: "CudaCamera | None" = None,
     ) -> None:
         """Prepare black frames for one or two eyes; `num_threads` render, the caller's included.
 
         `solids` must not move between `start` and `finish`. `after` is called with the rows of
         frames that have been rendered, on the thread that finished them, unless `changes` says that
-        it would change none of these cars' frames.
+        it would change none of these cars' frames. `gpu` is for as many cars and eyes.
         """
-        self.frames: Bytes = np.zeros((num_cars, eyes, FRONT.rows, FRONT.columns), np.uint8)
+        shape = (num_cars, eyes, FRONT.rows, FRONT.columns)
+        self.frames: Bytes = np.zeros(shape, np.uint8) if gpu is None else gpu.frames
+        self._gpu = gpu
         self._scene = scene
         self._solids = solids
         self._lighting = lighting
@@ -105,6 +114,12 @@ class FrameRenderer:
             )
             taken = np.zeros(1, np.int64)
             self._eyes.append(_Eye(lenses, self.frames[:, eye], cars, taken))
+        if self._gpu is not None:
+            light = None if self._lighting is None else self._lighting.of(slice(None))
+            for number, one in enumerate(self._eyes):
+                self._gpu.draw(number, one.lenses, cars, light)
+            self._gpu.fetch()
+            return
         if self._pool is not None and len(cars) > _FRAMES_ALONE:
             self._futures = [
                 self._pool.submit(self._draw_ground) for _ in range(self._num_threads - 1)
@@ -113,10 +128,15 @@ class FrameRenderer:
     def finish(self) -> None:
         """Render what no other thread has begun, and wait for the rest."""
         try:
-            self._draw_ground()
-            _wait(self._futures)  # ends what has not begun: nothing is left for it
+            if self._gpu is None:
+                self._draw_ground()
+                _wait(self._futures)  # ends what has not begun: nothing is left for it
+            elif len(self._cars):
+                self._gpu.wait()
             if len(self._cars) and self._is_more_to_draw():
                 self._share_out([partial(self._draw_over, rows) for rows in _jobs(self._cars)])
+                if self._gpu is not None:
+                    self._gpu.send()
         finally:
             self._cars = np.empty(0, np.int64)
             self._eyes = []

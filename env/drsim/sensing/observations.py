@@ -1,6 +1,6 @@
 """The observations of many cars: camera frames and lidar scans, refreshed after every step."""
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -43,8 +43,13 @@ class Observations:
         traffic: Traffic | None,
         disturbances: Disturbances,
         randomize: Randomize,
+        gpu: bool = False,
     ) -> None:
-        """Prepare black frames. `num_threads` render, the caller's included."""
+        """Prepare black frames. `num_threads` render, the caller's included, or a GPU.
+
+        Raises:
+            OSError: There is no GPU that can be used.
+        """
         self._scene = scene
         self._sensors = sensors
         self._traffic = traffic
@@ -57,6 +62,11 @@ class Observations:
             else None
         )
         self._lamps = Lamps(scene, num_cars)
+        self._gpu = None
+        if gpu:
+            from drsim.sensing.cuda_camera import CudaCamera  # loads CUDA
+
+            self._gpu = CudaCamera(scene, num_cars, eyes=sensors.eyes)
         self._renderer = FrameRenderer(
             scene,
             num_cars,
@@ -67,10 +77,16 @@ class Observations:
             lamps=self._lamps,
             after=self._spoil,
             changes=disturbances.spoils,
+            gpu=self._gpu,
         )
         self.frames = self._renderer.frames
         nothing = np.full((num_cars, LIDAR.samples), np.inf, np.float32)
         self.scans: Singles = sensors.process(nothing)
+
+    @property
+    def device_frames(self) -> Any:
+        """The frames on the GPU, with the interface of CUDA arrays; None without one."""
+        return None if self._gpu is None else self._gpu.device_frames
 
     def draw(self, car: int, random: np.random.Generator) -> None:
         """Draw lights and colours of a new episode of a car."""

@@ -32,16 +32,16 @@ _LINE_GAP = 2.2
 """Distance between sample lines, in texels. A gap of 1.6 takes 30 % longer and brings a frame from
 0.7 to 0.6 greys of mean difference to one drawn with 144 rays in each pixel."""
 
-_MOST_LINES = 2
+MOST_LINES = 2
 """Most sample lines between two pixel rows; near the horizon coarser texels take over."""
 
-_EDGE_BLUR = 1.4
+EDGE_BLUR = 1.4
 """Width over which edges of walls fade, in pixels: such a box has the tent filter's variance."""
 
-_LEAST_FALL = 0.004
+LEAST_FALL = 0.004
 """Least fall of a ray per unit of depth: from 33 m away, all ground looks as it does there."""
 
-_FURTHEST = 1e9
+FURTHEST = 1e9
 """Limit of coordinates in 256ths of a texel: they must fit 32 bits however far a car is thrown."""
 
 _NO_PALETTE = np.empty(0, np.uint8)
@@ -197,15 +197,15 @@ def _backdrop(walls: _Walls, lens: Lens, behind: Singles, share: Singles) -> tup
     inside = walls_m[0] < pos[0] < walls_m[1] and walls_m[2] < pos[1] < walls_m[3]
     upright = lens.up[2] > 0.5
     near = (
-        _nearness(walls_m[0] - pos[0]),
-        _nearness(walls_m[1] - pos[0]),
-        _nearness(walls_m[2] - pos[1]),
-        _nearness(walls_m[3] - pos[1]),
+        nearness(walls_m[0] - pos[0]),
+        nearness(walls_m[1] - pos[0]),
+        nearness(walls_m[2] - pos[1]),
+        nearness(walls_m[3] - pos[1]),
     )
-    edges = Single(pos[2]), Single(pos[2] - walls.height_m), Single(focal_px / _EDGE_BLUR)
+    edges = Single(pos[2]), Single(pos[2] - walls.height_m), Single(focal_px / EDGE_BLUR)
     first = rows
     for row in range(rows):
-        ahead, step = _ray(lens, row + 0.5, rows, columns)
+        ahead, step = ray_through(lens, row + 0.5, rows, columns)
         _backdrop_row(near, edges, greys, sky_grey, ahead, step, behind[row], share[row])
         if first == rows and min(ahead[2], ahead[2] + columns * step[2]) < 1.0 / focal_px:
             for column in range(columns):
@@ -219,7 +219,7 @@ def _backdrop(walls: _Walls, lens: Lens, behind: Singles, share: Singles) -> tup
 
 
 @kernel
-def _ray(lens: Lens, height_px: float, rows: int, columns: int) -> tuple[Vector, Vector]:
+def ray_through(lens: Lens, height_px: float, rows: int, columns: int) -> tuple[Vector, Vector]:
     """World direction, of depth 1, through the leftmost pixel centre, and its change per column.
 
     `height_px` counts downwards from the upper edge of the frame.
@@ -238,7 +238,7 @@ def _ray(lens: Lens, height_px: float, rows: int, columns: int) -> tuple[Vector,
 
 
 @kernel
-def _nearness(distance_m: float) -> Single:
+def nearness(distance_m: float) -> Single:
     """One over the signed distance of a wall."""
     return Single(1.0 / distance_m) if abs(distance_m) > 1e-6 else Single(1e6)
 
@@ -295,8 +295,8 @@ def _floor(
     texels, levels, behind, share = ground.texels, ground.levels, beyond.behind, beyond.share
     corner_x_m, corner_y_m, finest_m = ground.x_m, ground.y_m, ground.texel_m
     rows, columns = frame.shape
-    at = np.empty((2, _MOST_LINES, columns), np.int32)
-    between = np.empty((2, _MOST_LINES, columns), np.int32)
+    at = np.empty((2, MOST_LINES, columns), np.int32)
+    between = np.empty((2, MOST_LINES, columns), np.int32)
     words = np.empty(columns, np.uint32)
     sums = np.zeros((2, columns), np.float32)
     lens_height_m = min(max(pos[2], 1e-3), 10.0)
@@ -306,15 +306,15 @@ def _floor(
         # nearness: that is the tent filter.
         lines_above = lines
         if aimed < rows:
-            index, lines = _sampling(lens, aimed + 1.0, rows, lens_height_m, finest_m, levels)
+            index, lines = sampling(lens, aimed + 1.0, rows, lens_height_m, finest_m, len(levels))
             texel_m = finest_m * (1 << index)
             x = 256.0 * ((pos[0] - corner_x_m) / texel_m - 0.5)
             y = 256.0 * ((pos[1] - corner_y_m) / texel_m - 0.5)
             for line in range(lines):
-                ahead, step = _ray(lens, aimed + 0.5 + (line + 0.5) / lines, rows, columns)
+                ahead, step = ray_through(lens, aimed + 0.5 + (line + 0.5) / lines, rows, columns)
                 _aim(
-                    Single(min(max(x, -_FURTHEST), _FURTHEST)),
-                    Single(min(max(y, -_FURTHEST), _FURTHEST)),
+                    Single(min(max(x, -FURTHEST), FURTHEST)),
+                    Single(min(max(y, -FURTHEST), FURTHEST)),
                     Single(-256.0 * lens_height_m / texel_m),
                     ahead,
                     step,
@@ -349,25 +349,28 @@ def _floor(
 
 
 @kernel
-def _sampling(
-    lens: Lens, height_px: float, rows: int, lens_height_m: float, texel_m: float, levels: Ints32
+def sampling(
+    lens: Lens, height_px: float, rows: int, lens_height_m: float, texel_m: float, copies: int
 ) -> tuple[int, int]:
-    """Copy of the ground picture and number of sample lines that suit the middle of a pixel row."""
+    """Copy of the ground picture and number of sample lines that suit the middle of a pixel row.
+
+    Heights count downwards from the upper edge of the frame.
+    """
     forward, to_up = lens.forward, lens.up
     up = (0.5 * rows - height_px) / lens.focal_px
     x, y = forward[0] + up * to_up[0], forward[1] + up * to_up[1]
-    fall = max(-(forward[2] + up * to_up[2]), _LEAST_FALL)
+    fall = max(-(forward[2] + up * to_up[2]), LEAST_FALL)
     across_m = lens_height_m / fall / lens.focal_px
     lean = to_up[2] / fall
     down_x, down_y = to_up[0] + lean * x, to_up[1] + lean * y
     down_m = across_m * math.sqrt(down_x * down_x + down_y * down_y)
-    wanted_m = max(_SHARPNESS * across_m, down_m / (_LINE_GAP * _MOST_LINES))
+    wanted_m = max(_SHARPNESS * across_m, down_m / (_LINE_GAP * MOST_LINES))
     # The nearest power of two, without a logarithm: most rows see one of the first copies.
     index, next_m = 0, math.sqrt(2.0) * texel_m
-    while index < len(levels) - 1 and wanted_m >= next_m:
+    while index < copies - 1 and wanted_m >= next_m:
         index, next_m = index + 1, 2.0 * next_m
     lines = math.ceil(down_m / (_LINE_GAP * texel_m * (1 << index)))
-    return index, min(max(lines, 1), _MOST_LINES)
+    return index, min(max(lines, 1), MOST_LINES)
 
 
 @kernel
@@ -387,7 +390,7 @@ def _aim(
     then compile to vector instructions, which the scattered reads of the second would prevent.
     """
     first, pitch = level[0], level[1]
-    zero, least = np.int32(0), Single(-_LEAST_FALL)
+    zero, least = np.int32(0), Single(-LEAST_FALL)
     last_x, last_y = np.int32(256 * (level[2] - 1)), np.int32(256 * (level[3] - 1))
     ahead_x, step_x = to_texels * Single(ahead[0]), to_texels * Single(step[0])
     ahead_y, step_y = to_texels * Single(ahead[1]), to_texels * Single(step[1])

@@ -64,11 +64,14 @@ class Scene:
 
     def __getstate__(self) -> dict[str, Any]:
         """Its fields, with the words apart: their overlap would be lost, at twice the size."""
-        pairs = np.append(self.texels & 0xFFFF, self.texels[-1:] >> 16).astype(np.uint16)
-        state = {**self.__dict__, "texels": pairs}
+        state = {**self.__dict__, "texels": self.pairs()}
         for cached in ("ground", "picture", "backdrop"):
             state.pop(cached, None)
         return state
+
+    def pairs(self) -> Pairs:
+        """The words without their overlap: a texel in the low byte, the one above in the high."""
+        return np.append(self.texels & 0xFFFF, self.texels[-1:] >> 16).astype(np.uint16)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Lay the words over each other again."""

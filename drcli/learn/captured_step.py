@@ -1,0 +1,98 @@
+"""Repeats a gradient step on a GPU as one CUDA graph.
+
+A gradient step of a small network is some 150 kernels, each of which a GPU computes in less time
+than Python needs to start it. A graph starts all of them at once.
+"""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+WARM_UP = 3
+"""Calls of a step before it is captured. They choose algorithms and make the optimizer's state."""
+
+
+class CapturedStep:
+    """A step that is called with tensors of the same shapes again and again.
+
+    The first calls run the step as it is; then it is captured, and later calls only copy their
+    arguments and start the graph. Calls with other shapes run the step as it is. What the step
+    reads besides its arguments must stay at the same addresses until `forget`.
+
+    Attributes:
+        enabled: Whether steps are captured; otherwise every call runs the step as it is.
+        failure: Why the step cannot be captured; None if it can, or has not been tried.
+    """
+
+    def __init__(self, step: Callable[..., Tensor], device: torch.device, *, enabled: bool) -> None:
+        """Prepare.
+
+        Args:
+            step: Takes tensors and returns one on the device. It may not wait for the GPU.
+            device: To which arguments are copied that are elsewhere.
+            enabled: See above.
+        """
+        self._step = step
+        self._device = device
+        self.enabled = enabled
+        self._calls = 0
+        self._graph: torch.cuda.CUDAGraph | None = None
+        self._arguments: tuple[Tensor, ...] = ()
+        self._result = torch.empty(0)
+        self.failure: str | None = None
+
+    @property
+    def is_captured(self) -> bool:
+        """Whether the next call starts a graph."""
+        return self._graph is not None
+
+    def forget(self) -> None:
+        """Capture the step again, because something that it reads has moved."""
+        self._graph = None
+        self._arguments = ()
+        self._calls = 0
+
+    def __call__(self, *arguments: Tensor) -> Tensor:
+        """Take the step. The next call may overwrite the tensor that it returns."""
+        if not self.enabled or self.failure is not None:
+            return self._step(*arguments)
+        if self._graph is not None:
+            if not _fit(arguments, self._arguments):
+                return self._step(*arguments)
+            for own, given in zip(self._arguments, arguments, strict=True):
+                own.copy_(given)
+            self._graph.replay()
+            return self._result
+        if self._calls and not _fit(arguments, self._arguments):
+            self._calls = 0
+        self._arguments = arguments
+        self._calls += 1
+        if self._calls <= WARM_UP:
+            return self._step(*arguments)
+        self._capture()
+        return self(*arguments)
+
+    def _capture(self) -> None:
+        """Record the step, which takes none; on failure, the step is not captured any more."""
+        self._arguments = tuple(
+            argument.to(self._device, copy=True) for argument in self._arguments
+        )
+        graph = torch.cuda.CUDAGraph()
+        try:
+            with torch.cuda.graph(graph):
+                self._result = self._step(*self._arguments)
+        except RuntimeError as error:
+            torch.cuda.synchronize()
+            self.failure = (str(error).splitlines() or [type(error).__name__])[0]
+            self._arguments = ()
+            return
+        self._graph = graph
+
+
+def _fit(arguments: tuple[Tensor, ...], others: tuple[Tensor, ...]) -> bool:
+    """Whether tensors have the shapes and number formats of others."""
+    return len(arguments) == len(others) and all(
+        given.shape == own.shape and given.dtype is own.dtype
+        for given, own in zip(arguments, others, strict=True)
+    )

@@ -1,0 +1,100 @@
+"""A policy that chooses on a GPU for cars whose observations come from anywhere."""
+
+import copy
+from typing import cast
+
+import torch
+from torch import Tensor, nn
+
+from drcli.learn.captured_step import CapturedStep
+from drcli.learn.encoders import compute_in
+from drcli.learn.policy import Observation, Policy, PolicySpec
+
+
+class GpuPolicy:
+    """Chooses with a copy of a policy on a GPU, as one CUDA graph for all cars.
+
+    All rows are computed, those without a car as well. So a car's action does not depend on how
+    many others still drive.
+    """
+
+    def __init__(self, policy: Policy, device: torch.device) -> None:
+        """Prepare.
+
+        Args:
+            policy: A network in main memory. Call `follow` when its weights have changed.
+            device: Where to compute.
+        """
+        assert isinstance(policy, nn.Module)
+        self._policy: Policy = policy
+        self._source: nn.Module = policy
+        self._device = device
+        self._twin: nn.Module = policy
+        self._format: torch.dtype | None = None
+        self._epsilon = torch.zeros((), device=device)
+        self._rows: tuple[Tensor, ...] = ()
+        self._drawn = CapturedStep(self._choose, device, enabled=device.type == "cuda")
+        self._greedy = CapturedStep(self._choose_e_greedy, device, enabled=device.type == "cuda")
+
+    @property
+    def spec(self) -> PolicySpec:
+        """The shape of the policy."""
+        return self._policy.spec
+
+    @property
+    def policy(self) -> Policy:
+        """The policy in main memory."""
+        return self._policy
+
+    def follow(self, number_format: torch.dtype) -> None:
+        """Take over the weights of the policy; its bodies then compute in this format."""
+        if number_format is not self._format:
+            self._twin = copy.deepcopy(self._source).to(self._device)
+            compute_in(self._twin, number_format)
+            self._format = number_format
+            self._drawn.forget()
+            self._greedy.forget()
+        own = self._twin.state_dict()
+        with torch.no_grad():
+            for name, tensor in self._source.state_dict().items():
+                own[name].copy_(tensor)
+
+    def act(
+        self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Choose an action for each car; see `Policy.act`. The result is in main memory."""
+        arguments = (*seen, noise, deterministic)
+        rows = self._padded(arguments)
+        if epsilon is None:
+            chosen = self._drawn(*rows)
+        else:
+            self._epsilon.fill_(epsilon)
+            chosen = self._greedy(*rows)
+        numbers = chosen[: len(noise)].cpu()
+        actions = numbers[:, :-2]
+        actions = actions.float() if self.spec.continuous else actions[:, 0].long()
+        return actions, numbers[:, -2].float(), numbers[:, -1]
+
+    def _padded(self, arguments: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+        """The arguments in the first rows of tensors for the most cars so far, on the device."""
+        if not self._rows or len(self._rows[0]) < len(arguments[0]):
+            self._rows = tuple(torch.zeros_like(each, device=self._device) for each in arguments)
+        for rows, each in zip(self._rows, arguments, strict=True):
+            rows[: len(each)].copy_(each)
+        return self._rows
+
+    def _choose(self, *rows: Tensor) -> Tensor:
+        """Actions, log-probabilities and values, one after the other. Shape (n, k + 2), float64."""
+        return self._packed(rows, None)
+
+    def _choose_e_greedy(self, *rows: Tensor) -> Tensor:
+        return self._packed(rows, self._epsilon)
+
+    def _packed(self, rows: tuple[Tensor, ...], epsilon: Tensor | None) -> Tensor:
+        frames, scan, state, noise, deterministic = rows
+        seen = Observation(frames, scan, state)
+        share = cast(float | None, epsilon)  # a graph would never see another float
+        twin = cast(Policy, self._twin)
+        actions, log_probs, values = twin.act(seen, noise, deterministic, share)
+        parts = (actions, log_probs, values)
+        return torch.cat([each.double().reshape(len(noise), -1) for each in parts], dim=1)

@@ -1,0 +1,43 @@
+"""Where a simulation worker computes cameras and policy: on a GPU, or on the processor."""
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+import torch
+
+INSTALL = "pip install 'drcli[gpu]'"
+
+
+@dataclass(frozen=True)
+class SimDevice:
+    """The choice.
+
+    Attributes:
+        gpu: None for the processor.
+        reason: Why, for the log.
+        is_wanted: Whether it is what DR_SIM_DEVICE asks for.
+    """
+
+    gpu: torch.device | None
+    reason: str
+    is_wanted: bool = True
+
+
+def choose_sim_device(wanted: str, worker: int) -> SimDevice:
+    """Choose by DR_SIM_DEVICE, and by what is there.
+
+    Args:
+        wanted: "auto", "cpu" or "gpu". Without a GPU that can be used, all mean the processor.
+        worker: Number of the worker; several GPUs are given out in turn.
+    """
+    if wanted == "cpu":
+        return SimDevice(None, "on the processor, as set")
+    if not torch.cuda.is_available():
+        why = "PyTorch finds no GPU"
+        return SimDevice(None, f"on the processor: {why}", is_wanted=wanted == "auto")
+    if find_spec("numba_cuda") is None:
+        why = f"drawing on a GPU needs the package numba-cuda ({INSTALL})"
+        return SimDevice(None, f"on the processor: {why}", is_wanted=wanted == "auto")
+    number = worker % torch.cuda.device_count()
+    torch.cuda.set_device(number)
+    return SimDevice(torch.device("cuda", number), f"on {torch.cuda.get_device_name(number)}")

@@ -1,0 +1,209 @@
+"""The camera's inner loops on an NVIDIA GPU: the same frames as `drsim.sensing.raycast`.
+
+A thread draws one column of a few rows. What is the same for a whole row is computed once per block
+and shared. Greys differ from the processor's by one at most, because a GPU multiplies and adds
+without rounding in between.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba.cuda
+import numpy as np
+from numpy.typing import NDArray
+
+from drsim.sensing.raycast import (
+    EDGE_BLUR,
+    FURTHEST,
+    LEAST_FALL,
+    MOST_LINES,
+    Lens,
+    nearness,
+    ray_through,
+    sampling,
+)
+
+Single = np.float32
+F = TypeVar("F", bound=Callable[..., Any])
+
+cuda: Any = numba.cuda  # numba sets its names at run time
+
+
+def _on_gpu(function: F) -> F:
+    """Compile a function for kernels, when a kernel that calls it is compiled."""
+    return cast(F, cuda.jit(device=True)(function))
+
+
+ROWS = 8
+"""Rows of a block. Each block samples one gap between two rows that its neighbour samples too."""
+
+_GAPS = ROWS + 1
+_LINES = MOST_LINES * _GAPS
+_WALLS = 4
+_TASKS = _LINES + ROWS + _WALLS
+_SHARPNESS = 1.0 / EDGE_BLUR
+
+
+def _draw(
+    ground: tuple[Any, ...],
+    backdrop: tuple[Any, ...],
+    lens_pos: Any,
+    lens_mat: Any,
+    numbers: tuple[float, float],
+    wanted: Any,
+    out: Any,
+) -> None:
+    """Draw frames: blocks of a thread for each column, a grid of (strips of rows, frames).
+
+    Args:
+        ground: Pairs of texels, as in `Scene.__getstate__`, uint16; levels, shape (levels, 4);
+            x and y of the lower left corner, and side of a texel of the first level, metres.
+        backdrop: Inner faces of the walls, shape (4,), their height, greys of the walls, shape
+            (1, 4) or (n, 4), of the sky, shape (1,) or (n,), and palettes, shape (1, 256) or
+            (n, 256).
+        lens_pos: Shape (n, 3).
+        lens_mat: Shape (n, 3, 3).
+        numbers: Focal length in pixels, and what is added before a grey is cut off.
+        wanted: The lenses whose frames are drawn. Shape (k,).
+        out: Frames of all lenses. Shape (n, rows, columns).
+    """
+    pairs, levels, corner_x_m, corner_y_m, finest_m = ground
+    walls_m, wall_height_m, wall_greys, sky_greys, palettes = backdrop
+    focal_px, bias = numbers
+    rows, columns = out.shape[1], out.shape[2]
+    car = wanted[cuda.blockIdx.y]
+    top = ROWS * cuda.blockIdx.x
+    thread = cuda.threadIdx.x
+
+    # Of each sample line: its origin, the ray to its first pixel, the change to the next one, and
+    # its weights in the rows above and below it.
+    line_rays = cuda.shared.array((_LINES, 10), np.float32)
+    line_levels = cuda.shared.array(_LINES, np.int32)
+    line_counts = cuda.shared.array(_GAPS, np.int32)
+    row_rays = cuda.shared.array((ROWS, 6), np.float32)
+    near = cuda.shared.array(_WALLS, np.float32)
+
+    x_m, y_m, z_m = lens_pos[car, 0], lens_pos[car, 1], lens_pos[car, 2]
+    lens = Lens(
+        (x_m, y_m, z_m),
+        (lens_mat[car, 0, 0], lens_mat[car, 1, 0], lens_mat[car, 2, 0]),
+        (lens_mat[car, 0, 1], lens_mat[car, 1, 1], lens_mat[car, 2, 1]),
+        (lens_mat[car, 0, 2], lens_mat[car, 1, 2], lens_mat[car, 2, 2]),
+        focal_px,
+    )
+    is_known = math.isfinite(
+        x_m + y_m + z_m + sum_of(lens.forward) + sum_of(lens.left) + sum_of(lens.up)
+    )
+    height_m = min(max(z_m, 1e-3), 10.0)
+    for task in range(thread, _TASKS, cuda.blockDim.x):
+        if task < _LINES:
+            gap, line = task // MOST_LINES, task % MOST_LINES
+            aimed = top - 1 + gap
+            index, lines = sampling(lens, aimed + 1.0, rows, height_m, finest_m, len(levels))
+            line_counts[gap] = lines
+            line_levels[task] = index
+            texel_m = finest_m * (1 << index)
+            origin_x = 256.0 * ((x_m - corner_x_m) / texel_m - 0.5)
+            origin_y = 256.0 * ((y_m - corner_y_m) / texel_m - 0.5)
+            to_texels = Single(-256.0 * height_m / texel_m)
+            ahead, step = ray_through(lens, aimed + 0.5 + (line + 0.5) / lines, rows, columns)
+            line_rays[task, 0] = Single(min(max(origin_x, -FURTHEST), FURTHEST))
+            line_rays[task, 1] = Single(min(max(origin_y, -FURTHEST), FURTHEST))
+            line_rays[task, 2] = to_texels * Single(ahead[0])
+            line_rays[task, 3] = to_texels * Single(ahead[1])
+            line_rays[task, 4] = Single(ahead[2])
+            line_rays[task, 5] = to_texels * Single(step[0])
+            line_rays[task, 6] = to_texels * Single(step[1])
+            line_rays[task, 7] = Single(step[2])
+            part, weight = (line + 0.5) / lines, 1.0 / (65536.0 * lines)
+            line_rays[task, 8] = Single(weight - part * weight)
+            line_rays[task, 9] = Single(part * weight)
+        elif task < _LINES + ROWS:
+            row = task - _LINES
+            ahead, step = ray_through(lens, top + row + 0.5, rows, columns)
+            row_rays[row, 0], row_rays[row, 3] = Single(ahead[0]), Single(step[0])
+            row_rays[row, 1], row_rays[row, 4] = Single(ahead[1]), Single(step[1])
+            row_rays[row, 2], row_rays[row, 5] = Single(ahead[2]), Single(step[2])
+        else:
+            wall = task - _LINES - ROWS
+            near[wall] = nearness(walls_m[wall] - (x_m if wall < 2 else y_m))
+    cuda.syncthreads()
+
+    if thread >= columns:
+        return
+    if not is_known:
+        for row in range(top, min(top + ROWS, rows)):
+            out[car, row, thread] = np.uint8(0)
+        return
+    edges = Single(z_m), Single(z_m - wall_height_m), Single(focal_px * _SHARPNESS)
+    greys = wall_greys[car % wall_greys.shape[0]]
+    sky_grey = sky_greys[car % sky_greys.shape[0]]
+    palette = palettes[car % palettes.shape[0]]
+    column = Single(np.int32(thread))
+    above = Single(0.0)
+    for gap in range(_GAPS):
+        row = gap - 1
+        here, below = above, Single(0.0)
+        for line in range(line_counts[gap]):
+            task = MOST_LINES * gap + line
+            grey = ground_grey(pairs, levels[line_levels[task]], palette, line_rays[task], column)
+            here += line_rays[task, 8] * grey
+            below += line_rays[task, 9] * grey
+        if gap > 0 and top + row < rows:
+            behind, share = backdrop_grey(near, edges, greys, sky_grey, row_rays[row], column)
+            out[car, top + row, thread] = np.uint8(
+                np.int32(behind + share * (here - behind) + Single(bias))
+            )
+        above = below
+
+
+@_on_gpu
+def sum_of(vector: tuple[float, float, float]) -> float:
+    """Sum of three numbers, which is not finite if one of them is not."""
+    return vector[0] + vector[1] + vector[2]
+
+
+@_on_gpu
+def ground_grey(
+    pairs: Any, level: Any, palette: NDArray[np.uint8], ray: Any, column: Single
+) -> Single:
+    """The blend of four texels that a sample line meets in a column, in 65536ths of a grey."""
+    depth = Single(1.0) / min(ray[4] + column * ray[7], Single(-LEAST_FALL))
+    last_x, last_y = np.int32(256 * (level[2] - 1)), np.int32(256 * (level[3] - 1))
+    x = min(max(np.int32(ray[0] + depth * (ray[2] + column * ray[5])), np.int32(0)), last_x)
+    y = min(max(np.int32(ray[1] + depth * (ray[3] + column * ray[6])), np.int32(0)), last_y)
+    at = level[0] + (y >> 8) * level[1] + (x >> 8)
+    left, right = np.int32(pairs[at]), np.int32(pairs[at + 1])
+    across, up = x & 255, y & 255
+    left_grey = palette[left & 255] * (256 - up) + palette[left >> 8] * up
+    right_grey = palette[right & 255] * (256 - up) + palette[right >> 8] * up
+    return Single(np.int32(left_grey * (256 - across) + right_grey * across))
+
+
+@_on_gpu
+def backdrop_grey(
+    near: Any,
+    edges: tuple[Single, Single, Single],
+    wall_greys: Any,
+    sky_grey: Single,
+    ray: Any,
+    column: Single,
+) -> tuple[Single, Single]:
+    """Grey of walls and sky in a pixel, and the share of the ground; as in `raycast`."""
+    zero, half, one = Single(0.0), Single(0.5), Single(1.0)
+    x, y = ray[0] + column * ray[3], ray[1] + column * ray[4]
+    z = ray[2] + column * ray[5]
+    near_x = x * (near[1] if x > zero else near[0])
+    near_y = y * (near[3] if y > zero else near[2])
+    grey_x = wall_greys[1] if x > zero else wall_greys[0]
+    grey_y = wall_greys[3] if y > zero else wall_greys[2]
+    grey = grey_x if near_x > near_y else grey_y
+    nearest = max(near_x, near_y, zero)
+    sky = min(max(half + (edges[1] * nearest + z) * edges[2], zero), one)
+    share = min(max(half - (edges[0] * nearest + z) * edges[2], zero), one)
+    return grey + sky * (sky_grey - grey), share
+
+
+draw: Any = cuda.jit(_draw)
+"""`_draw` as a kernel: `draw[grid, threads, stream](...)`. Compiling it takes seconds."""
