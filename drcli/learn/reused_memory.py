@@ -1,7 +1,12 @@
 """Memory of a GPU that holds one rollout after the other at the same addresses."""
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
+
+ROWS = 1024
+"""Rows that are copied at a time."""
 
 SPARE = 1.25
 """Room for rollouts that are a little longer, so that memory rarely moves."""
@@ -19,8 +24,15 @@ class ReusedMemory:
         self._held: dict[str, Tensor] = {}
         self.moves = 0
 
-    def place(self, name: str, column: Tensor) -> Tensor:
+    def place(
+        self, name: str, column: Tensor, prepare: Callable[[Tensor], Tensor] = lambda rows: rows
+    ) -> Tensor:
         """Copy a column to the device.
+
+        Args:
+            name: Of the column.
+            column: On any device.
+            prepare: What is done there with each few rows; it keeps their number.
 
         Returns:
             The memory of that name. Its first rows are those of `column`; it may have more.
@@ -28,19 +40,21 @@ class ReusedMemory:
         Raises:
             torch.OutOfMemoryError: There is not enough memory; nothing of that name is held.
         """
+        pattern = prepare(column[:1].to(self._device))
         held = self._held.get(name)
         fits = (
             held is not None
-            and held.dtype is column.dtype
-            and held.shape[1:] == column.shape[1:]
+            and held.dtype is pattern.dtype
+            and held.shape[1:] == pattern.shape[1:]
             and len(held) >= len(column)
         )
         if held is None or not fits:
             held = None
             self._held.pop(name, None)
-            shape = (round(SPARE * len(column)), *column.shape[1:])
-            held = torch.zeros(shape, dtype=column.dtype, device=self._device)
+            shape = (round(SPARE * len(column)), *pattern.shape[1:])
+            held = torch.zeros(shape, dtype=pattern.dtype, device=self._device)
             self._held[name] = held
             self.moves += 1
-        held[: len(column)].copy_(column)
+        for own, rows in zip(held[: len(column)].split(ROWS), column.split(ROWS), strict=True):
+            own.copy_(prepare(rows.to(self._device)))
         return held

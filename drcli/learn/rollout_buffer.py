@@ -1,8 +1,8 @@
 """The rollout of one iteration: as arrays, and as tensors for an update."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -136,10 +136,14 @@ class RolloutTensors:
             return place(name, torch.from_numpy(np.ascontiguousarray(column)))
 
         frames = torch.from_numpy(np.ascontiguousarray(rollout.frames))
-        if block > 1:
-            frames = in_blocks(frames, block)  # once, and not for each epoch
-        with suppress(torch.OutOfMemoryError):
-            frames = place("frames", frames)
+        cut = partial(in_blocks, size=block)  # once, and not for each epoch
+        try:
+            if memory is not None and block > 1:
+                frames = memory.place("frames", frames, cut)
+            else:
+                frames = place("frames", cut(frames) if block > 1 else frames)
+        except torch.OutOfMemoryError:
+            frames = cut(frames) if block > 1 else frames
         return RolloutTensors(
             frames=frames,
             frame_rows=tensor("frame_rows", rollout.stacked_rows(stack)),

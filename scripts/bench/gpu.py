@@ -90,11 +90,11 @@ def measure_camera(cars: int, rounds: int) -> Figures:
         render(scene, lens_pos, lens_mat, frames)
 
     def on_gpu() -> None:
-        gpu.draw(0, lenses, everybody, None)
+        gpu.draw([lenses], everybody, None)
         gpu.wait()
 
     def with_copy() -> None:
-        gpu.draw(0, lenses, everybody, None)
+        gpu.draw([lenses], everybody, None)
         gpu.fetch()
         gpu.wait()
 

@@ -4,12 +4,13 @@ Only ground, walls and sky are drawn there, which takes nearly all of the time. 
 a GPU is wanted: it loads CUDA.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numba.cuda
 import numpy as np
 
-from drsim.arrays import Bytes, Floats, Ints
+from drsim.arrays import Bytes, Ints, Singles
 from drsim.car.camera_mount import FRONT, CameraModel
 from drsim.sensing import cuda_raycast
 from drsim.sensing.camera import LensParts, Light
@@ -17,9 +18,15 @@ from drsim.sensing.scene import Scene
 
 cuda: Any = numba.cuda  # numba sets its names at run time
 
+_POSE = 13
+"""Numbers of a lens: position, axes, and the frame that it sees."""
+
 
 class CudaCamera:
     """Draws what the lenses of n cars see, and keeps the frames on the GPU.
+
+    Each call of the driver takes as long as several frames, so a step makes three: one copies the
+    poses of all lenses, one draws, one copies the frames to main memory.
 
     Attributes:
         frames: The same frames in main memory, complete after `wait`. Shape (n, eyes, rows,
@@ -35,46 +42,59 @@ class CudaCamera:
         Raises:
             OSError: There is no GPU that can be used; it says why.
         """
+        self._eyes = eyes
+        shape = (num_cars, eyes, camera.rows, camera.columns)
+        walls = *scene.walls_m.tolist(), scene.wall_height_m
+        self._world = tuple(map(float, (scene.x_m, scene.y_m, scene.texel_m, *walls)))
+        shades = np.append(scene.wall_greys, np.float32(scene.sky_grey))[None]
+        same = np.arange(256, dtype=np.uint8)[None]
         try:
             self._stream = cuda.stream()
-            shape = (num_cars, eyes, camera.rows, camera.columns)
             self.frames: Bytes = cuda.pinned_array(shape, np.uint8)
             self.frames[:] = 0
             self.device_frames: Any = cuda.to_device(self.frames)
-            texels = scene.pairs()
-            self._ground = (
-                cuda.to_device(texels),
-                cuda.to_device(scene.levels),
-                scene.x_m,
-                scene.y_m,
-                scene.texel_m,
-            )
-            same = np.arange(256, dtype=np.uint8)[None]
-            self._walls = cuda.to_device(scene.walls_m), scene.wall_height_m
-            self._light = self._on_device(
-                scene.wall_greys[None], np.array([scene.sky_grey], np.float32), same
-            )
+            self._out = self.device_frames.reshape(num_cars * eyes, *shape[2:])
+            self._pairs = cuda.to_device(scene.pairs())
+            self._levels = cuda.to_device(scene.levels)
+            self._lenses = cuda.pinned_array((num_cars * eyes, _POSE), np.float64)
+            self._lenses[:] = 0.0
+            self._device_lenses = cuda.to_device(self._lenses)
+            self._usual = cuda.to_device(shades), cuda.to_device(same)
         except Exception as error:  # CUDA's errors have no common base but this one
             raise OSError(f"{type(error).__name__}: {error}") from error
+        self._light: tuple[Singles, Bytes] | None = None
+        self._device_light = self._usual
 
-    def draw(self, eye: int, lenses: LensParts, cars: Ints, light: Light | None) -> None:
-        """Begin to draw the frames of some cars, shape (k,), as `camera.draw_ground` does."""
+    def draw(self, eyes: Sequence[LensParts], cars: Ints, light: Light | None) -> None:
+        """Begin to draw the frames of some cars, as `camera.draw_ground` does.
+
+        Args:
+            eyes: For each eye, the lenses of all cars.
+            cars: Whose frames are drawn. Shape (k,).
+            light: Of all cars.
+        """
         if not len(cars):
             return
-        pos, mat, focal_px, bias = lenses
-        shade = self._light
-        if light is not None:
-            shade = self._on_device(light.wall_greys, light.sky_greys, light.palettes)
-        rows, columns = self.frames.shape[2:]
-        grid = (-(-rows // cuda_raycast.ROWS), len(cars))
-        kernel: Any = cuda_raycast.draw
-        kernel[grid, max(columns, 32), self._stream](
-            self._ground,
-            (*self._walls, *shade),
-            *self._on_device(pos, mat),
-            (focal_px, bias),
-            *self._on_device(cars),
-            self.device_frames[:, eye],
+        count = len(cars)
+        for eye, (pos, mat, _, _) in enumerate(eyes):
+            rows = self._lenses[eye * count : (eye + 1) * count]
+            rows[:, :3] = pos[cars]
+            rows[:, 3:12] = mat[cars].reshape(count, 9)
+            rows[:, 12] = cars * self._eyes + eye
+        self._device_lenses.copy_to_device(self._lenses, stream=self._stream)
+        shades, palettes = self._usual if light is None else self._of(light)
+        height, width = self.frames.shape[2:]
+        grid = (-(-height // cuda_raycast.ROWS), count * len(eyes))
+        cuda_raycast.draw[grid, max(width, 32), self._stream](
+            self._pairs,
+            self._levels,
+            self._world,
+            shades,
+            palettes,
+            self._device_lenses,
+            eyes[0][2:],
+            self._eyes,
+            self._out,
         )
 
     def fetch(self) -> None:
@@ -90,7 +110,15 @@ class CudaCamera:
         self.device_frames.copy_to_device(self.frames, stream=self._stream)
         self._stream.synchronize()
 
-    def _on_device(self, *arrays: Floats | Any) -> tuple[Any, ...]:
-        return tuple(
-            cuda.to_device(np.ascontiguousarray(array), stream=self._stream) for array in arrays
-        )
+    def _of(self, light: Light) -> tuple[Any, Any]:
+        """Greys and palettes on the GPU. They change with an episode, so rarely."""
+        shades = np.column_stack([light.wall_greys, light.sky_greys])
+        known = self._light
+        if (
+            known is None
+            or not np.array_equal(known[0], shades)
+            or not np.array_equal(known[1], light.palettes)
+        ):
+            self._light = shades, light.palettes.copy()
+            self._device_light = cuda.to_device(shades), cuda.to_device(light.palettes)
+        return self._device_light

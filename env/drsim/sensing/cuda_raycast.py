@@ -28,6 +28,8 @@ Single = np.float32
 F = TypeVar("F", bound=Callable[..., Any])
 
 cuda: Any = numba.cuda  # numba sets its names at run time
+# A few cars are few blocks; numba would warn at every launch.
+numba.config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # type: ignore[attr-defined]
 
 
 def _on_gpu(function: F) -> F:
@@ -46,33 +48,38 @@ _SHARPNESS = 1.0 / EDGE_BLUR
 
 
 def _draw(
-    ground: tuple[Any, ...],
-    backdrop: tuple[Any, ...],
-    lens_pos: Any,
-    lens_mat: Any,
-    numbers: tuple[float, float],
-    wanted: Any,
+    pairs: Any,
+    levels: Any,
+    world: tuple[float, ...],
+    shades: Any,
+    palettes: Any,
+    lenses: Any,
+    lens: tuple[float, float],
+    eyes: int,
     out: Any,
 ) -> None:
     """Draw frames: blocks of a thread for each column, a grid of (strips of rows, frames).
 
     Args:
-        ground: Pairs of texels, as in `Scene.__getstate__`, uint16; levels, shape (levels, 4);
-            x and y of the lower left corner, and side of a texel of the first level, metres.
-        backdrop: Inner faces of the walls, shape (4,), their height, greys of the walls, shape
-            (1, 4) or (n, 4), of the sky, shape (1,) or (n,), and palettes, shape (1, 256) or
-            (n, 256).
-        lens_pos: Shape (n, 3).
-        lens_mat: Shape (n, 3, 3).
-        numbers: Focal length in pixels, and what is added before a grey is cut off.
-        wanted: The lenses whose frames are drawn. Shape (k,).
-        out: Frames of all lenses. Shape (n, rows, columns).
+        pairs: Pairs of texels, as from `Scene.pairs`, uint16.
+        levels: As in `Scene`. Shape (levels, 4).
+        world: x and y of the ground picture's lower left corner, side of a texel of its first
+            level, the inner faces of the walls and their height, metres. Eight numbers.
+        shades: Greys of the four walls and of the sky, for all cars or for each of n. Shape (1, 5)
+            or (n, 5).
+        palettes: What becomes of the greys of the ground. Shape (1, 256) or (n, 256).
+        lenses: For each of the k frames: position, axes row by row, number of the frame. Shape
+            (k, 13) or more rows.
+        lens: Focal length in pixels, and what is added before a grey is cut off.
+        eyes: Frames of a car.
+        out: Frames of all cars. Shape (n * eyes, rows, columns).
     """
-    pairs, levels, corner_x_m, corner_y_m, finest_m = ground
-    walls_m, wall_height_m, wall_greys, sky_greys, palettes = backdrop
-    focal_px, bias = numbers
+    corner_x_m, corner_y_m, finest_m = world[0], world[1], world[2]
+    focal_px, bias = lens
     rows, columns = out.shape[1], out.shape[2]
-    car = wanted[cuda.blockIdx.y]
+    pose = lenses[cuda.blockIdx.y]
+    number = int(pose[12])
+    car = number // eyes
     top = ROWS * cuda.blockIdx.x
     thread = cuda.threadIdx.x
 
@@ -84,30 +91,30 @@ def _draw(
     row_rays = cuda.shared.array((ROWS, 6), np.float32)
     near = cuda.shared.array(_WALLS, np.float32)
 
-    x_m, y_m, z_m = lens_pos[car, 0], lens_pos[car, 1], lens_pos[car, 2]
-    lens = Lens(
+    x_m, y_m, z_m = pose[0], pose[1], pose[2]
+    own = Lens(
         (x_m, y_m, z_m),
-        (lens_mat[car, 0, 0], lens_mat[car, 1, 0], lens_mat[car, 2, 0]),
-        (lens_mat[car, 0, 1], lens_mat[car, 1, 1], lens_mat[car, 2, 1]),
-        (lens_mat[car, 0, 2], lens_mat[car, 1, 2], lens_mat[car, 2, 2]),
+        (pose[3], pose[6], pose[9]),
+        (pose[4], pose[7], pose[10]),
+        (pose[5], pose[8], pose[11]),
         focal_px,
     )
     is_known = math.isfinite(
-        x_m + y_m + z_m + sum_of(lens.forward) + sum_of(lens.left) + sum_of(lens.up)
+        x_m + y_m + z_m + sum_of(own.forward) + sum_of(own.left) + sum_of(own.up)
     )
     height_m = min(max(z_m, 1e-3), 10.0)
     for task in range(thread, _TASKS, cuda.blockDim.x):
         if task < _LINES:
             gap, line = task // MOST_LINES, task % MOST_LINES
             aimed = top - 1 + gap
-            index, lines = sampling(lens, aimed + 1.0, rows, height_m, finest_m, len(levels))
+            index, lines = sampling(own, aimed + 1.0, rows, height_m, finest_m, len(levels))
             line_counts[gap] = lines
             line_levels[task] = index
             texel_m = finest_m * (1 << index)
             origin_x = 256.0 * ((x_m - corner_x_m) / texel_m - 0.5)
             origin_y = 256.0 * ((y_m - corner_y_m) / texel_m - 0.5)
             to_texels = Single(-256.0 * height_m / texel_m)
-            ahead, step = ray_through(lens, aimed + 0.5 + (line + 0.5) / lines, rows, columns)
+            ahead, step = ray_through(own, aimed + 0.5 + (line + 0.5) / lines, rows, columns)
             line_rays[task, 0] = Single(min(max(origin_x, -FURTHEST), FURTHEST))
             line_rays[task, 1] = Single(min(max(origin_y, -FURTHEST), FURTHEST))
             line_rays[task, 2] = to_texels * Single(ahead[0])
@@ -121,24 +128,23 @@ def _draw(
             line_rays[task, 9] = Single(part * weight)
         elif task < _LINES + ROWS:
             row = task - _LINES
-            ahead, step = ray_through(lens, top + row + 0.5, rows, columns)
+            ahead, step = ray_through(own, top + row + 0.5, rows, columns)
             row_rays[row, 0], row_rays[row, 3] = Single(ahead[0]), Single(step[0])
             row_rays[row, 1], row_rays[row, 4] = Single(ahead[1]), Single(step[1])
             row_rays[row, 2], row_rays[row, 5] = Single(ahead[2]), Single(step[2])
         else:
             wall = task - _LINES - ROWS
-            near[wall] = nearness(walls_m[wall] - (x_m if wall < 2 else y_m))
+            near[wall] = nearness(world[3 + wall] - (x_m if wall < 2 else y_m))
     cuda.syncthreads()
 
     if thread >= columns:
         return
     if not is_known:
         for row in range(top, min(top + ROWS, rows)):
-            out[car, row, thread] = np.uint8(0)
+            out[number, row, thread] = np.uint8(0)
         return
-    edges = Single(z_m), Single(z_m - wall_height_m), Single(focal_px * _SHARPNESS)
-    greys = wall_greys[car % wall_greys.shape[0]]
-    sky_grey = sky_greys[car % sky_greys.shape[0]]
+    edges = Single(z_m), Single(z_m - world[7]), Single(focal_px * _SHARPNESS)
+    shade = shades[car % shades.shape[0]]
     palette = palettes[car % palettes.shape[0]]
     column = Single(np.int32(thread))
     above = Single(0.0)
@@ -151,8 +157,8 @@ def _draw(
             here += line_rays[task, 8] * grey
             below += line_rays[task, 9] * grey
         if gap > 0 and top + row < rows:
-            behind, share = backdrop_grey(near, edges, greys, sky_grey, row_rays[row], column)
-            out[car, top + row, thread] = np.uint8(
+            behind, share = backdrop_grey(near, edges, shade, row_rays[row], column)
+            out[number, top + row, thread] = np.uint8(
                 np.int32(behind + share * (here - behind) + Single(bias))
             )
         above = below
@@ -185,8 +191,7 @@ def ground_grey(
 def backdrop_grey(
     near: Any,
     edges: tuple[Single, Single, Single],
-    wall_greys: Any,
-    sky_grey: Single,
+    shade: Any,
     ray: Any,
     column: Single,
 ) -> tuple[Single, Single]:
@@ -196,13 +201,13 @@ def backdrop_grey(
     z = ray[2] + column * ray[5]
     near_x = x * (near[1] if x > zero else near[0])
     near_y = y * (near[3] if y > zero else near[2])
-    grey_x = wall_greys[1] if x > zero else wall_greys[0]
-    grey_y = wall_greys[3] if y > zero else wall_greys[2]
+    grey_x = shade[1] if x > zero else shade[0]
+    grey_y = shade[3] if y > zero else shade[2]
     grey = grey_x if near_x > near_y else grey_y
     nearest = max(near_x, near_y, zero)
     sky = min(max(half + (edges[1] * nearest + z) * edges[2], zero), one)
     share = min(max(half - (edges[0] * nearest + z) * edges[2], zero), one)
-    return grey + sky * (sky_grey - grey), share
+    return grey + sky * (shade[4] - grey), share
 
 
 draw: Any = cuda.jit(_draw)

@@ -116,8 +116,7 @@ class FrameRenderer:
             self._eyes.append(_Eye(lenses, self.frames[:, eye], cars, taken))
         if self._gpu is not None:
             light = None if self._lighting is None else self._lighting.of(slice(None))
-            for number, one in enumerate(self._eyes):
-                self._gpu.draw(number, one.lenses, cars, light)
+            self._gpu.draw([eye.lenses for eye in self._eyes], cars, light)
             self._gpu.fetch()
             return
         if self._pool is not None and len(cars) > _FRAMES_ALONE:

@@ -71,10 +71,19 @@ def test_memory_moves_for_another_shape_or_number_format():
     assert memory.moves == 3
 
 
-def test_reused_memory_changes_nothing_about_an_update():
+def test_rows_are_prepared_where_they_are_kept():
+    memory = ReusedMemory(CPU)
+
+    held = memory.place("frames", torch.arange(3000.0), lambda rows: rows[:, None] * 2.0)
+
+    assert torch.equal(held[:3000, 0], 2.0 * torch.arange(3000.0))
+
+
+@pytest.mark.parametrize("bf16", [False, True])
+def test_reused_memory_changes_nothing_about_an_update(bf16):
     learners = []
     for memory in (None, ReusedMemory(CPU)):
-        learner = _ppo(Compute(CPU, bf16=False, reason="test"))
+        learner = _ppo(Compute(CPU, bf16, reason="test"))
         learner._memory = memory
         for seed in (1, 2):
             learner.update(_rollout(seed), seed)

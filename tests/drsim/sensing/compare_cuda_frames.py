@@ -51,7 +51,7 @@ def main() -> None:
     expected = np.zeros((cars, camera.rows, camera.columns), np.uint8)
     render(scene, lens_pos, lens_mat, expected, camera, light=light)
     gpu = cuda_camera.CudaCamera(scene, cars, camera=camera)
-    gpu.draw(0, lens_parts(lens_pos, lens_mat, camera), np.arange(cars), light)
+    gpu.draw([lens_parts(lens_pos, lens_mat, camera)], np.arange(cars), light)
     gpu.fetch()
     gpu.wait()
     _print(gpu.frames[:, 0], expected)

@@ -43,8 +43,9 @@ def compare(case, *, simulated):
         env=environment,
         capture_output=True,
         text=True,
-        check=True,
+        check=False,
     )
+    assert ran.returncode == 0, ran.stderr
     return json.loads(ran.stdout)
 
 
