@@ -29,6 +29,7 @@ from drcli.formats.build_network import build_policy
 from drcli.learn.compute import choose_compute, driving_format, flush_denormals
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.encoders import compute_in
+from drcli.learn.gpu_policy import GpuPolicy
 from drcli.learn.learner import Learner
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.update_result import UpdateInterruptedError
@@ -39,6 +40,7 @@ from drcli.workers.build_race import actions_of, build_simulation, load_world, l
 from drcli.workers.cores import driving_threads, learning_threads, overlaps
 from drcli.workers.driven_episode import Driven, Plan, episodes_of
 from drcli.workers.driving import Driver, Racer
+from drcli.workers.sim_device import choose_sim_device
 from drsim.car.actions import Actions, ContinuousActions
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.load_reward import load_reward_function
@@ -87,7 +89,14 @@ def main() -> None:
     torch.set_num_threads(1)
     policy = build_policy(metadata, parameters)
     weights = sum(t.numel() * t.element_size() for t in policy.state_dict().values())
-    compute_in(policy, driving_format(compute.number_format))
+    sim_device = choose_sim_device(order.train.sim_device, 0)
+    chooser: GpuPolicy | DataParallelPolicy
+    if sim_device.gpu is None:
+        compute_in(policy, driving_format(compute.number_format))
+        chooser = DataParallelPolicy(policy, threads)
+    else:
+        chooser = GpuPolicy(policy, sim_device.gpu)
+        chooser.follow(torch.bfloat16 if compute.bf16 else torch.float32)
     track = load_world(order.race)
     actions = actions_of(metadata)
     count = parameters.num_episodes_between_training
@@ -102,8 +111,9 @@ def main() -> None:
         rules=EpisodeRules(max_steps=longest_episode(track, actions)),
         num_threads=threads,
         seed=0,
+        gpu=sim_device.gpu is not None,
     )
-    driver = Driver(simulation, [Racer(DataParallelPolicy(policy, threads), actions)], 0)
+    driver = Driver(simulation, [Racer(chooser, actions)], 0)
     drawn = _DrawnActions(simulation, actions)
     drawn.begin()
     drawn.step()  # compiles what is not in the cache

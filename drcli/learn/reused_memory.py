@@ -55,6 +55,7 @@ class ReusedMemory:
             held = torch.zeros(shape, dtype=pattern.dtype, device=self._device)
             self._held[name] = held
             self.moves += 1
-        for own, rows in zip(held[: len(column)].split(ROWS), column.split(ROWS), strict=True):
-            own.copy_(prepare(rows.to(self._device)))
+        for first in range(0, len(column), ROWS):
+            rows = column[first : first + ROWS]
+            held[first : first + len(rows)] = prepare(rows.to(self._device))
         return held

@@ -44,15 +44,20 @@ def test_the_format_follows_from_the_processor_and_the_reason_names_it(
     assert f"({name})" in compute.reason if name else "no instructions" in compute.reason
 
 
-def test_on_a_gpu_the_reason_says_nothing_about_the_processor(processor, monkeypatch):
+@pytest.mark.parametrize(("has_bf16", "name"), [(True, "bf16"), (False, "fp32")])
+def test_on_a_gpu_its_tensor_cores_decide(processor, monkeypatch, has_bf16, name):
     processor(amx=False)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "is_bf16_supported", lambda **_: has_bf16)
     monkeypatch.setattr(torch.cuda, "get_device_name", lambda: "Some GPU")
 
-    reason = choose_compute("auto", batch_size=64, threads=1).reason
+    compute = choose_compute("auto", batch_size=64, threads=1)
 
-    assert reason.startswith("fp32 on Some GPU: ")
-    assert "AMX" not in reason
+    assert compute.number_format == name
+    assert compute.graphs
+    assert compute.reason.startswith(f"{name} on Some GPU: ")
+    assert "CUDA graph" in compute.reason
+    assert "AMX" not in compute.reason
 
 
 @pytest.mark.parametrize(
