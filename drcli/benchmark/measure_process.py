@@ -40,7 +40,7 @@ from drcli.workers.build_race import actions_of, build_simulation, load_world, l
 from drcli.workers.cores import driving_threads, learning_threads, overlaps
 from drcli.workers.driven_episode import Driven, Plan, episodes_of
 from drcli.workers.driving import Driver, Racer
-from drcli.workers.sim_device import choose_sim_device
+from drcli.workers.worker_device import choose_worker_device
 from drsim.car.actions import Actions, ContinuousActions
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.load_reward import load_reward_function
@@ -89,13 +89,13 @@ def main() -> None:
     torch.set_num_threads(1)
     policy = build_policy(metadata, parameters)
     weights = sum(t.numel() * t.element_size() for t in policy.state_dict().values())
-    sim_device = choose_sim_device(order.train.sim_device, 0)
+    worker_device = choose_worker_device(order.train.worker_device, 0)
     chooser: GpuPolicy | DataParallelPolicy
-    if sim_device.gpu is None:
+    if worker_device.gpu is None:
         compute_in(policy, driving_format(compute.number_format))
         chooser = DataParallelPolicy(policy, threads)
     else:
-        chooser = GpuPolicy(policy, sim_device.gpu)
+        chooser = GpuPolicy(policy, worker_device.gpu)
         chooser.follow(torch.bfloat16 if compute.bf16 else torch.float32)
     track = load_world(order.race)
     actions = actions_of(metadata)
@@ -111,7 +111,7 @@ def main() -> None:
         rules=EpisodeRules(max_steps=longest_episode(track, actions)),
         num_threads=threads,
         seed=0,
-        gpu=sim_device.gpu is not None,
+        gpu=worker_device.gpu is not None,
     )
     driver = Driver(simulation, [Racer(chooser, actions)], 0)
     drawn = _DrawnActions(simulation, actions)

@@ -31,7 +31,7 @@ def standard_order(settings: Settings, folder: Path) -> WorkOrder:
         threads=own.threads,
         torch_precision=own.torch_precision,
         sagemaker_cuda_devices=own.sagemaker_cuda_devices,
-        sim_device=own.sim_device,
+        worker_device=own.worker_device,
     )
     files = {name: model_file(name).read_text("utf-8") for name in _FILES}
     return WorkOrder(

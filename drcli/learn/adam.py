@@ -35,6 +35,7 @@ class Adam:
 
     @lr.setter
     def lr(self, rate: float) -> None:
+        """Take steps of this size from now on."""
         self._rate = rate
         if isinstance(self._lr, Tensor):
             self._lr.fill_(rate)

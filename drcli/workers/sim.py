@@ -43,10 +43,10 @@ from drcli.workers.live_view import LiveShow, live_show
 from drcli.workers.membership import Membership
 from drcli.workers.reward_failures import AllEpisodesDiscarded, RewardErrorsExceeded, RewardFailures
 from drcli.workers.second_track import sentence_of
-from drcli.workers.sim_device import choose_sim_device
 from drcli.workers.stage_progress import stage_index
 from drcli.workers.training_simulation import TrainingSimulation
 from drcli.workers.wait_for_trainer import POLL_S, WOKEN_POLL_S, CheckpointWaiter
+from drcli.workers.worker_device import choose_worker_device
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 from drsim.errors import RewardError
 
@@ -97,7 +97,7 @@ class SimWorker:
         torch.set_num_threads(1)
         _logger.info("Using %d of %d cores for motion, cameras and policy.", threads, cores())
         self._model = build_policy(design.metadata, design.parameters)
-        self._device = choose_sim_device(train.sim_device, worker)
+        self._device = choose_worker_device(train.worker_device, worker)
         say = _logger.info if self._device.is_wanted else _logger.warning
         say("Cameras and policy are computed %s.", self._device.reason)
         self._on_gpu: GpuPolicy | None = None

@@ -119,8 +119,8 @@ class TrainSettings(Group, title="Training"):
         "Number format of the trainer; auto uses bf16 if the processor has instructions for it.",
         file="system.env",
     )
-    sim_device: Literal["auto", "cpu", "gpu"] = setting(
-        "DR_SIM_DEVICE",
+    worker_device: Literal["auto", "cpu", "gpu"] = setting(
+        "DR_WORKER_DEVICE",
         "auto",
         "Where simulation workers compute cameras and policy; auto uses a GPU if there is one and "
         "the extra gpu is installed.",

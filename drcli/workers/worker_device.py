@@ -9,13 +9,13 @@ INSTALL = "pip install 'drcli[gpu]'"
 
 
 @dataclass(frozen=True)
-class SimDevice:
+class WorkerDevice:
     """The choice.
 
     Attributes:
         gpu: None for the processor.
         reason: Why, for the log.
-        is_wanted: Whether it is what DR_SIM_DEVICE asks for.
+        is_wanted: Whether it is what DR_WORKER_DEVICE asks for.
     """
 
     gpu: torch.device | None
@@ -23,21 +23,21 @@ class SimDevice:
     is_wanted: bool = True
 
 
-def choose_sim_device(wanted: str, worker: int) -> SimDevice:
-    """Choose by DR_SIM_DEVICE, and by what is there.
+def choose_worker_device(wanted: str, worker: int) -> WorkerDevice:
+    """Choose by DR_WORKER_DEVICE, and by what is there.
 
     Args:
         wanted: "auto", "cpu" or "gpu". Without a GPU that can be used, all mean the processor.
         worker: Number of the worker; several GPUs are given out in turn.
     """
     if wanted == "cpu":
-        return SimDevice(None, "on the processor, as set")
+        return WorkerDevice(None, "on the processor, as set")
     if not torch.cuda.is_available():
         why = "PyTorch finds no GPU"
-        return SimDevice(None, f"on the processor: {why}", is_wanted=wanted == "auto")
+        return WorkerDevice(None, f"on the processor: {why}", is_wanted=wanted == "auto")
     if find_spec("numba_cuda") is None:
         why = f"drawing on a GPU needs the package numba-cuda ({INSTALL})"
-        return SimDevice(None, f"on the processor: {why}", is_wanted=wanted == "auto")
+        return WorkerDevice(None, f"on the processor: {why}", is_wanted=wanted == "auto")
     number = worker % torch.cuda.device_count()
     torch.cuda.set_device(number)
-    return SimDevice(torch.device("cuda", number), f"on {torch.cuda.get_device_name(number)}")
+    return WorkerDevice(torch.device("cuda", number), f"on {torch.cuda.get_device_name(number)}")

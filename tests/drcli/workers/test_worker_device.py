@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from drcli.workers import sim_device
-from drcli.workers.sim_device import choose_sim_device
+from drcli.workers import worker_device
+from drcli.workers.worker_device import choose_worker_device
 
 
 @pytest.fixture
@@ -13,27 +13,27 @@ def two_gpus(monkeypatch):
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
     monkeypatch.setattr(torch.cuda, "set_device", lambda number: None)
     monkeypatch.setattr(torch.cuda, "get_device_name", lambda number: f"card {number}")
-    monkeypatch.setattr(sim_device, "find_spec", lambda name: object())
+    monkeypatch.setattr(worker_device, "find_spec", lambda name: object())
 
 
 def test_gpus_are_given_out_in_turn(two_gpus):
-    chosen = [choose_sim_device("auto", worker) for worker in range(3)]
+    chosen = [choose_worker_device("auto", worker) for worker in range(3)]
 
     assert [each.gpu.index for each in chosen] == [0, 1, 0]
     assert chosen[1].reason == "on card 1"
 
 
 def test_the_processor_is_used_where_that_is_asked_for(two_gpus):
-    assert choose_sim_device("cpu", 0).gpu is None
+    assert choose_worker_device("cpu", 0).gpu is None
 
 
 @pytest.mark.parametrize(("wanted", "is_wanted"), [("auto", True), ("gpu", False)])
 def test_without_numba_cuda_the_processor_is_used_and_the_extra_is_named(
     two_gpus, monkeypatch, wanted, is_wanted
 ):
-    monkeypatch.setattr(sim_device, "find_spec", lambda name: None)
+    monkeypatch.setattr(worker_device, "find_spec", lambda name: None)
 
-    chosen = choose_sim_device(wanted, 0)
+    chosen = choose_worker_device(wanted, 0)
 
     assert chosen.gpu is None
     assert "drcli[gpu]" in chosen.reason
@@ -43,7 +43,7 @@ def test_without_numba_cuda_the_processor_is_used_and_the_extra_is_named(
 def test_without_a_gpu_the_processor_is_used(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
 
-    chosen = choose_sim_device("gpu", 0)
+    chosen = choose_worker_device("gpu", 0)
 
     assert chosen.gpu is None
     assert "PyTorch finds no GPU" in chosen.reason
