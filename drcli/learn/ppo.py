@@ -1,6 +1,7 @@
 """Proximal policy optimization with a clipped objective (Schulman et al., 2017, equation 7)."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,6 +17,7 @@ from drcli.learn.algorithm_config import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
 from drcli.learn.gradient_group import GradientGroup
+from drcli.learn.policy import Float64s
 from drcli.learn.rollout_buffer import Rollout, RolloutTensors
 from drcli.learn.update_result import (
     NonFiniteLossError,
@@ -27,6 +29,9 @@ from drcli.learn.update_result import (
 WARMED_UP = 0.25
 """Share of the returns' variance that a new critic explains when the policy begins to learn from
 it. A critic that guesses explains nothing, and one in the middle of a training about half."""
+
+EVALUATED = 256
+"""Steps that the present weights evaluate at a time."""
 
 NUM_STATISTICS = 5
 """Numbers in `PPOStats` that are means over minibatches."""
@@ -51,8 +56,15 @@ class PPO:
         config: PPOConfig,
         compute: Compute,
         group: GradientGroup | None = None,
+        *,
+        off_policy: bool = False,
     ) -> None:
-        """Begin; every process of a `group` makes the same updates of the same rollouts."""
+        """Begin; every process of a `group` makes the same updates of the same rollouts.
+
+        With `off_policy`, rollouts may come from older weights than the newest: advantages are
+        those of V-trace, and the policy is kept near the present weights instead of the older ones.
+        """
+        self._off_policy = off_policy
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
@@ -138,30 +150,55 @@ class PPO:
             NonFiniteLossError: A return is NaN or infinite; nothing was changed.
         """
         config, device = self.config, self.compute.device
+        clip = np.inf if config.clip_advantage is None else config.clip_advantage
+        tensors = RolloutTensors.of(
+            rollout,
+            self.model.spec.stack,
+            self.model.body.block if self.compute.bf16 else 1,
+            device,
+        )
+        before = np.asarray(rollout.values, np.float64)
+        weights = np.ones(rollout.steps)
+        log_probs = tensors.log_probs
+        if self._off_policy:
+            log_probs, before = self._evaluated(tensors)
+            weights = (log_probs - tensors.log_probs).exp().clamp(max=1.0).double().cpu().numpy()
         advantages = gae(
             rollout.rewards,
-            rollout.values,
+            before,
             rollout.lengths,
             config.discount_factor,
             config.gae_lambda,
             rollout.last_values if config.bootstrap_cut else None,
+            weights if self._off_policy else None,
         )
-        values = torch.from_numpy(np.asarray(rollout.values, np.float64)).to(device)
-        targets = advantages + rollout.values
+        values = torch.from_numpy(before).to(device)
+        targets = weights * advantages + before
         returns = torch.from_numpy(targets).to(device)
         if not bool(torch.isfinite(returns).all()):
             raise NonFiniteLossError("A return is nan or infinite.")
         self.model.follow_returns(returns, values)
-        clip = np.inf if config.clip_advantage is None else config.clip_advantage
-        batch = RolloutTensors.of(
-            rollout,
-            self.model.spec.stack,
-            self.model.body.block if self.compute.bf16 else 1,
+        batch = replace(
+            tensors,
+            log_probs=log_probs,
             values=self.model.returns.units(values),
-            advantages=normalized(advantages).clip(-clip, clip),
+            advantages=torch.from_numpy(
+                (weights * normalized(advantages).clip(-clip, clip)).astype(np.float32)
+            ).to(device),
             returns=self.model.returns.units(returns),
         )
-        return batch, explained_variance(rollout.values, targets)
+        return batch, explained_variance(before, targets)
+
+    @torch.no_grad()
+    def _evaluated(self, batch: RolloutTensors) -> tuple[Tensor, Float64s]:
+        """What the present weights say: log-probabilities of the actions, and values."""
+        log_probs, values = [], []
+        every = torch.arange(len(batch.actions), device=batch.actions.device)
+        for rows in torch.split(every, EVALUATED):
+            policy, value = self.model(batch.observation(rows))
+            log_probs.append(self.model.log_prob(policy, batch.actions[rows]))
+            values.append(self.model.returns(value))
+        return torch.cat(log_probs), torch.cat(values).cpu().numpy()
 
     def _loss(
         self, batch: RolloutTensors, rows: Tensor, beta: float, model: ActorCritic, part: slice

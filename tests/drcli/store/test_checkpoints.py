@@ -438,9 +438,9 @@ def test_rollouts_come_from_the_newest_checkpoint_or_the_one_before(memory):
     for number in range(3):
         store.save(number, 100 * number, b"weights")
 
-    assert store.drivers(CheckpointName(0, 0)) == ["0_Step-0.ckpt"]
-    assert store.drivers(CheckpointName(2, 200)) == ["1_Step-100.ckpt", "2_Step-200.ckpt"]
-    assert store.drivers(CheckpointName(9, 900)) == ["9_Step-900.ckpt"]
+    assert store.drivers(CheckpointName(0, 0), -1) == ["0_Step-0.ckpt"]
+    assert store.drivers(CheckpointName(2, 200), 1) == ["1_Step-100.ckpt", "2_Step-200.ckpt"]
+    assert store.drivers(CheckpointName(9, 900), 8) == ["9_Step-900.ckpt"]
 
 
 def test_a_first_checkpoint_that_was_only_begun_is_none(memory):

@@ -88,13 +88,13 @@ def test_a_failure_stays_for_the_trainer_to_read(away):
 
 def test_the_trainer_gives_it_a_number_and_a_share(away):
     away.share(WorkerShare(2, NAME, 8, 4), session="before")
-    assert away.membership.shares_of(CheckpointName(5, 0)) is None
+    assert away.membership.shares_of(5) is None
 
     away.share(WorkerShare(2, NAME, 8, 4))
 
     assert away.membership.wait_for_number() == 2
-    assert away.membership.shares_of(CheckpointName(3, 0)) is None
-    assert away.membership.shares_of(CheckpointName(5, 0)).of(2).count == 4
+    assert away.membership.shares_of(3) is None
+    assert away.membership.shares_of(5).of(2).count == 4
     assert away.membership.is_reassigned(CheckpointName(4, 0))
     assert not away.membership.is_reassigned(CheckpointName(3, 0))
 
