@@ -7,11 +7,13 @@ of scale_model.py is compared with these figures and extrapolated; --pictures dr
 
 import argparse
 import json
+import os
 import statistics
+import sys
 import tempfile
 import time
-from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,16 +22,30 @@ from joined import PREFIX, Training
 from machine import facts
 from scale_model import Costs, Outcome, Setup, predicted
 
+from drcli.exchange.episode_metrics import decode_metrics
 from drcli.store.history import read_history
 from drcli.store.s3_bucket import S3Bucket
 
 FIGURES = Path(__file__).with_name("scale_figures.json")
 
 WORKERS = (1, 2, 4, 8)
+LAGS = (0, 1, 4)
+"""DR_TRAIN_MAX_LAG, 0 for DR_TRAIN_OVERLAP=off."""
+
 SLEEP_S = 0.04
-EPISODES = 40
+"""Of the reward function at each step: ten times the processor time of a step with one car."""
+
+EPISODES = 80
+"""Of an iteration: eight workers drive ten each."""
+
+EPOCHS = 3
+"""num_epochs of hyperparameters.json."""
+
 SKIPPED = 2
-"""First iterations with all workers, which do not count."""
+"""First iterations with all workers, which do not count, besides those that were driven ahead."""
+
+SATURATED = 0.95
+"""Time of the learner for an iteration in the last measurement, as a share of that of the drive."""
 
 REQUESTS = 60
 """Of each kind, to measure the bucket."""
@@ -67,14 +83,15 @@ def main() -> None:
     parser.add_argument("--measure", action="store_true", help="with real workers; ten minutes")
     parser.add_argument("--figures", type=Path, default=FIGURES, help="file of the figures")
     parser.add_argument("--workers", type=int, nargs="+", default=WORKERS)
+    parser.add_argument("--lags", type=int, nargs="+", default=LAGS)
+    parser.add_argument("--repeat", type=int, default=1, help="measurements of each kind")
     parser.add_argument("--seconds", type=float, default=60.0, help="of each measurement")
     parser.add_argument("--most", type=int, default=10_000, help="workers of the curves")
     parser.add_argument("--pictures", type=Path, help="folder for the curves")
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args()
     if chosen.measure:
-        measured = measure(chosen.workers, chosen.seconds)
-        chosen.figures.write_text(json.dumps(measured, indent=1) + "\n")
+        measure(chosen)
     figures = json.loads(chosen.figures.read_text())
     checked, curves = check(figures), extrapolate(figures, chosen.most)
     if chosen.pictures is not None:
@@ -93,31 +110,45 @@ def main() -> None:
 # --- Measured with real workers --------------------------------------------------------------
 
 
-def measure(workers: Sequence[int], seconds: float) -> dict[str, Any]:
-    """Train with so many workers each time; without and with overlap."""
-    found: dict[str, Any] = {"sleep_s": SLEEP_S, "episodes": EPISODES, "machine": facts()}
-    found["runs"] = [_train(count, seconds, ahead) for ahead in (0, 1) for count in workers]
-    return found
+def measure(chosen: argparse.Namespace) -> None:
+    """Train with so many workers and such a lag each time, and add what comes to the file.
+
+    What is in the file is not measured again.
+    """
+    found: dict[str, Any] = {"sleep_s": SLEEP_S, "episodes": EPISODES, "runs": []}
+    if chosen.figures.exists():
+        found = json.loads(chosen.figures.read_text())
+    found["machine"] = facts()
+    wanted = [(count, lag, EPOCHS) for lag in chosen.lags for count in chosen.workers]
+    for count, lag, epochs in wanted * chosen.repeat:
+        found["runs"].append(_train(count, chosen.seconds, lag, epochs))
+        print(json.dumps(found["runs"][-1]), file=sys.stderr)
+        chosen.figures.write_text(json.dumps(found, indent=1) + "\n")
 
 
-def _sleeping(custom: Path) -> None:
+def _sleeping(custom: Path, epochs: int) -> None:
     """Let each step cost sleep, and the policy stay as it is, so that iterations stay equal."""
     (custom / "reward_function.py").write_text(
         f"import time\n\ndef reward_function(params):\n    time.sleep({SLEEP_S})\n    return 1.0\n"
     )
     path = custom / "hyperparameters.json"
-    path.write_text(json.dumps({**json.loads(path.read_text()), "lr": 1e-8}))
+    path.write_text(json.dumps({**json.loads(path.read_text()), "lr": 1e-8, "num_epochs": epochs}))
 
 
-def _train(workers: int, seconds: float, ahead: int) -> dict[str, Any]:
+def _train(workers: int, seconds: float, lag: int, epochs: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="scale-") as folder:
-        settings = {"DR_TRAIN_OVERLAP": "on" if ahead else "off", "DR_TRAIN_EVAL_SHARE": "0.001"}
-        training = Training(Path(folder), EPISODES, 0, _sleeping, settings)
+        settings = {
+            "DR_TRAIN_OVERLAP": "on" if lag else "off",
+            "DR_TRAIN_MAX_LAG": str(max(1, lag)),
+            "DR_TRAIN_EVAL_SHARE": "0.001",
+        }
+        sleeping = partial(_sleeping, epochs=epochs)
+        training = Training(Path(folder), EPISODES, 0, sleeping, settings)
         try:
             for number in range(workers):
                 training.join(f"worker-{number}", 0.0)
             training.wait_for(lambda: training.drivers() == workers, 300.0)
-            first = training.done()[0] + SKIPPED + ahead
+            first = training.done()[0] + SKIPPED + lag
             training.wait_for(lambda: training.done()[0] > first, 300.0)
             before = _requests(training)
             began = training.done()[0]
@@ -126,6 +157,7 @@ def _train(workers: int, seconds: float, ahead: int) -> dict[str, Any]:
             ended, after = training.done()[0], _requests(training)
             latency = _latency(training.bucket())
             records = read_history(training.bucket(), PREFIX)[began + 1 : ended]
+            lengths = _lengths(training)
         finally:
             training.close()
     took_s = [later.elapsed_s - earlier.elapsed_s for earlier, later in pairwise(records)]
@@ -133,15 +165,25 @@ def _train(workers: int, seconds: float, ahead: int) -> dict[str, Any]:
     count = ended - began
     return {
         "workers": workers,
-        "ahead": ahead,
+        "ahead": lag,
+        "epochs": epochs,
+        "load": os.getloadavg()[1],
         "iterations": len(records),
         "iteration_s": statistics.fmean(took_s),
         "steps": steps,
         "drive_s": statistics.fmean(record.drive_s for record in records),
         "learn_s": statistics.fmean(record.learn_s for record in records),
+        "episode_spread": statistics.pstdev(lengths) / statistics.fmean(lengths),
         **{name: (after[name] - before[name]) / count for name in after},
         **latency,
     }
+
+
+def _lengths(training: Training) -> list[float]:
+    """Steps of all training episodes: each pays a reward of 1."""
+    metrics = (training.folder / "data" / "s3").rglob("TrainingMetrics*.json")
+    episodes = [each for path in metrics for each in decode_metrics(path.read_bytes())]
+    return [each.reward_score for each in episodes if each.phase == "training"]
 
 
 def _requests(training: Training) -> dict[str, float]:

@@ -99,6 +99,17 @@ def test_the_trainer_gives_it_a_number_and_a_share(away):
     assert not away.membership.is_reassigned(CheckpointName(3, 0))
 
 
+def test_a_worker_whose_share_has_ended_does_not_drive_the_open_iteration_again(away):
+    own = Shares(1, 2, 4, (WorkerShare(2, NAME, 8, 4),))
+    without = Shares(2, 4, 6, (WorkerShare(0, "", 8, 8),))
+    record = SharesRecord("now", {NAME: 2}, (own, without))
+    away.bucket.put(keys.shares(PREFIX), record.encode())
+
+    # It has driven the iterations 4 and 5, and has found nothing to drive in 6.
+    assert away.membership.shares_of(5).of(2) is not None
+    assert not away.membership.is_reassigned(CheckpointName(5, 0))
+
+
 @pytest.mark.parametrize(
     ("lease", "reason"),
     [
