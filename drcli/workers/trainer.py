@@ -296,7 +296,9 @@ class Trainer:
         folder that becomes empty, and a worker that writes into it just then fails for a second.
         """
         remembered = self._history.iterations_of(self._learner.memory_steps)
-        self._reader.delete_learned(min(before, self._progress.newest.number - remembered) - 1)
+        last = min(before, self._progress.newest.number - remembered) - 1
+        self._reader.forget()
+        self._publisher.submit(self._reader.delete_learned, last)
 
     def _is_wait_over(self) -> bool:
         """Score checkpoints and check the pointer between two looks for rollouts.

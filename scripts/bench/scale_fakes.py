@@ -15,7 +15,6 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -39,9 +38,10 @@ from drcli.workers.trainer import learn
 from drcli.workers.training_simulation import TrainingSimulation
 from drcli.workers.worker_process import StopRequested
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "support"))
 from memory_bucket import MemoryBucket
+
+ROOT = Path(__file__).resolve().parents[2]
 
 PREFIX = "scale"
 
