@@ -30,9 +30,6 @@ WARMED_UP = 0.25
 """Share of the returns' variance that a new critic explains when the policy begins to learn from
 it. A critic that guesses explains nothing, and one in the middle of a training about half."""
 
-EVALUATED = 256
-"""Steps that the present weights evaluate at a time."""
-
 NUM_STATISTICS = 5
 """Numbers in `PPOStats` that are means over minibatches."""
 
@@ -42,6 +39,7 @@ class PPO:
 
     Attributes:
         lr_factor: Share of the hyperparameters' learning rate with which it learns.
+        off_policy: Whether rollouts may come from older weights than the present ones.
         critic_warmup: How many updates at most still improve the critic alone. A policy that comes
             without its critic would otherwise lose what it can do: the gradients of a critic that
             only guesses change the shared body, and its advantages are wrong.
@@ -64,7 +62,7 @@ class PPO:
         With `off_policy`, rollouts may come from older weights than the newest: advantages are
         those of V-trace, and the policy is kept near the present weights instead of the older ones.
         """
-        self._off_policy = off_policy
+        self.off_policy = off_policy
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
@@ -160,7 +158,7 @@ class PPO:
         before = np.asarray(rollout.values, np.float64)
         weights = np.ones(rollout.steps)
         log_probs = tensors.log_probs
-        if self._off_policy:
+        if self.off_policy:
             log_probs, before = self._evaluated(tensors)
             weights = (log_probs - tensors.log_probs).exp().clamp(max=1.0).double().cpu().numpy()
         advantages = gae(
@@ -170,7 +168,7 @@ class PPO:
             config.discount_factor,
             config.gae_lambda,
             rollout.last_values if config.bootstrap_cut else None,
-            weights if self._off_policy else None,
+            weights if self.off_policy else None,
         )
         values = torch.from_numpy(before).to(device)
         targets = weights * advantages + before
@@ -189,16 +187,17 @@ class PPO:
         )
         return batch, explained_variance(before, targets)
 
-    @torch.no_grad()
     def _evaluated(self, batch: RolloutTensors) -> tuple[Tensor, Float64s]:
         """What the present weights say: log-probabilities of the actions, and values."""
-        log_probs, values = [], []
         every = torch.arange(len(batch.actions), device=batch.actions.device)
-        for rows in torch.split(every, EVALUATED):
-            policy, value = self.model(batch.observation(rows))
-            log_probs.append(self.model.log_prob(policy, batch.actions[rows]))
-            values.append(self.model.returns(value))
-        return torch.cat(log_probs), torch.cat(values).cpu().numpy()
+
+        def outputs_of(model: ActorCritic, part: slice) -> Tensor:
+            policy, value = model(batch.observation(every[part]))
+            log_probs = model.log_prob(policy, batch.actions[part])
+            return torch.stack([log_probs.double(), model.returns(value)], dim=1)
+
+        log_probs, values = self._parallel.evaluate(outputs_of, len(every)).unbind(1)
+        return log_probs.float(), values.cpu().numpy()
 
     def _loss(
         self, batch: RolloutTensors, rows: Tensor, beta: float, model: ActorCritic, part: slice
