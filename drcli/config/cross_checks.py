@@ -38,6 +38,13 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
             f"DR_CLOUD={settings.cloud}.",
             BUCKET_RULE,
         )
+    if settings.train_overlap == "off" and settings.train_max_lag > 1:
+        yield problem(
+            ("DR_TRAIN_MAX_LAG",),
+            f"DR_TRAIN_MAX_LAG={settings.train_max_lag} lets workers drive while the trainer "
+            "learns, but DR_TRAIN_OVERLAP=off forbids that.",
+            "Remove DR_TRAIN_MAX_LAG, or set DR_TRAIN_OVERLAP to auto.",
+        )
     if settings.h2b_lower_lane_change_time > settings.h2b_upper_lane_change_time:
         yield problem(
             ("DR_H2B_LOWER_LANE_CHANGE_TIME", "DR_H2B_UPPER_LANE_CHANGE_TIME"),

@@ -74,13 +74,13 @@ class WorkerShare:
 
 @dataclass(frozen=True)
 class Shares:
-    """Who drives which episodes, from one checkpoint until the next `Shares`.
+    """Who drives which episodes, from one iteration until the next `Shares`.
 
     Attributes:
         version: Counts them.
-        checkpoint: Number of the first checkpoint that they are for.
-        iteration: The first iteration that is driven with it; the numbers of the episodes count
-            from there.
+        checkpoint: Number of the checkpoint with which they were published.
+        iteration: The first iteration that they are for: one that nobody drives without knowing
+            that checkpoint. The numbers of the episodes count from there.
         workers: By number. The first one also evaluates.
     """
 
@@ -108,7 +108,7 @@ class SharesRecord(JsonRecord):
     numbers: Mapping[str, int] = field(default_factory=dict)
     newest: tuple[Shares, ...] = ()
 
-    def at(self, checkpoint: int) -> Shares | None:
-        """The shares with which this checkpoint is driven; None if they are not known."""
-        fits = [shares for shares in self.newest if shares.checkpoint <= checkpoint]
+    def at(self, iteration: int) -> Shares | None:
+        """Who drives an iteration; None if that is not known."""
+        fits = [shares for shares in self.newest if shares.iteration <= iteration]
         return fits[-1] if fits else None

@@ -28,7 +28,8 @@ from drcli.store.checkpoint_retention import KEEP_ALL_MARKED, KeepRules, kept_be
 from drcli.store.marked_checkpoints import MarkedCheckpoints
 
 KEEP = 4
-"""How many of the newest checkpoints stay, besides the best. Source: the reference simulator."""
+"""How many of the newest checkpoints stay at least, besides the best. Source: the reference
+simulator."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +50,15 @@ class Checkpoint:
 
 
 class CheckpointStore:
-    """The checkpoints below one model prefix; `rules` say which ones stay besides the newest."""
+    """The checkpoints below one model prefix.
 
-    def __init__(self, bucket: Bucket, prefix: str, rules: KeepRules = KEEP_ALL_MARKED) -> None:
+    The newest `keep` of them stay, and those that the `rules` name.
+    """
+
+    def __init__(
+        self, bucket: Bucket, prefix: str, rules: KeepRules = KEEP_ALL_MARKED, keep: int = KEEP
+    ) -> None:
+        self._keep = keep
         self._bucket = bucket
         self._prefix = prefix
         self._rules = rules
@@ -185,14 +192,17 @@ class CheckpointStore:
         except (ObjectMissing, ObjectDamaged):
             return None
 
-    def drivers(self, newest: CheckpointName) -> list[str]:
+    def drivers(self, newest: CheckpointName, oldest: int) -> list[str]:
         """Checkpoints whose rollouts may be learned from while this is the newest one.
 
-        These are the one before, because workers drive while the trainer learns, and the newest.
+        These are the newest and those before it from the number `oldest` on, because workers drive
+        while the trainer learns.
         """
+        if oldest >= newest.number:
+            return [str(newest)]
         names = set(checkpoint_objects(self._bucket, self._prefix).values())
-        before = [str(name) for name in names if name.number == newest.number - 1]
-        return [*before, str(newest)]
+        before = sorted(name for name in names if oldest <= name.number < newest.number)
+        return [*map(str, before), str(newest)]
 
     def record(self, name: str) -> CheckpointRecord:
         """Sizes, hashes and counters of a checkpoint; ObjectMissing or ObjectDamaged."""
@@ -205,9 +215,13 @@ class CheckpointStore:
     def load(self, name: str, *, with_optimizer: bool = False) -> Checkpoint:
         """Read one checkpoint and check it; ObjectMissing or ObjectDamaged names the file."""
         record = self.record(name)
-        tensors = self._checked(keys.checkpoint_tensors(self._prefix, name), record.tensors)
+        tensors = self.tensors(record)
         optimizer = self._optimizer(record) if with_optimizer else None
         return Checkpoint(record, tensors, optimizer)
+
+    def tensors(self, record: CheckpointRecord) -> bytes:
+        """The weights of a checkpoint, a safetensors file; ObjectMissing or ObjectDamaged."""
+        return self._checked(keys.checkpoint_tensors(self._prefix, record.name), record.tensors)
 
     def load_latest(
         self, *, with_optimizer: bool = False, newest: CheckpointName | None = None
@@ -283,7 +297,7 @@ class CheckpointStore:
             best = self.best_name()
         except ObjectDamaged:
             best = None
-        return [str(name) for name in names[:-KEEP] if str(name) != best]
+        return [str(name) for name in names[: -self._keep] if str(name) != best]
 
     def forget_damaged_best(self) -> str | None:
         """If the best checkpoint is damaged, the last one becomes the best until an evaluation.
@@ -374,7 +388,10 @@ class CheckpointStore:
         objects = _of_checkpoints(self._prefix, [info.key for info in listed])
         names = set(objects.values())
         older = sorted(name for name in names if name.number < newest.number)
-        always = {str(name) for name in older[-(KEEP - 1) :]} | {newest.name, self.best_name()}
+        always = {str(name) for name in older[-(self._keep - 1) :]} | {
+            newest.name,
+            self.best_name(),
+        }
         here = checkpoint_name(newest.name)
         sizes = dict.fromkeys((*older, here), 0)
         graphs = {keys.checkpoint_graph(self._prefix, name.number): name for name in sizes}

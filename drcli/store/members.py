@@ -37,10 +37,10 @@ def read_shares_record(bucket: Bucket, prefix: str) -> SharesRecord | None:
         return None
 
 
-def read_shares(bucket: Bucket, prefix: str, session: str, checkpoint: int) -> Shares | None:
-    """The shares with which a checkpoint is driven in this start of the training; None if lost."""
+def read_shares(bucket: Bucket, prefix: str, session: str, iteration: int) -> Shares | None:
+    """Who drives an iteration in this start of the training; None if that is lost."""
     record = read_shares_record(bucket, prefix)
-    return record.at(checkpoint) if record is not None and record.session == session else None
+    return record.at(iteration) if record is not None and record.session == session else None
 
 
 @dataclass(frozen=True)

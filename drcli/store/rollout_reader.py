@@ -218,8 +218,7 @@ class RolloutReader:
         return data
 
     def delete_learned(self, iteration: int) -> None:
-        """Delete the rollouts of this iteration and of all before it."""
-        self._forget()
+        """Delete the rollouts of this iteration and of all before it; any thread may do that."""
         learned = []
         for info in self._bucket.list(keys.rollouts_folder(self._prefix)):
             key = keys.rollout_key(self._prefix, info.key)
@@ -229,7 +228,7 @@ class RolloutReader:
 
     def reject(self, iteration: int, workers: Iterable[int]) -> None:
         """Delete the manifests of some workers for an iteration, which must be driven again."""
-        self._forget()
+        self.forget()
         self._bucket.delete([keys.rollout_manifest(self._prefix, iteration, k) for k in workers])
 
     def look_often(self) -> None:
@@ -238,7 +237,7 @@ class RolloutReader:
 
     def close(self) -> None:
         """End the background downloads."""
-        self._forget()
+        self.forget()
         self._fetcher.shutdown(wait=True, cancel_futures=True)
 
     def _look(
@@ -314,7 +313,8 @@ class RolloutReader:
         self._fetched_bytes -= len(data)
         return data
 
-    def _forget(self) -> None:
+    def forget(self) -> None:
+        """Give up what was fetched ahead of its use."""
         for early in self._fetched.values():
             early.cancel()
         self._fetched.clear()

@@ -93,10 +93,12 @@ class Collected:
 class Collector:
     """Waits for all simulation workers of a run, but not too long for any of them.
 
-    An iteration has at most `max_steps`; further episodes are left out.
+    An iteration has at most `max_steps`; further episodes are left out. With `ahead`, workers drive
+    an iteration before the trainer waits for it.
     """
 
-    def __init__(self, reader: RolloutReader, max_steps: int) -> None:
+    def __init__(self, reader: RolloutReader, max_steps: int, *, ahead: bool = False) -> None:
+        self._ahead = ahead
         self._reader = reader
         self._max_steps = max_steps
         self._absent: set[int] = set()
@@ -111,8 +113,9 @@ class Collector:
     ) -> Collected | None:
         """Wait for an iteration's rollouts and read them.
 
-        Once the first worker has delivered, the others get the same time again. A worker that
-        missed the iteration before is not waited for.
+        Once the first worker has delivered, the others get the same time again; twice that, if
+        some of it may have been over when the wait began. A worker that missed the iteration before
+        is not waited for.
 
         Args:
             iteration: Number of the iteration.
@@ -135,13 +138,15 @@ class Collector:
             should_stop=should_stop,
         )
         manifests = wait(enough=1, patience_s=math.inf)
-        expected = everybody - (self._absent - joined)
+        expected = everybody - self._absent
         if manifests and not expected <= manifests.keys() and not should_stop():
-            took_s = max(m.notes.drive_s for m in manifests.values())
+            took_s = (1 + self._ahead) * max(m.notes.drive_s for m in manifests.values())
             only_joined = expected - manifests.keys() <= joined
             least_s = JOINED_PATIENCE_S if only_joined else self._least_patience_s
             patience_s = max(least_s, took_s)
-            manifests = wait(enough=len(expected), arrived=manifests, patience_s=patience_s)
+            manifests = wait(
+                enough=len(expected | manifests.keys()), arrived=manifests, patience_s=patience_s
+            )
         if not manifests:
             return None
         self._least_patience_s = LEAST_PATIENCE_S

@@ -30,8 +30,13 @@ def usable_cores(train: TrainConfig) -> int:
 def overlaps(train: TrainConfig) -> bool:
     """Whether the next iteration is driven while the last one is learned from."""
     if train.train_overlap == "auto":
-        return usable_cores(train) >= OVERLAP_CORES
+        return train.train_max_lag > 1 or usable_cores(train) >= OVERLAP_CORES
     return train.train_overlap == "on"
+
+
+def max_lag(train: TrainConfig) -> int:
+    """By how many iterations driving may be ahead of learning; 0 if the two take turns."""
+    return train.train_max_lag if overlaps(train) else 0
 
 
 def driving_threads(train: TrainConfig) -> int:

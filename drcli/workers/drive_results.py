@@ -16,7 +16,7 @@ from drcli.store.rollbacks import read_rollbacks
 from drcli.store.trace_retention import TraceRetention
 from drcli.tracking.open_sinks import sender_of_episodes
 from drcli.workers import reference_log
-from drcli.workers.cores import overlaps
+from drcli.workers.cores import max_lag
 from drcli.workers.driven_episode import Driven
 from drcli.workers.live_figures import episode_points
 from drcli.workers.metrics_file import TrainingMetrics
@@ -45,7 +45,7 @@ class DriveResults:
         self._bucket = bucket
         self._prefix = job.config.model.prefix
         self._worker = simulation.share.worker
-        self._lag = int(overlaps(job.config.train))
+        self._lag = max_lag(job.config.train)
         self._figures = sender_of_episodes(job.config.figures, self._prefix)
         self._simulation = simulation
         self._metrics = self._open_metrics()

@@ -39,11 +39,12 @@ class Join:
 
 @dataclass(frozen=True)
 class Build:
-    """Build the learner of a training or of a stage."""
+    """Build the learner of a training or of a stage; the fields are those of `build_learner`."""
 
     metadata: ModelMetadata
     parameters: Hyperparameters
     compute: Compute
+    off_policy: bool = False
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from drcli.base.elapsed import elapsed_s
 from drcli.base.errors import OwnershipLost, StorageError
 from drcli.base.log import get_logger
 from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.joined_worker import MemberRecord, Shares
+from drcli.exchange.joined_worker import MemberRecord, Shares, SharesRecord
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.lease import STALE_S, read_lease
@@ -110,26 +110,28 @@ class Membership:
         if is_first:
             self._hurry.set()
 
-    def shares_of(self, name: CheckpointName) -> Shares | None:
-        """Who drives with a checkpoint; None as long as that is not known.
+    def shares_of(self, iteration: int) -> Shares | None:
+        """Who drives an iteration; None as long as that is not known.
 
         Raises:
             StorageError: The bucket does not answer.
         """
-        record = read_shares_record(self._bucket, self._prefix)
-        known = record is not None and record.session == self._record.session
-        return record.at(name.number) if record is not None and known else None
+        record = self._shares_record()
+        return None if record is None else record.at(iteration)
 
     def is_reassigned(self, name: CheckpointName) -> bool:
-        """Whether this worker, which had nothing to drive with a checkpoint, now has."""
+        """Whether this worker, which had nothing to drive, has a share while this is the newest."""
         now_s = elapsed_s()
         if now_s - self._asked_s < ASK_S:
             return False
         self._asked_s = now_s
-        shares = self.shares_of(name)
-        return shares is not None and any(
-            share.member == self._record.member for share in shares.workers
-        )
+        record = self._shares_record()
+        if record is None or not record.newest:
+            return False
+        # What is in force since longer was known when this worker found nothing to drive.
+        newest = record.newest[-1]
+        own = [share for share in newest.workers if share.member == self._record.member]
+        return newest.iteration <= name.number and bool(own)
 
     def close(self, failure: str = "") -> None:
         """Leave the training, so that its trainer does not wait for this worker.
@@ -152,6 +154,11 @@ class Membership:
         # The trainer notices anyway that the record does not change any more.
         with suppress(StorageError, OwnershipLost):
             self._bucket.delete([keys.member(self._prefix, self._record.member)])
+
+    def _shares_record(self) -> SharesRecord | None:
+        record = read_shares_record(self._bucket, self._prefix)
+        known = record is not None and record.session == self._record.session
+        return record if known else None
 
     def _write(self) -> None:
         with self._lock:

@@ -20,8 +20,9 @@ from drcli.store.repair import set_aside
 
 _logger = get_logger(__name__)
 
-REMEMBERED_SCORES = 3
-"""How many of the newest iterations may still get their evaluation."""
+REMEMBERED_SCORES = 2
+"""How many of the newest iterations may still get their evaluation, besides those that driving may
+be ahead of learning."""
 
 LAST_EVALUATION_S = 10.0
 """Least time to wait for the evaluation of the last checkpoint that drove."""
@@ -33,7 +34,7 @@ class Scoring:
     Scores go to `checkpoints`, compared by `metric` (DR_TRAIN_BEST_MODEL_METRIC) on the track that
     `world` means (DR_TRAIN_BEST_MODEL_WORLD), and to `history`. With `second`, checkpoints are
     evaluated on DR_TRAIN_EVAL_WORLD too. Those of checkpoints that were given up in one of the
-    `rollbacks` do not count.
+    `rollbacks` do not count. `lag` is by how many iterations driving may be ahead of learning.
     """
 
     def __init__(
@@ -47,7 +48,9 @@ class Scoring:
         *,
         second: bool = False,
         rollbacks: Rollbacks = NO_ROLLBACKS,
+        lag: int = 1,
     ) -> None:
+        self._remembered = REMEMBERED_SCORES + max(1, lag)
         self._rollbacks = rollbacks
         self._bucket = bucket
         self._prefix = prefix
@@ -70,7 +73,7 @@ class Scoring:
 
     def restore(self, records: Iterable[IterationRecord]) -> None:
         """Expect the evaluations of the newest iterations that have none yet."""
-        newest = list(records)[-REMEMBERED_SCORES:]
+        newest = list(records)[-self._remembered :]
         self._expected = {r.iteration for r in newest if not r.evaluation_progress}
 
     def expect(self, iteration: int, evaluates: int | None) -> None:
@@ -84,7 +87,7 @@ class Scoring:
             self._expected.add(evaluates)
         if self._ahead == iteration:
             self._expected.add(iteration)  # the history has a record for its evaluation now
-        self._expected = {n for n in self._expected if n > iteration - REMEMBERED_SCORES}
+        self._expected = {n for n in self._expected if n > iteration - self._remembered}
 
     def score(self, newest: CheckpointName, *, last: bool = False) -> None:
         """Score the checkpoints whose evaluations have arrived; the log also names the newest.

@@ -1,8 +1,8 @@
 """Decides in the trainer who drives which episodes when simulation workers join and leave.
 
 As long as nobody has joined, each of DR_WORKERS drives the same share and nothing is written. Later
-the shares are in an object of the bucket, and change only from one checkpoint to the next: a
-checkpoint names the version that it is driven with.
+the shares are in an object of the bucket, and change only from one iteration to the next: the first
+one that no worker can have begun before the checkpoint was there that names their version.
 """
 
 import time
@@ -26,7 +26,8 @@ LOOK_S, FRUGAL_LOOK_S, STARTING_LOOK_S = 5.0, 10.0, 1.0
 long as nobody drives or one of them is starting."""
 
 KEPT_SHARES = 4
-"""How many of the newest shares the object contains: a worker may be some checkpoints behind."""
+"""How many of the newest shares the object contains, besides one for each iteration that driving is
+ahead: a worker may be some checkpoints behind."""
 
 LATE_PAUSE_S, LONGEST_PAUSE_S = 10.0, 600.0
 """A worker whose rollouts came too late drives nothing for so long; the pause doubles each time."""
@@ -57,7 +58,7 @@ class ShareKeeper:
         prefix: Of the model.
         session: Of this start of the training.
         workers: DR_WORKERS, which the training starts itself.
-        lag: By how many iterations driving is ahead of learning.
+        lag: By how many iterations driving may be ahead of learning.
         equal: Whether shares stay equal however fast the workers are.
         frugal: Whether each look costs money.
         clock: Seconds, for tests.
@@ -94,6 +95,7 @@ class ShareKeeper:
         self.failure = ""
         self._fixed = [Share(k, max(1, workers), 1) for k in range(workers)]
         self._episodes = self._most = 1
+        self._first = 0
         self._speeds: dict[int, float] = {}
         self._measured: dict[int, int] = {}
         self._punctuality: dict[str, _Punctuality] = {}
@@ -104,8 +106,12 @@ class ShareKeeper:
         self._record = found if found is not None and own else SharesRecord(session)
         self._written = self._record
 
-    def begin_stage(self, episodes: int, numbered: int) -> None:
-        """Divide so many episodes from now on; `numbered` is as for `Share`."""
+    def begin_stage(self, episodes: int, numbered: int, first: int = 0) -> None:
+        """Divide so many episodes from now on; `numbered` is as for `Share`.
+
+        `first` is the first iteration of the stage, which nobody drives ahead.
+        """
+        self._first = first
         workers = max(1, self._workers)
         self._fixed = [Share(k, workers, episodes, numbered) for k in range(self._workers)]
         self._episodes = episodes
@@ -115,15 +121,15 @@ class ShareKeeper:
         """End the thread that looks."""
         self._looker.shutdown(wait=False, cancel_futures=True)
 
-    def at(self, checkpoint: int) -> tuple[WorkerShare, ...]:
-        """Who drives with a checkpoint."""
-        shares = self._record.at(checkpoint)
+    def at(self, iteration: int) -> tuple[WorkerShare, ...]:
+        """Who drives an iteration."""
+        shares = self._record.at(iteration)
         if shares is not None:
             return shares.workers
-        return tuple(self._own_share(k, checkpoint) for k in range(self._workers))
+        return tuple(self._own_share(k, iteration) for k in range(self._workers))
 
     def version_for(self, checkpoint: int) -> int | None:
-        """Decide who drives with a checkpoint that is about to be published; None: as ever.
+        """Decide who drives what nobody drives before this checkpoint is there; None: as ever.
 
         Raises:
             StorageError: The shares cannot be written.
@@ -133,12 +139,12 @@ class ShareKeeper:
         if not self._record.newest and not any(share.member for share in chosen):
             self._write()
             return None
-        iteration = checkpoint + self._lag if checkpoint else 0
-        self._change(checkpoint, iteration, chosen)
+        ahead = self._lag if checkpoint > self._first else 0
+        self._change(checkpoint, checkpoint + ahead, chosen)
         return self._record.newest[-1].version
 
     def reassign(self, checkpoint: int) -> bool:
-        """Let others drive with the newest checkpoint if all that should have left; whether so.
+        """Let others drive the open iteration if all that should have left; whether so.
 
         Raises:
             StorageError: The shares cannot be written.
@@ -164,7 +170,7 @@ class ShareKeeper:
         Args:
             speeds: Steps per second of those who came in time, by number.
             late: Numbers of those who did not.
-            checkpoint: The newest one.
+            checkpoint: The newest one, whose iteration they drove.
         """
         for worker, speed in speeds.items():
             times = self._measured[worker] = self._measured.get(worker, 0) + 1
@@ -280,11 +286,12 @@ class ShareKeeper:
         """Let these drive from a checkpoint on, if others did before."""
         newest = self._record.newest
         kept = [shares for shares in newest if shares.checkpoint <= checkpoint]  # after a rollback
-        if kept and [_who(s) for s in kept[-1].workers] == [_who(s) for s in chosen]:
+        same = bool(kept) and [_who(s) for s in kept[-1].workers] == [_who(s) for s in chosen]
+        if same and kept[-1].iteration <= iteration:
             self._record = replace(self._record, newest=tuple(kept))
             self._write()
             return
-        for share in newest[-1].workers if newest else self.at(checkpoint):
+        for share in newest[-1].workers if newest else self.at(iteration):
             ahead = max(0, iteration - newest[-1].iteration) if newest else 0
             number = share.first + ahead * share.count
             self._next_numbers[share.worker] = max(number, self._next_numbers.get(share.worker, 0))
@@ -294,14 +301,13 @@ class ShareKeeper:
             iteration,
             tuple(replace(s, first=self._next_numbers.get(s.worker, 0)) for s in chosen),
         )
-        self._record = replace(self._record, newest=(*kept, shares)[-KEPT_SHARES:])
+        self._record = replace(self._record, newest=(*kept, shares)[-KEPT_SHARES - self._lag :])
         self._write()
         sentence = ", ".join(f"worker {share.worker}: {share.count}" for share in chosen)
-        _logger.info("From checkpoint %d on, episodes are shared: %s.", checkpoint, sentence)
+        _logger.info("From iteration %d on, episodes are shared: %s.", iteration, sentence)
 
-    def _own_share(self, worker: int, checkpoint: int) -> WorkerShare:
+    def _own_share(self, worker: int, iteration: int) -> WorkerShare:
         """The share of a worker of DR_WORKERS as long as nobody has joined."""
-        iteration = checkpoint + self._lag if checkpoint else 0
         numbers = self._fixed[worker].numbers(iteration)
         return WorkerShare(worker, "", numbers.start, len(numbers))
 

@@ -12,9 +12,10 @@ from dataclasses import replace
 import torch
 
 from drcli.base import signal_guard
+from drcli.base.fingerprint import Fingerprint
 from drcli.base.log import get_logger, plain
 from drcli.base.wakeup import Wakeup, wake
-from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord
 from drcli.exchange.job import Job
 from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
 from drcli.exchange.scores import EvaluationResult
@@ -26,13 +27,13 @@ from drcli.learn.encoders import compute_in
 from drcli.learn.gpu_policy import GpuPolicy
 from drcli.modelfiles.network_shape import Design
 from drcli.store.best_checkpoint import write_evaluation
-from drcli.store.checkpoints import Checkpoint, CheckpointStore
+from drcli.store.checkpoints import CheckpointStore
 from drcli.store.members import read_shares
 from drcli.store.repair import Model, repair_metrics
 from drcli.store.rollout_writer import RolloutWriter
 from drcli.workers import worker_process
 from drcli.workers.build_race import actions_of
-from drcli.workers.cores import cores, driving_threads, overlaps, usable_cores
+from drcli.workers.cores import cores, driving_threads, max_lag, usable_cores
 from drcli.workers.drive_results import DriveResults
 from drcli.workers.driven_episode import Driven, episodes_of
 from drcli.workers.driving import Racer
@@ -116,9 +117,10 @@ class SimWorker:
         self._results = DriveResults(job, self._bucket, self._simulation)
         self._results.forget_given_up()
         self._budget = EvaluationBudget(train.train_eval_share)
-        self._lag = int(overlaps(train))
+        self._lag = max_lag(train)
         self._evaluated = -1
         self._rollbacks = 0
+        self._loaded: Fingerprint | None = None
         self._drives = 0
         self._lapped = False
         self._driven_steps = 0
@@ -131,6 +133,7 @@ class SimWorker:
             job.session,
             worker,
             max(1, train.workers),
+            lag=self._lag,
             frugal=job.config.storage.cloud != "local",
             should_stop=lifeline.should_stop,
             say=self._activity.wait,
@@ -185,8 +188,8 @@ class SimWorker:
     def _drive(self) -> None:
         """Drive with one checkpoint after the other until the training ends.
 
-        If driving and learning overlap, the worker drives an iteration with the checkpoint that
-        the learner is improving, else with the result.
+        It drives each iteration with the newest one, which may be so many numbers older as driving
+        may be ahead of learning.
         """
         iteration, newest = 0, -1
         while True:
@@ -197,48 +200,51 @@ class SimWorker:
             if name is None:
                 plain.info("Received termination signal from trainer. Goodbye.")
                 return
-            if name.number < iteration - self._lag:
+            if name.number < max(wanted, newest):
                 # The trainer went back to an older checkpoint, or rollouts are lost.
                 iteration = 0
                 self._evaluated = -1
                 self._results.forget_given_up(name)
             newest = name.number
             iteration = max(iteration, newest)
-            checkpoint = self._checkpoints.load(str(name))
-            mark = checkpoint.record.counters.stage
+            record = self._checkpoints.record(str(name))
+            counters = record.counters
+            mark = counters.stage
             stage = self._stage_of(mark)
             self._first_step = 0 if mark is None else mark.steps
             if stage is not None and stage is not self._simulation.stage:
                 self._enter(stage)
                 iteration = newest  # what was driven ahead belongs to the stage before
-            self._waiter.learn_from(checkpoint.record)
-            counters = checkpoint.record.counters
-            self._load(checkpoint)
+            if record.tensors != self._loaded:  # else it has driven with these weights before
+                self._waiter.learn_from(record)
+                self._load(record)
             self._rollbacks = counters.rollbacks or 0
-            if self._is_assigned(name, counters.shares):
+            if self._is_assigned(iteration, counters.shares):
                 self._iterate(iteration, name)
             else:
                 self._driven_steps = 0
             iteration += 1
 
-    def _load(self, checkpoint: Checkpoint) -> None:
+    def _load(self, record: CheckpointRecord) -> None:
         """Drive with the weights of a checkpoint, in the number format of its learner."""
-        learner = checkpoint.record.counters.number_format
+        learner = record.counters.number_format
+        tensors = self._checkpoints.tensors(record)
         if self._on_gpu is None:
             compute_in(self._model, driving_format(learner))
-        load_weights(self._model, checkpoint.tensors, checkpoint.record.name)
+        load_weights(self._model, tensors, record.name)
         if self._on_gpu is not None:
             self._on_gpu.follow(torch.bfloat16 if learner == "bf16" else torch.float32)
+        self._loaded = record.tensors
 
-    def _is_assigned(self, name: CheckpointName, version: int | None) -> bool:
-        """Find out which episodes this worker drives with a checkpoint; whether there are any."""
+    def _is_assigned(self, iteration: int, version: int | None) -> bool:
+        """Find out which episodes of an iteration this worker drives; whether there are any."""
         if self._membership is None and version is None:
             self._simulation.assigned = None
             return True
         if self._membership is not None:
-            shares = self._membership.shares_of(name)
+            shares = self._membership.shares_of(iteration)
         else:
-            shares = read_shares(self._bucket, self._prefix, self._job.session, name.number)
+            shares = read_shares(self._bucket, self._prefix, self._job.session, iteration)
         if shares is None:  # they are lost, or of an earlier start of the training
             self._simulation.assigned = None
             return self._membership is None

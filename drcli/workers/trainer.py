@@ -27,7 +27,7 @@ from drcli.learn.update_result import NonFiniteLossError, Stats, UpdateInterrupt
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.checkpoint_retention import KeepRules
-from drcli.store.checkpoints import CheckpointStore
+from drcli.store.checkpoints import KEEP, CheckpointStore
 from drcli.store.history import History
 from drcli.store.repair import Model, repair
 from drcli.store.rollout_reader import FIRST_LOOK_S, WOKEN_LOOK_S, RolloutReader
@@ -37,7 +37,7 @@ from drcli.workers import reference_log, worker_process
 from drcli.workers.build_learner import learner_of_training
 from drcli.workers.checkpoint_publisher import CheckpointPublisher
 from drcli.workers.collect_rollouts import Collected, Collector
-from drcli.workers.cores import overlaps
+from drcli.workers.cores import max_lag
 from drcli.workers.goals import Goals
 from drcli.workers.learner_group import LearnerGroup, learner_died, learner_group
 from drcli.workers.learner_metrics import LearnerMetrics, Row, line_of, row_of, with_losses
@@ -90,7 +90,10 @@ class Trainer:
         rules = KeepRules(
             train.train_keep_milestones, train.train_keep_every, train.train_keep_max_mb * 1_000_000
         )
-        self._checkpoints = CheckpointStore(self._bucket, self._prefix, rules)
+        self._lag = max_lag(train)
+        # Those that may have driven what is learned from, and one that is scored meanwhile.
+        keep = max(KEEP, self._lag + 2)
+        self._checkpoints = CheckpointStore(self._bucket, self._prefix, rules, keep)
         self._history = History(self._bucket, self._prefix)
         self._metrics = LearnerMetrics(self._bucket, self._prefix)
         design = Design.of_model(self._bucket, self._prefix)
@@ -116,6 +119,7 @@ class Trainer:
             train.train_best_model_world if train.train_eval_world else "training",
             second=bool(train.train_eval_world),
             rollbacks=self._rollbacks.known,
+            lag=self._lag,
         )
         self.goals = goals or Goals(job, parameters, before_s=before_s)
         frugal = job.config.storage.cloud != "local"
@@ -129,13 +133,15 @@ class Trainer:
             pause=self._wakeup.pause,
             first_look_s=WOKEN_LOOK_S if self._wakeup.works else FIRST_LOOK_S,
         )
-        self._collector = Collector(self._reader, train.train_max_steps_per_iteration)
+        self._collector = Collector(
+            self._reader, train.train_max_steps_per_iteration, ahead=self._lag > 0
+        )
         self._shares = ShareKeeper(
             self._bucket,
             self._prefix,
             job.session,
             train.workers,
-            int(overlaps(train)),
+            self._lag,
             equal=train.train_shares == "equal",
             frugal=frugal,
         )
@@ -175,7 +181,11 @@ class Trainer:
             for stage in self._job.stages
         ]
         parameters = self._stages.parameters(self._design.parameters)
-        self._shares.begin_stage(parameters.num_episodes_between_training, max(numbers, default=0))
+        self._shares.begin_stage(
+            parameters.num_episodes_between_training,
+            max(numbers, default=0),
+            self._stages.first_iteration,
+        )
 
     def run(self) -> None:
         """Learn until there is a reason to end, and score the evaluations that have arrived."""
@@ -204,11 +214,11 @@ class Trainer:
         )
         while (reason := self._reached()) is None:
             self._rechecked = time.monotonic()
-            drivers = self._checkpoints.drivers(self._progress.newest)
-            if self._stages.first_iteration == self._progress.newest.number:
-                drivers = [str(self._progress.newest)]  # the one before belongs to another stage
-            ahead = self._progress.newest.number - int(overlaps(self._job.config.train))
-            workers = self._shares.at(max(self._stages.first_iteration, ahead))
+            newest = self._progress.newest
+            # What is older than the stage belongs to another one.
+            oldest = max(self._stages.first_iteration, newest.number - self._lag)
+            drivers = self._checkpoints.drivers(newest, oldest)
+            workers = self._shares.at(newest.number)
             if not workers:
                 self._is_wait_over()
                 self._wakeup.pause(NOBODY_S)
@@ -257,7 +267,7 @@ class Trainer:
         self._checkpoints.point_to(record)
         if self._rollbacks.known.count:
             self._checkpoints.drop_newer(self._progress.newest)
-            self._traces.delete_after(record.number + int(overlaps(self._job.config.train)))
+            self._traces.delete_after(record.number + self._lag)
         lost = self._checkpoints.forget_damaged_best()
         if lost is not None:
             _logger.warning(
@@ -287,7 +297,9 @@ class Trainer:
         folder that becomes empty, and a worker that writes into it just then fails for a second.
         """
         remembered = self._history.iterations_of(self._learner.memory_steps)
-        self._reader.delete_learned(min(before, self._progress.newest.number - remembered) - 1)
+        last = min(before, self._progress.newest.number - remembered) - 1
+        self._reader.forget()
+        self._publisher.submit(self._reader.delete_learned, last)
 
     def _is_wait_over(self) -> bool:
         """Score checkpoints and check the pointer between two looks for rollouts.

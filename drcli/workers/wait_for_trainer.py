@@ -57,6 +57,7 @@ class CheckpointWaiter:
         worker: int,
         workers: int = 1,
         *,
+        lag: int = 1,
         frugal: bool = False,
         should_stop: Callable[[], bool],
         say: Callable[[str], None],
@@ -68,6 +69,7 @@ class CheckpointWaiter:
         """Begin.
 
         `session` names this start of the training, and `say` publishes what the worker waits for.
+        `lag` is by how many iterations driving may be ahead of learning.
         `frugal` is for a bucket that is not on this machine: it is asked less often. `pause` waits,
         usually for `poll_s`, and returns True if it was ended early because there may be a new
         checkpoint. `is_reassigned` says whether the worker, which had nothing to drive with this
@@ -85,6 +87,7 @@ class CheckpointWaiter:
         self._pause = pause
         self._shortest_s = poll_s
         self._workers = workers
+        self._lag = lag
         self._is_reassigned = is_reassigned
         self._frugal = frugal
         self._learn_s_per_step: deque[float] = deque(maxlen=REMEMBERED)
@@ -100,7 +103,7 @@ class CheckpointWaiter:
 
     def _quiet_s(self, steps: int) -> float:
         """How long not to look for a checkpoint made from this many steps of this worker."""
-        if len(self._learn_s_per_step) < 2:
+        if len(self._learn_s_per_step) < 2 or self._lag > 1:  # the trainer may be just done then
             return 0.0
         return QUIET_SHARE * min(self._learn_s_per_step) * steps * self._workers
 
@@ -165,7 +168,7 @@ class CheckpointWaiter:
         if (
             manifest is not None
             and manifest.is_of(self._session)
-            and manifest.checkpoint in self._checkpoints.drivers(newest)
+            and manifest.checkpoint in self._checkpoints.drivers(newest, newest.number - self._lag)
             and self._counts(manifest)
         ):
             return False

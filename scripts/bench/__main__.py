@@ -24,6 +24,7 @@ NAMES = (
     "joined",
     "ray_nodes",
     "scale",
+    "lag",
     "reference",
     "guide_values",
     "fast_lap",

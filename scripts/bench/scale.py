@@ -1,13 +1,17 @@
-"""What many workers bring: measured with real ones whose cost is sleep, then by a model.
+"""What many workers bring: measured with workers whose cost is sleep, then by a model.
 
---measure trains with 1, 2, 4 and 8 workers that join through the bucket. Their reward function
-sleeps, so that they do not share the processor, and writes figures to a file. Without it, the model
-of scale_model.py is compared with these figures and extrapolated; --pictures draws its curves.
+--fakes trains with 1, 2, 4 and 8 workers in one process, where driving, learning and requests only
+wait (scale_fakes.py): efficiency and idle time, without and with a lag. --measure trains with
+real processes that join through the bucket, whose reward function sleeps. Both write figures to a
+file. Without them, the model of scale_model.py is compared with these figures and extrapolated;
+--pictures draws its curves.
 """
 
 import argparse
 import json
 import statistics
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -18,6 +22,7 @@ from typing import Any
 
 from joined import PREFIX, Training
 from machine import facts
+from scale_fakes import EPISODE_SPREAD, EPISODE_STEPS, GET_S, LIST_S, PUT_S
 from scale_model import Costs, Outcome, Setup, predicted
 
 from drcli.store.history import read_history
@@ -26,10 +31,25 @@ from drcli.store.s3_bucket import S3Bucket
 FIGURES = Path(__file__).with_name("scale_figures.json")
 
 WORKERS = (1, 2, 4, 8)
+LAGS = (0, 1, 2, 4)
+"""DR_TRAIN_MAX_LAG, 0 for DR_TRAIN_OVERLAP=off."""
+
 SLEEP_S = 0.04
 EPISODES = 40
 SKIPPED = 2
 """First iterations with all workers, which do not count."""
+
+FAKE_EPISODES = 80
+"""Of an iteration of those whose cost is sleep: eight workers drive ten each."""
+
+FAKE_STEP_S, QUICK_STEP_S = 0.05, 0.0005
+"""Time of a worker for a step, and of a learner that is always quick enough."""
+
+SATURATED_STEP_S = 0.95 * FAKE_STEP_S / max(WORKERS)
+"""Time of a learner that eight workers keep busy."""
+
+FAKE_S = 240.0
+"""About how long each of these trainings takes, besides its beginning."""
 
 REQUESTS = 60
 """Of each kind, to measure the bucket."""
@@ -65,6 +85,7 @@ def main() -> None:
     """Measure or predict, and print tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--measure", action="store_true", help="with real workers; ten minutes")
+    parser.add_argument("--fakes", action="store_true", help="in one process; ten minutes")
     parser.add_argument("--figures", type=Path, default=FIGURES, help="file of the figures")
     parser.add_argument("--workers", type=int, nargs="+", default=WORKERS)
     parser.add_argument("--seconds", type=float, default=60.0, help="of each measurement")
@@ -72,11 +93,18 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, help="folder for the curves")
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args()
+    figures = json.loads(chosen.figures.read_text()) if chosen.figures.exists() else {}
     if chosen.measure:
-        measured = measure(chosen.workers, chosen.seconds)
-        chosen.figures.write_text(json.dumps(measured, indent=1) + "\n")
-    figures = json.loads(chosen.figures.read_text())
-    checked, curves = check(figures), extrapolate(figures, chosen.most)
+        figures |= measure(chosen.workers, chosen.seconds)
+    if chosen.fakes:
+        figures["fakes"] = fakes(chosen.workers)
+    if chosen.measure or chosen.fakes:
+        chosen.figures.write_text(json.dumps(figures, indent=1) + "\n")
+    checked = {
+        "Real workers": check(figures["runs"], figures["episodes"], HERE),
+        "Workers whose cost is sleep": check(figures["fakes"], FAKE_EPISODES, AWAY),
+    }
+    curves = extrapolate(figures, chosen.most)
     if chosen.pictures is not None:
         from scale_pictures import draw
 
@@ -84,8 +112,7 @@ def main() -> None:
     if chosen.json:
         print(json.dumps({"measured": figures, "checked": checked, "curves": curves}))
         return
-    _table(checked)
-    for name, rows in curves.items():
+    for name, rows in (checked | curves).items():
         print(f"\n{name}")
         _table(rows)
 
@@ -96,7 +123,7 @@ def main() -> None:
 def measure(workers: Sequence[int], seconds: float) -> dict[str, Any]:
     """Train with so many workers each time; without and with overlap."""
     found: dict[str, Any] = {"sleep_s": SLEEP_S, "episodes": EPISODES, "machine": facts()}
-    found["runs"] = [_train(count, seconds, ahead) for ahead in (0, 1) for count in workers]
+    found["runs"] = [_train(count, seconds, ahead) for ahead in LAGS for count in workers]
     return found
 
 
@@ -111,7 +138,11 @@ def _sleeping(custom: Path) -> None:
 
 def _train(workers: int, seconds: float, ahead: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="scale-") as folder:
-        settings = {"DR_TRAIN_OVERLAP": "on" if ahead else "off", "DR_TRAIN_EVAL_SHARE": "0.001"}
+        settings = {
+            "DR_TRAIN_OVERLAP": "on" if ahead else "off",
+            "DR_TRAIN_MAX_LAG": str(max(1, ahead)),
+            "DR_TRAIN_EVAL_SHARE": "0.001",
+        }
         training = Training(Path(folder), EPISODES, 0, _sleeping, settings)
         try:
             for number in range(workers):
@@ -175,82 +206,120 @@ def _latency(bucket: S3Bucket) -> dict[str, float]:
     }
 
 
+# --- Measured with workers whose cost is sleep ---------------------------------------------------
+
+
+def fakes(workers: Sequence[int]) -> list[dict[str, Any]]:
+    """Train with so many workers and each lag, with a quick learner and with a busy one.
+
+    All trainings run at the same time, because they only wait.
+    """
+    cases = [(count, lag, QUICK_STEP_S) for lag in LAGS for count in workers]
+    cases += [(max(WORKERS), lag, SATURATED_STEP_S) for lag in LAGS]
+    running = []
+    for count, lag, learn_step_s in cases:
+        iteration_s = FAKE_EPISODES * EPISODE_STEPS * FAKE_STEP_S / count
+        iterations = 4 + 2 * lag + round(FAKE_S / iteration_s)
+        given = {"workers": count, "lag": lag, "learn-step-s": learn_step_s}
+        given |= {"iterations": iterations, "step-s": FAKE_STEP_S, "episodes": FAKE_EPISODES}
+        options = [word for name, value in given.items() for word in (f"--{name}", str(value))]
+        program = Path(__file__).with_name("scale_fakes.py")
+        running.append(
+            subprocess.Popen([sys.executable, str(program), *options], stdout=subprocess.PIPE)
+        )
+    return [json.loads(each.communicate()[0].splitlines()[-1]) for each in running]
+
+
 # --- By the model ----------------------------------------------------------------------------
 
+HERE = Setup(look_s=0.25, members_s=5.0)
+"""Real workers of this machine, whose bucket is looked at often."""
 
-def costs_of(run: dict[str, Any], episodes: int) -> Costs:
-    """The costs of a measured training with one worker."""
+AWAY = Setup(manifest_reads=16, part_reads=16, members_s=1e9, renew_s=1e9)
+"""Workers whose cost is sleep, in a bucket where each look costs money."""
+
+
+def costs_of(runs: Sequence[dict[str, Any]], episodes: int) -> Costs:
+    """What trainings with one worker say about the costs."""
+    alone = {run["ahead"]: run for run in runs if run["workers"] == 1}
+    run = alone[0]
     steps = run["steps"]
-    plain = Costs(
-        put_s=run["put_s"],
-        get_s=run["get_s"],
-        list_s=run["list_s"],
+    sent_bytes = run.get("sent_bytes", 0.0)
+    costs = Costs(
+        put_s=run.get("put_s", PUT_S),
+        get_s=run.get("get_s", GET_S),
+        list_s=run.get("list_s", LIST_S),
         weights_bytes=2.5e6,
         state_bytes=5e6,
-        step_bytes=(run["sent_bytes"] - 7.5e6) / steps if run["sent_bytes"] > 8e6 else 5e3,
+        step_bytes=(sent_bytes - 7.5e6) / steps if sent_bytes > 8e6 else 5e3,
         step_s=run["drive_s"] / steps,
         learn_step_s=run["learn_s"] / steps,
         episode_steps=steps / episodes,
+        episode_spread=EPISODE_SPREAD,
     )
-    # What is left is time of the processes between requests: the model is told it once, for one
-    # worker, and predicts the others.
-    alone = predicted(plain, _here(1, episodes, run["ahead"]), iterations=10)
-    left_s = max(0.0, run["iteration_s"] - 1.0 / alone.iterations_per_s)
-    return replace(plain, learn_s=left_s)
+
+    def left_s(ahead: int) -> float:
+        even = replace(costs, episode_spread=0.0, episode_steps=alone[ahead]["steps"] / episodes)
+        model = predicted(even, replace(HERE, episodes=episodes, ahead=ahead), iterations=10)
+        return max(0.0, alone[ahead]["iteration_s"] - 1.0 / model.iterations_per_s)
+
+    # What is left is time of the processes between requests. The model is told it once, for one
+    # worker, and predicts the others: the worker's, who never waits if it may drive ahead, and the
+    # trainer's, who adds to it if the two take turns.
+    costs = replace(costs, drive_s=left_s(1))
+    return replace(costs, learn_s=left_s(0))
 
 
-def _here(workers: int, episodes: int, ahead: int) -> Setup:
-    """The setup of the measurement: a bucket of this machine is looked at often."""
-    return Setup(workers, episodes, ahead, look_s=0.25, members_s=5.0)
-
-
-def check(figures: dict[str, Any]) -> list[dict[str, Any]]:
-    """The model beside what was measured; it knows only the first of each kind."""
+def check(runs: Sequence[dict[str, Any]], episodes: int, setup: Setup) -> list[dict[str, Any]]:
+    """The model beside what was measured; it knows only trainings with one worker."""
+    costs = costs_of(runs, episodes)
+    alone = {run["ahead"]: run["steps"] / run["iteration_s"] for run in runs if run["workers"] == 1}
     rows = []
-    for ahead in (0, 1):
-        runs = [run for run in figures["runs"] if run["ahead"] == ahead]
-        costs = costs_of(runs[0], figures["episodes"])
-        for run in runs:
-            setup = _here(run["workers"], figures["episodes"], ahead)
-            model = predicted(costs, setup, iterations=10)
-            measured = 1.0 / run["iteration_s"]
-            # Iterations differ a little in their steps.
-            speed, alone = run["steps"] / run["iteration_s"], runs[0]["steps"]
-            rows.append(
-                {
-                    "workers": run["workers"],
-                    "overlap": "on" if ahead else "off",
-                    "iterations/s": round(measured, 3),
-                    "model": round(model.iterations_per_s, 3),
-                    "error %": round(100.0 * (model.iterations_per_s / measured - 1.0), 1),
-                    "efficiency": round(speed * runs[0]["iteration_s"] / alone / run["workers"], 3),
-                    "learner idle %": round(100.0 * (1.0 - run["learn_s"] / run["iteration_s"])),
-                    "requests/iteration": round(run["puts"] + run["gets"]),
-                }
-            )
+    for run in runs:
+        learn_step_s = run.get("learn_step_s", QUICK_STEP_S)
+        busy = learn_step_s > QUICK_STEP_S
+        known = replace(costs, learn_step_s=learn_step_s) if busy else costs
+        own = replace(setup, workers=run["workers"], episodes=episodes, ahead=run["ahead"])
+        model = predicted(known, own, iterations=100)
+        speed = run["steps"] / run["iteration_s"]
+        requests = [run[kind] for kind in ("put", "puts", "get", "gets", "list") if kind in run]
+        rows.append(
+            {
+                "workers": run["workers"],
+                "lag": run["ahead"],
+                "learner": "busy" if busy else "quick",
+                "steps/s": round(speed, 1),
+                "model": round(model.steps_per_s, 1),
+                "error %": round(100.0 * (model.steps_per_s / speed - 1.0), 1),
+                "efficiency": round(speed / alone[run["ahead"]] / run["workers"], 3),
+                "learner idle %": round(100.0 * (1.0 - run["learn_s"] / run["iteration_s"])),
+                "model's idle %": round(100.0 * model.learner_idle),
+                "requests/iteration": round(sum(requests)),
+            }
+        )
     return rows
 
 
 def extrapolate(figures: dict[str, Any], most: int) -> dict[str, list[dict[str, Any]]]:
     """Curves on Amazon for several settings, up to so many workers."""
-    alone = figures["runs"][0]
     costs = replace(
         GPU,
         weights_bytes=2.5e6,
         state_bytes=5e6,
-        step_bytes=costs_of(alone, figures["episodes"]).step_bytes,
+        step_bytes=costs_of(figures["runs"], figures["episodes"]).step_bytes,
         episode_steps=150.0,
+        episode_spread=0.5,
         # A worker with two cores makes about 800 steps/s in a training.
         step_s=1.0 / 800.0,
         learn_s=0.15,
     )
     today = Setup(ahead=1, manifest_reads=16, part_reads=16, member_reads=16)
-    before = replace(today, manifest_reads=1, part_reads=2, member_reads=1)
     cases = {
         "20 episodes an iteration, as shipped": replace(today, episodes=20),
         "100 episodes an iteration": replace(today, episodes=100),
         "as many episodes as workers, 100 at least": today,
-        "the same, objects read one after the other": before,
+        "the same, DR_TRAIN_MAX_LAG=2": replace(today, ahead=2),
+        "the same, and a look every 10 s": replace(today, ahead=2, look_s=10.0),
     }
     return {
         name: [
@@ -266,7 +335,7 @@ def _row(costs: Costs, setup: Setup, workers: int, *, grows: bool) -> dict[str, 
     if grows:
         setup = replace(setup, episodes=max(100, workers))
     setup = replace(setup, workers=workers)
-    model = predicted(costs, setup, iterations=2 if workers > 500 else 8)
+    model = predicted(costs, setup, iterations=8 if workers <= 500 else 2 if workers <= 3000 else 1)
     return {"workers": workers, "episodes": setup.episodes, **_told(model, workers)}
 
 

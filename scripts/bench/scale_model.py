@@ -8,7 +8,7 @@ share, deliver it; the trainer notices that, fetches everything, learns, and pub
 import heapq
 import math
 import random
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 
@@ -41,6 +41,8 @@ class Costs:
         learn_step_s: Learning from one step.
         learn_s: The trainer's time for each iteration besides steps and requests.
         episode_steps: Mean length of an episode.
+        episode_spread: Standard deviation of that, as a share of the mean. The shorter a share of
+            episodes, the more its length differs from that of the others.
         spread: Share by which the driving time of workers varies, as a standard deviation.
     """
 
@@ -64,6 +66,7 @@ class Costs:
     learn_step_s: float = 0.0
     learn_s: float = 0.0
     episode_steps: float = 100.0
+    episode_spread: float = 0.0
     spread: float = 0.0
 
 
@@ -74,7 +77,8 @@ class Setup:
     Attributes:
         workers: Simulation workers.
         episodes: Of an iteration, num_episodes_between_training.
-        ahead: How many checkpoints the workers may be behind: 1 with DR_TRAIN_OVERLAP=on.
+        ahead: How many checkpoints the workers may be behind: DR_TRAIN_MAX_LAG, or 0 with
+            DR_TRAIN_OVERLAP=off.
         look_s: Longest pause between two looks for something new.
         look_share: A pause is this share of the time that was waited, as for buckets elsewhere.
         renew_s: How often a worker renews its record.
@@ -107,6 +111,8 @@ class Outcome:
         learning_s: Of these, the trainer learned.
         driving_s: Of these, all workers together drove.
         workers: Their number.
+        lags: How many iterations older than the trainer's the weights were that drove a share, by
+            how often.
         requests: By kind: put, get, list.
         sent_bytes: From the machines to the bucket.
         received_bytes: From the bucket to the machines.
@@ -120,6 +126,7 @@ class Outcome:
     learning_s: float = 0.0
     driving_s: float = 0.0
     workers: int = 1
+    lags: Counter[int] = field(default_factory=Counter)
     requests: Counter[str] = field(default_factory=Counter)
     sent_bytes: float = 0.0
     received_bytes: float = 0.0
@@ -197,6 +204,8 @@ class Model:
         self._puts, self._gets, self._link = Station(), Station(), Station()
         self._newest = 0
         self._delivered: Counter[int] = Counter()
+        self._steps: dict[int, float] = defaultdict(float)
+        self._drove: dict[int, Counter[int]] = {}
         self._members_s = setup.members_s
 
     def run(self, iterations: int, skipped: int = 3) -> Outcome:
@@ -300,8 +309,8 @@ class Model:
 
     def _drive(self, worker: int) -> Process:
         """Drive one iteration after the other."""
-        costs, iteration, steps = self._costs, 0, self._steps_of(worker)
-        while not steps:  # it asks for a share once a second
+        costs, iteration, episodes, loaded = self._costs, 0, self._episodes_of(worker), -1
+        while not episodes:  # it asks for a share once a second
             yield Request("get", 2000.0)
             yield 1.0
         while True:
@@ -312,7 +321,11 @@ class Model:
                 yield Request("get", 200.0)
             for _ in range(costs.worker_gets):
                 yield Request("get", 2000.0)
-            yield Request("get", costs.weights_bytes)
+            if loaded < self._newest:
+                loaded = self._newest
+                yield Request("get", costs.weights_bytes)
+            self._drove.setdefault(iteration, Counter())[loaded] += 1
+            steps = self._drawn(episodes)
             pace = max(0.2, self._chance.gauss(1.0, costs.spread))
             took_s = costs.drive_s + steps * costs.step_s * pace
             yield took_s
@@ -321,14 +334,21 @@ class Model:
             yield Request("put", steps * costs.trace_bytes)
             for _ in range(costs.worker_puts - 2):
                 yield Request("put", 1000.0)
+            self._steps[iteration] += steps
             self._delivered[iteration] += 1
             iteration += 1
 
-    def _steps_of(self, worker: int) -> float:
-        """Steps of a worker's share: no episode is split."""
+    def _episodes_of(self, worker: int) -> int:
+        """A worker's share: no episode is split."""
         episodes, workers = self._setup.episodes, self._setup.workers
-        own = episodes * (worker + 1) // workers - episodes * worker // workers
-        return own * self._costs.episode_steps
+        return episodes * (worker + 1) // workers - episodes * worker // workers
+
+    def _drawn(self, episodes: int) -> float:
+        """Steps of so many episodes."""
+        mean, spread = self._costs.episode_steps, self._costs.episode_spread
+        if not spread:
+            return episodes * mean
+        return self._chance.gammavariate(episodes / spread**2, mean * spread**2)
 
     # --- The trainer -------------------------------------------------------------------------
 
@@ -336,9 +356,11 @@ class Model:
         """Wait, fetch, learn and publish, again and again."""
         costs, setup = self._costs, self._setup
         drivers = min(setup.workers, setup.episodes)
-        steps = setup.episodes * costs.episode_steps
         while True:
             yield from self._wait_for_rollouts(drivers)
+            steps = self._steps.pop(self._newest)
+            for checkpoint, times in self._drove.pop(self._newest).items():
+                self.outcome.lags[self._newest - checkpoint] += times
             began_s = self.now_s
             # Parts are fetched while manifests are read.
             part = steps * costs.step_bytes / drivers

@@ -101,3 +101,35 @@ def test_a_station_serves_in_order():
 
     assert [station.serve(0.0, 1.0) for _ in range(4)] == [1.0, 1.0, 2.0, 2.0]
     assert station.serve(10.0, 1.0) == 11.0
+
+
+def test_an_iteration_waits_for_its_slowest_worker_unless_others_may_drive_ahead():
+    costs = replace(FREE, episode_spread=0.5)
+    setup = replace(QUICK, workers=8)
+    speeds = {
+        ahead: predicted(costs, replace(setup, ahead=ahead), iterations=200).steps_per_s
+        for ahead in (0, 1, 2, 8)
+    }
+
+    # Ten episodes take 1 +- 0.158 of the mean, and the longest of eight 1.42 deviations more.
+    assert speeds[0] / 800.0 == pytest.approx(1.0 / 1.225, abs=0.02)
+    assert speeds[0] < speeds[1] < speeds[2]
+    assert speeds[8] > 0.97 * 800.0
+
+
+def test_workers_are_never_further_ahead_than_they_may_be():
+    costs = replace(FREE, episode_spread=0.5, learn_step_s=0.01)
+
+    found = predicted(costs, replace(QUICK, workers=8, ahead=3), iterations=50)
+
+    assert max(found.lags) == 3
+    assert found.learner_idle < 0.02  # it is eight times too slow for them
+
+
+def test_a_worker_fetches_weights_only_once():
+    costs = replace(FREE, weights_bytes=1e6, learn_step_s=0.001)
+    setup = replace(QUICK, workers=4, ahead=4)
+
+    found = predicted(costs, setup, iterations=20)
+
+    assert found.received_bytes <= 1.1 * 4 * 20 * 1e6

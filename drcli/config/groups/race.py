@@ -93,7 +93,15 @@ class TrainSettings(Group, title="Training"):
     train_overlap: Literal["auto", "on", "off"] = setting(
         "DR_TRAIN_OVERLAP",
         "auto",
-        "Drive the next iteration while the trainer learns; auto: with 4 or more cores.",
+        "Drive the next iteration while the trainer learns; auto: with 4 or more cores, or with "
+        "DR_TRAIN_MAX_LAG above 1.",
+    )
+    train_max_lag: int = setting(
+        "DR_TRAIN_MAX_LAG",
+        1,
+        "How many checkpoints older than the newest the weights may be that drove an iteration. "
+        "More than 1 lets workers drive on while the trainer waits for the slowest of them.",
+        between=(1, 16),
     )
     train_shares: Literal["auto", "equal"] = setting(
         "DR_TRAIN_SHARES",

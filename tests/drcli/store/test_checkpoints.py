@@ -433,14 +433,24 @@ def test_a_pointer_that_somebody_else_has_moved_on_is_left_alone(store):
     assert str(store.pointed()) == newest.name
 
 
-def test_rollouts_come_from_the_newest_checkpoint_or_the_one_before(memory):
+def test_rollouts_come_from_the_newest_checkpoint_or_one_of_those_before(memory):
     store = CheckpointStore(memory, "model")
     for number in range(3):
         store.save(number, 100 * number, b"weights")
 
-    assert store.drivers(CheckpointName(0, 0)) == ["0_Step-0.ckpt"]
-    assert store.drivers(CheckpointName(2, 200)) == ["1_Step-100.ckpt", "2_Step-200.ckpt"]
-    assert store.drivers(CheckpointName(9, 900)) == ["9_Step-900.ckpt"]
+    assert store.drivers(CheckpointName(0, 0), -1) == ["0_Step-0.ckpt"]
+    assert store.drivers(CheckpointName(2, 200), 1) == ["1_Step-100.ckpt", "2_Step-200.ckpt"]
+    assert store.drivers(CheckpointName(2, 200), 2) == ["2_Step-200.ckpt"]
+    assert store.drivers(CheckpointName(9, 900), 8) == ["9_Step-900.ckpt"]
+
+
+def test_more_of_the_newest_checkpoints_stay_where_more_may_have_driven(memory):
+    store = CheckpointStore(memory, "model", keep=KEEP + 3)
+    for number in range(12):
+        store.save(number, 100 * number, b"weights")
+
+    drivers = store.drivers(CheckpointName(11, 1100), 0)
+    assert drivers[-KEEP - 3 :] == [f"{n}_Step-{n}00.ckpt" for n in range(12 - KEEP - 3, 12)]
 
 
 def test_a_first_checkpoint_that_was_only_begun_is_none(memory):

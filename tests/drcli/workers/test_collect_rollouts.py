@@ -214,3 +214,34 @@ def test_only_those_who_have_a_share_are_waited_for(bucket, reader, clock):
     got = Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], ONE, lambda: False)
 
     assert (clock.now_s, got.late) == (0.0, ())
+
+
+def test_who_may_have_begun_before_the_wait_gets_twice_the_time(bucket, reader, clock):
+    collector = Collector(reader, 1_000, ahead=True)
+    for iteration in (0, 1):
+        hand_in(bucket, 0, iteration, drive_s=100.0)
+        hand_in(bucket, 1, iteration)
+    collector.collect(0, ["0_Step-9.ckpt"], JOINED, lambda: False)
+    bucket.delete([keys.rollout_manifest(PREFIX, 1, 1)])
+    before_s = clock.now_s
+
+    collector.collect(1, ["1_Step-9.ckpt"], JOINED, lambda: False)
+
+    assert clock.now_s - before_s == pytest.approx(200.0)
+
+
+def test_a_worker_that_was_late_once_does_not_take_the_place_of_another(bucket, reader):
+    collector = Collector(reader, 1_000)
+    hand_in(bucket, 0, 0)
+    collector.collect(0, ["0_Step-9.ckpt"], TWO, lambda: False)
+    hand_in(bucket, 1, 1)
+    looks = iter([False] * 3)
+
+    def arrives_later() -> bool:
+        if next(looks, None) is None and find_manifest(bucket, PREFIX, 1, 0) is None:
+            hand_in(bucket, 0, 1)
+        return False
+
+    got = collector.collect(1, ["1_Step-9.ckpt"], TWO, arrives_later)
+
+    assert got.rollout.lengths.tolist() == [3, 2, 3, 2]

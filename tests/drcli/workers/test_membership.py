@@ -88,15 +88,26 @@ def test_a_failure_stays_for_the_trainer_to_read(away):
 
 def test_the_trainer_gives_it_a_number_and_a_share(away):
     away.share(WorkerShare(2, NAME, 8, 4), session="before")
-    assert away.membership.shares_of(CheckpointName(5, 0)) is None
+    assert away.membership.shares_of(5) is None
 
     away.share(WorkerShare(2, NAME, 8, 4))
 
     assert away.membership.wait_for_number() == 2
-    assert away.membership.shares_of(CheckpointName(3, 0)) is None
-    assert away.membership.shares_of(CheckpointName(5, 0)).of(2).count == 4
+    assert away.membership.shares_of(3) is None
+    assert away.membership.shares_of(5).of(2).count == 4
     assert away.membership.is_reassigned(CheckpointName(4, 0))
     assert not away.membership.is_reassigned(CheckpointName(3, 0))
+
+
+def test_a_worker_whose_share_has_ended_does_not_drive_the_open_iteration_again(away):
+    own = Shares(1, 2, 4, (WorkerShare(2, NAME, 8, 4),))
+    without = Shares(2, 4, 6, (WorkerShare(0, "", 8, 8),))
+    record = SharesRecord("now", {NAME: 2}, (own, without))
+    away.bucket.put(keys.shares(PREFIX), record.encode())
+
+    # It has driven the iterations 4 and 5, and has found nothing to drive in 6.
+    assert away.membership.shares_of(5).of(2) is not None
+    assert not away.membership.is_reassigned(CheckpointName(5, 0))
 
 
 @pytest.mark.parametrize(

@@ -362,3 +362,68 @@ def _refuse(error: Exception) -> Callable[[str], list[object]]:
         raise error
 
     return refuse
+
+
+def test_shares_change_with_the_first_iteration_that_nobody_can_have_begun(machines):
+    keeper = machines.keeper(1, lag=3)
+    machines.join("a")
+    machines.let_pass(5.0, keeper)
+    keeper.version_for(5)
+    machines.join("b")
+    machines.let_pass(5.0, keeper)
+    keeper.version_for(6)
+
+    assert [len(who(keeper, iteration)) for iteration in (7, 8, 9)] == [1, 2, 3]
+    # Workers that are ahead and workers that are behind find the same.
+    for iteration in (8, 9):
+        shares = read_shares(machines.bucket, PREFIX, SESSION, iteration)
+        assert shares.workers == keeper.at(iteration)
+
+
+def test_what_changes_each_time_is_known_for_all_iterations_that_are_driven(machines):
+    keeper = machines.keeper(1, lag=6)
+    driven: list[int] = list(Share(0, 1, 8).numbers(0))
+    for checkpoint in range(1, 16):
+        name = f"worker-{checkpoint}"
+        machines.join(name)
+        machines.let_pass(5.0, keeper)
+        keeper.version_for(checkpoint)
+        shares = read_shares(machines.bucket, PREFIX, SESSION, checkpoint)
+        if shares is None:
+            driven += Share(0, 1, 8).numbers(checkpoint)
+        else:
+            driven += AssignedShare(shares, shares.of(0)).numbers(checkpoint)
+
+    assert len(driven) == len(set(driven))
+    assert len(who(keeper, 15)) == min(8, 15 - 6 + 1)
+
+
+def test_a_stage_begins_with_its_own_shares_though_workers_were_ahead(machines):
+    keeper = machines.keeper(1, lag=3)
+    machines.join("a")
+    machines.let_pass(5.0, keeper)
+    for checkpoint in (4, 5):
+        keeper.version_for(checkpoint)
+    assert [count for _, _, count in who(keeper, 8)] == [4, 4]
+
+    keeper.begin_stage(20, 20, first=6)
+    keeper.version_for(6)
+
+    assert [count for _, _, count in who(keeper, 6)] == [10, 10]
+    first = {share.worker: share.first for share in keeper.at(6)}
+    keeper.version_for(7)
+    assert {share.worker: share.first for share in keeper.at(7)} == first  # nothing has changed
+
+
+def test_when_all_have_left_the_next_one_drives_the_open_iteration_and_those_ahead(machines):
+    keeper = machines.keeper(0, lag=3)
+    machines.join("first")
+    machines.let_pass(5.0, keeper)
+    keeper.reassign(0)
+    keeper.version_for(1)
+    machines.silence("first")
+    machines.join("second")
+    machines.let_pass(GONE_S + 5.0, keeper)
+
+    assert keeper.reassign(1)
+    assert [who(keeper, iteration) for iteration in (1, 4)] == [[(1, "second", 8)]] * 2
