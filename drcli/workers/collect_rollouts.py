@@ -27,8 +27,13 @@ STARTING_PATIENCE_S = 120.0
 """The same in the first iteration after a start. On a busy machine one worker may be ready long
 before another, and analysis tools need the first trace of every worker."""
 
-JOINED_PATIENCE_S = 2.0
-"""The same for workers that have joined: if one of them dies, the others drive its share."""
+JOINED_PATIENCE_S = 5.0
+"""The same for workers that have joined: if one of them dies, the others drive its share. Over a
+link of 100 ms, a checkpoint and the rollouts are 1.8 s on their way."""
+
+Hopeless = Callable[[WorkerShare, int, float, float], bool]
+"""Whether not to wait for a share of an iteration, by the steps that it should have and the seconds
+from the beginning of its drive within which it is waited for."""
 
 
 @dataclass(frozen=True)
@@ -108,17 +113,20 @@ class Collector:
         checkpoints: Sequence[str],
         workers: Sequence[WorkerShare],
         should_stop: Callable[[], bool],
+        is_hopeless: Hopeless = lambda share, iteration, steps, within_s: False,
     ) -> Collected | None:
         """Wait for an iteration's rollouts and read them.
 
-        Once the first worker has delivered, the others get the same time again. A worker that
-        missed the iteration before is not waited for.
+        Once the first worker has delivered, the others get the same time again, and those that have
+        joined and drive only a part of the usual share get that part of it. A worker that missed
+        the iteration before is not waited for.
 
         Args:
             iteration: Number of the iteration.
             checkpoints: Checkpoints that may have driven it, the newest last.
             workers: Who drives it.
             should_stop: Called at every look; ends the wait.
+            is_hopeless: Whether a worker that has joined will not deliver in time.
 
         Returns:
             None if `should_stop` ended the wait, or if a part is missing or damaged: the workers
@@ -139,9 +147,29 @@ class Collector:
         if manifests and not expected <= manifests.keys() and not should_stop():
             took_s = max(m.notes.drive_s for m in manifests.values())
             only_joined = expected - manifests.keys() <= joined
-            least_s = JOINED_PATIENCE_S if only_joined else self._least_patience_s
-            patience_s = max(least_s, took_s)
-            manifests = wait(enough=len(expected), arrived=manifests, patience_s=patience_s)
+            counts = {share.worker: share.count for share in workers}
+            if only_joined:
+                most = max(counts[worker] for worker in expected - manifests.keys())
+                part = min(1.0, most / max(counts[worker] for worker in manifests))
+                patience_s = max(JOINED_PATIENCE_S, part * took_s)
+            else:
+                patience_s = max(self._least_patience_s, took_s)
+            driven = sum(counts[worker] for worker in manifests)
+            per_episode = sum(m.steps for m in manifests.values()) / driven
+            within_s = took_s + patience_s
+            shares = {share.worker: share for share in workers if share.member}
+
+            def gives_up(worker: int) -> bool:
+                share = shares.get(worker)
+                steps = per_episode * counts[worker]
+                return share is not None and is_hopeless(share, iteration, steps, within_s)
+
+            manifests = wait(
+                enough=len(expected),
+                arrived=manifests,
+                patience_s=patience_s,
+                is_hopeless=gives_up,
+            )
         if not manifests:
             return None
         self._least_patience_s = LEAST_PATIENCE_S

@@ -195,6 +195,43 @@ def test_the_learner_waits_less_for_a_worker_that_has_joined(bucket, reader, clo
     assert got.speeds == {0: 5 / 0.5}
 
 
+def test_a_worker_with_a_part_of_the_usual_share_gets_that_part_of_the_patience(
+    bucket, reader, clock
+):
+    hand_in(bucket, 0, lengths=(2,) * 8, drive_s=100.0)
+    shares = (WorkerShare(0, "", 0, 8), WorkerShare(1, "joined-far", 0, 2))
+
+    Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], shares, lambda: False)
+
+    assert clock.now_s == pytest.approx(25.0)
+
+
+def test_nobody_waits_for_a_joined_worker_that_is_given_up(bucket, reader, clock):
+    hand_in(bucket, 0, lengths=(5, 7), drive_s=60.0)
+    asked = []
+
+    def is_hopeless(share, iteration, steps, within_s):
+        asked.append((share.worker, iteration, steps, within_s))
+        return clock.now_s >= 3.0
+
+    got = Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], JOINED, lambda: False, is_hopeless)
+
+    assert 3.0 <= clock.now_s < 4.0
+    assert got.late == (1,)
+    assert set(asked) == {(1, 0, 12.0, 120.0)}
+
+
+def test_a_worker_of_the_training_is_never_given_up(bucket, reader, clock):
+    hand_in(bucket, 0, drive_s=60.0)
+
+    def fail(*_words):
+        raise AssertionError
+
+    Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], TWO, lambda: False, fail)
+
+    assert clock.now_s == pytest.approx(STARTING_PATIENCE_S)
+
+
 def test_a_joined_worker_that_came_late_is_waited_for_when_it_has_a_share_again(bucket, reader):
     collector = Collector(reader, 1_000)
     hand_in(bucket, 0, 0)
