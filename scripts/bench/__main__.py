@@ -21,6 +21,8 @@ NAMES = (
     "fidelity",
     "memory",
     "joined",
+    "joined_faults",
+    "joined_sums",
     "ray_nodes",
     "scale",
     "reference",

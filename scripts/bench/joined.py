@@ -124,6 +124,11 @@ class Training:
         self._machines.append(process)
         return Machine(process, link, namespace)
 
+    def trainer(self) -> psutil.Process:
+        """The process of the trainer."""
+        found = psutil.Process(self._head.pid).children(recursive=True)
+        return next(each for each in found if each.cmdline()[-1].endswith("workers.trainer"))
+
     def done(self) -> tuple[int, int]:
         """Iterations and steps that were learned from."""
         newest = CheckpointStore(self.bucket(), PREFIX).pointed()

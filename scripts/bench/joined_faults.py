@@ -23,8 +23,8 @@ from machine import facts
 from drcli.store.history import read_history
 
 ROUND_TRIPS_S = (0.001, 0.02, 0.1, 0.005)
-SLEEP_S = 0.05
-EPISODES = 80
+SLEEP_S = 0.1
+EPISODES = 40
 SLOWER = 10
 CUT_S = 60.0
 SKIPPED = 3
