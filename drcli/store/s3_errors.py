@@ -123,6 +123,17 @@ def patience_share(error: Exception, *, ours: bool, unattended: bool = False) ->
     return 1.0 if isinstance(error, (*broken, ResponseParserError)) else 0.0
 
 
+def clock_trouble(error: Exception, endpoint: Endpoint) -> str:
+    """What to say to the owner of this machine if its clock is wrong; empty for other errors."""
+    if error_code(error) not in _CLOCK_CODES:
+        return ""
+    return (
+        f"{endpoint.place} refuses all requests until the clock of this machine is set, as with "
+        f"`sudo timedatectl set-ntp true`: it differs too much from the server's "
+        f"({error_code(error)})."
+    )
+
+
 def passes(code: str) -> bool:
     """Whether an object of a deletion may be deleted when it is tried again."""
     return code in _BUSY_CODES | {"InternalError"}

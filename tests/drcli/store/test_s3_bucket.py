@@ -245,6 +245,20 @@ def test_only_a_process_without_a_person_waits_for_the_clock_to_be_set(
     assert clock.now_s == pytest.approx(waited_s)
 
 
+def test_a_process_that_waits_for_the_clock_to_be_set_says_so(scripted, monkeypatch):
+    said: list[str] = []
+    monkeypatch.setattr(notices, "show", said.append)
+    bucket = scripted(answer("RequestTimeTooSkewed", 403), endpoint=REMOTE, repeat=True)
+    bucket._unattended = True
+
+    with pytest.raises(StorageError):
+        bucket.get("k")
+
+    assert len(said) == 1
+    assert "until the clock of this machine is set" in said[0]
+    assert "timedatectl" in said[0]
+
+
 def test_a_missing_permission_is_named_at_once(scripted, clock):
     bucket = scripted(answer("AccessDenied", 403), endpoint=REMOTE, repeat=True)
 
