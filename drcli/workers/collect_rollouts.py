@@ -160,8 +160,9 @@ class Collector:
             shares = {share.worker: share for share in workers if share.member}
 
             def gives_up(worker: int) -> bool:
-                share = shares.get(worker)
-                steps = per_episode * counts[worker]
+                if worker not in expected:
+                    return True
+                share, steps = shares.get(worker), per_episode * counts[worker]
                 return share is not None and is_hopeless(share, iteration, steps, within_s)
 
             manifests = wait(
