@@ -147,23 +147,22 @@ class Collector:
         if manifests and not expected <= manifests.keys() and not should_stop():
             took_s = max(m.notes.drive_s for m in manifests.values())
             only_joined = expected - manifests.keys() <= joined
-            counts = {share.worker: share.count for share in workers}
-            if only_joined:
-                most = max(counts[worker] for worker in expected - manifests.keys())
-                part = min(1.0, most / max(counts[worker] for worker in manifests))
-                patience_s = max(JOINED_PATIENCE_S, part * took_s)
-            else:
-                patience_s = max(self._least_patience_s, took_s)
-            driven = sum(counts[worker] for worker in manifests)
-            per_episode = sum(m.steps for m in manifests.values()) / driven
-            within_s = took_s + patience_s
-            shares = {share.worker: share for share in workers if share.member}
+            least_s = JOINED_PATIENCE_S if only_joined else self._least_patience_s
+            patience_s = max(least_s, took_s)
+            shares = {share.worker: share for share in workers}
+            driven = sum(shares[worker].count for worker in manifests)
+            steps = sum(m.steps for m in manifests.values())
+            most = max(share.count for share in workers)
 
-            def gives_up(worker: int) -> bool:
-                if worker not in expected:
-                    return True
-                share, steps = shares.get(worker), per_episode * counts[worker]
-                return share is not None and is_hopeless(share, iteration, steps, within_s)
+            def gives_up(worker: int, waited_s: float) -> bool:
+                share = shares[worker]
+                if worker not in expected or not share.member:
+                    return worker not in expected
+                patience_s = max(JOINED_PATIENCE_S, took_s * share.count / most)
+                within_s, expected_steps = took_s + patience_s, steps * share.count / driven
+                return waited_s >= patience_s or is_hopeless(
+                    share, iteration, expected_steps, within_s
+                )
 
             manifests = wait(
                 enough=len(expected),

@@ -17,7 +17,7 @@ from drcli.exchange.joined_worker import Shares, SharesRecord, WorkerShare
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.members import MISSED_S, Member, MemberReader, read_shares_record
-from drcli.workers.divide_episodes import divide
+from drcli.workers.divide_episodes import EQUAL_WITHIN, divide
 from drcli.workers.episode_share import Share
 
 _logger = get_logger(__name__)
@@ -201,6 +201,8 @@ class ShareKeeper:
         for worker, speed in speeds.items():
             times = self._measured[worker] = self._measured.get(worker, 0) + 1
             before = self._speeds[worker] if times > 2 else speed
+            if speed > EQUAL_WITHIN * before:
+                before = speed  # it is no longer slowed down
             self._speeds[worker] = before + NEWEST_WEIGHT * (speed - before)
         for share in self.at(checkpoint):
             if not share.member:

@@ -203,7 +203,28 @@ def test_a_worker_with_a_part_of_the_usual_share_gets_that_part_of_the_patience(
 
     Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], shares, lambda: False)
 
-    assert clock.now_s == pytest.approx(25.0)
+    assert 25.0 <= clock.now_s < 26.5
+
+
+def test_a_small_part_is_not_waited_for_when_the_last_large_one_has_come(bucket, clock):
+    hand_in(bucket, 0, lengths=(2,) * 8, drive_s=100.0)
+    shares = (
+        WorkerShare(0, "", 0, 8),
+        WorkerShare(1, "joined-slow", 0, 2),
+        WorkerShare(2, "joined-late", 0, 8),
+    )
+
+    def pause(seconds: float) -> None:
+        clock.pause(seconds)
+        if 60.0 <= clock.now_s < 60.0 + seconds:
+            hand_in(bucket, 2, lengths=(2,) * 8, drive_s=160.0)
+
+    reader = RolloutReader(bucket, PREFIX, clock=clock, pause=pause)
+    got = Collector(reader, 1_000).collect(0, ["0_Step-9.ckpt"], shares, lambda: False)
+    reader.close()
+
+    assert 60.0 <= clock.now_s < 62.5
+    assert (len(got.progress), got.late) == (16, (1,))
 
 
 def test_nobody_waits_for_a_joined_worker_that_is_given_up(bucket, reader, clock):
