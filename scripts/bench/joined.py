@@ -175,13 +175,15 @@ class Training:
             if process.poll() is None:
                 process.send_signal(signal.SIGCONT)
                 process.terminate()
-        for process in (self._head, *self._machines):
-            process.wait(60.0)
-        for link in self._links:
-            link.close()
-        for namespace in self._namespaces:
-            namespace.close()
-        server.stop(self._settings.storage)
+        try:
+            for process in (self._head, *self._machines):
+                process.wait(60.0)
+        finally:
+            for link in self._links:
+                link.close()
+            for namespace in self._namespaces:
+                namespace.close()
+            server.stop(self._settings.storage)
 
 
 @dataclass(frozen=True)
@@ -289,6 +291,7 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=30, help="of an iteration")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that namespaces are deleted
     network = kind_of_network()
     result = {
         "network": network,
