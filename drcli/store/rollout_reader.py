@@ -98,7 +98,7 @@ class RolloutReader:
         arrived: Mapping[int, Manifest] | None = None,
         on_wait: Callable[[str], None] = lambda sentence: None,
         should_stop: Callable[[], bool] = lambda: False,
-        is_hopeless: Callable[[int, float], bool] = lambda worker, waited_s: False,
+        goes_on: Callable[[Mapping[int, Manifest], float], bool] = lambda arrived, waited_s: False,
     ) -> dict[int, Manifest]:
         """Wait until the workers have delivered their rollouts, and fetch parts that have come.
 
@@ -113,8 +113,8 @@ class RolloutReader:
             on_wait: Takes a sentence with the missing workers, every `REPORT_EVERY_S` and at the
                 end of the patience.
             should_stop: Asked at every look; ends the wait early.
-            is_hopeless: Asked at every look for each missing worker, with the seconds waited so
-                far; nobody waits for those alone.
+            goes_on: Asked at every look with the manifests that have come and the seconds waited so
+                far: whether to go on with them now.
 
         Returns:
             The manifests that have come, by worker.
@@ -149,7 +149,7 @@ class RolloutReader:
                 f"The trainer has been waiting {waited_s:.0f} s for iteration {iteration} of "
                 f"simulation worker {', '.join(map(str, missing))}"
             )
-            if waited_s >= patience_s or all(is_hopeless(each, waited_s) for each in missing):
+            if waited_s >= patience_s or goes_on(known, waited_s):
                 on_wait(f"{waiting}; going on without.")
                 break
             if now_s - reported_s >= REPORT_EVERY_S:

@@ -1,7 +1,7 @@
 """Collects the rollouts of all simulation workers for the learner."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -34,6 +34,48 @@ link of 100 ms, a checkpoint and the rollouts are 1.8 s on their way."""
 Hopeless = Callable[[WorkerShare, int, float, float], bool]
 """Whether not to wait for a share of an iteration, by the steps that it should have and the seconds
 from the beginning of its drive within which it is waited for."""
+
+
+@dataclass(frozen=True)
+class _Patience:
+    """How long to wait for the missing workers of an iteration after the first has delivered.
+
+    Those with the largest share get as long again as the first one took, or would have taken for
+    that share; a joined worker with a part of it gets that part.
+
+    Attributes:
+        iteration: That is waited for.
+        shares: Who drives it, by number.
+        expected: Numbers of the workers that are waited for.
+        first_s: How long the first one drove.
+        least_s: Least patience.
+        is_hopeless: As for `Collector.collect`.
+    """
+
+    iteration: int
+    shares: Mapping[int, WorkerShare]
+    expected: Set[int]
+    first_s: float
+    least_s: float
+    is_hopeless: Hopeless
+
+    def is_over(self, arrived: Mapping[int, Manifest], waited_s: float) -> bool:
+        """Whether to go on with what has arrived, after waiting so long for the rest."""
+        missing = self.expected - arrived.keys()
+        return all(self._is_given_up(self.shares[each], arrived, waited_s) for each in missing)
+
+    def _is_given_up(
+        self, share: WorkerShare, arrived: Mapping[int, Manifest], waited_s: float
+    ) -> bool:
+        counts = {worker: self.shares[worker].count for worker in arrived}
+        most = max(each.count for each in self.shares.values())
+        usual_s = min(m.notes.drive_s * most / counts[worker] for worker, m in arrived.items())
+        part = share.count / most if share.member else 1.0
+        within_s = usual_s + max(self.least_s, part * usual_s)
+        if self.first_s + waited_s >= within_s:
+            return True
+        steps = sum(m.steps for m in arrived.values()) * share.count / sum(counts.values())
+        return bool(share.member) and self.is_hopeless(share, self.iteration, steps, within_s)
 
 
 @dataclass(frozen=True)
@@ -117,9 +159,8 @@ class Collector:
     ) -> Collected | None:
         """Wait for an iteration's rollouts and read them.
 
-        Once the first worker has delivered, the others get the same time again, and those that have
-        joined and drive only a part of the usual share get that part of it. A worker that missed
-        the iteration before is not waited for.
+        Once the first worker has delivered, the others get the same time again (`_Patience`). A
+        worker that missed the iteration before is not waited for.
 
         Args:
             iteration: Number of the iteration.
@@ -145,30 +186,20 @@ class Collector:
         manifests = wait(enough=1, patience_s=math.inf)
         expected = everybody - (self._absent - joined)
         if manifests and not expected <= manifests.keys() and not should_stop():
-            took_s = max(m.notes.drive_s for m in manifests.values())
             only_joined = expected - manifests.keys() <= joined
-            least_s = JOINED_PATIENCE_S if only_joined else self._least_patience_s
-            patience_s = max(least_s, took_s)
-            shares = {share.worker: share for share in workers}
-            driven = sum(shares[worker].count for worker in manifests)
-            steps = sum(m.steps for m in manifests.values())
-            most = max(share.count for share in workers)
-
-            def gives_up(worker: int, waited_s: float) -> bool:
-                share = shares[worker]
-                if worker not in expected or not share.member:
-                    return worker not in expected
-                patience_s = max(JOINED_PATIENCE_S, took_s * share.count / most)
-                within_s, expected_steps = took_s + patience_s, steps * share.count / driven
-                return waited_s >= patience_s or is_hopeless(
-                    share, iteration, expected_steps, within_s
-                )
-
+            patience = _Patience(
+                iteration,
+                {share.worker: share for share in workers},
+                expected,
+                max(m.notes.drive_s for m in manifests.values()),
+                JOINED_PATIENCE_S if only_joined else self._least_patience_s,
+                is_hopeless,
+            )
             manifests = wait(
                 enough=len(expected),
                 arrived=manifests,
-                patience_s=patience_s,
-                is_hopeless=gives_up,
+                patience_s=math.inf,
+                goes_on=patience.is_over,
             )
         if not manifests:
             return None

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from statistics import median
 
 from drcli.base.errors import StorageError
 from drcli.base.log import get_logger
@@ -198,7 +199,7 @@ class ShareKeeper:
             late: Numbers of those who did not.
             checkpoint: The newest one.
         """
-        for worker, speed in speeds.items():
+        for worker, speed in self._with_growth(speeds, checkpoint).items():
             times = self._measured[worker] = self._measured.get(worker, 0) + 1
             before = self._speeds[worker] if times > 2 else speed
             if speed > EQUAL_WITHIN * before:
@@ -226,6 +227,21 @@ class ShareKeeper:
                     f" for at least {known.pause_s:.0f} s" if alive else "",
                 )
                 known.pause_s = min(2.0 * known.pause_s, LONGEST_PAUSE_S)
+
+    def _with_growth(self, speeds: Mapping[int, float], checkpoint: int) -> dict[int, float]:
+        """The speeds, but at least twice the mean of a worker that was ready in half of the time.
+
+        A small part takes longer for each step, so a worker that was slow for a while would get a
+        large one only slowly.
+        """
+        counts = {share.worker: share.count for share in self.at(checkpoint)}
+        took = {k: counts[k] / speed for k, speed in speeds.items() if speed and k in counts}
+        grown = dict(speeds)
+        for worker, its in took.items():
+            if worker in self._speeds and its < max(took.values()) / 2.0:
+                twice = 2.0 * self._speeds[worker]
+                grown[worker] = max(grown[worker], min(twice, median(speeds.values())))
+        return grown
 
     def _note_slow(self, share: WorkerShare, iteration: int) -> None:
         """Give a worker that was late a share that it can drive in time, by what it reports."""

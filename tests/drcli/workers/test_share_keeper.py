@@ -255,6 +255,21 @@ def test_a_worker_that_was_too_slow_for_a_share_is_tried_again(machines):
     assert who(keeper, 4) == [(0, "", 4), (1, "far", 4)]
 
 
+def test_a_worker_that_idles_with_a_small_part_gets_a_larger_one(machines):
+    keeper, _ = with_two(machines, episodes=44)
+    for _ in range(KNOWN_AFTER):
+        keeper.note({0: 100.0, 1: 10.0}, [], 1)
+    parts = []
+    for checkpoint in range(2, 5):
+        keeper.version_for(checkpoint)
+        parts.append(who(keeper, checkpoint)[1][2])
+        # As fast as before for each step, but its few cars would be ready far too early.
+        keeper.note({0: 10.0, 1: 14.0}, [], checkpoint)
+
+    assert parts[0] == 4
+    assert parts[0] < parts[1] < parts[2]
+
+
 def test_nobody_waits_for_a_worker_that_is_silent(machines):
     keeper, share = with_two(machines)
     assert not keeper.is_hopeless(share, 1, 100.0, 10.0)
