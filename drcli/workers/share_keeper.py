@@ -229,7 +229,7 @@ class ShareKeeper:
                 known.pause_s = min(2.0 * known.pause_s, LONGEST_PAUSE_S)
 
     def _with_growth(self, speeds: Mapping[int, float], checkpoint: int) -> dict[int, float]:
-        """The speeds, but at least twice the mean of a worker that was ready in half of the time.
+        """The speeds, but twice the mean of a worker that was ready long before the others.
 
         A small part takes longer for each step, so a worker that was slow for a while would get a
         large one only slowly.
@@ -238,7 +238,7 @@ class ShareKeeper:
         took = {k: counts[k] / speed for k, speed in speeds.items() if speed and k in counts}
         grown = dict(speeds)
         for worker, its in took.items():
-            if worker in self._speeds and its < max(took.values()) / 2.0:
+            if worker in self._speeds and its * EQUAL_WITHIN < max(took.values()):
                 twice = 2.0 * self._speeds[worker]
                 grown[worker] = max(grown[worker], min(twice, median(speeds.values())))
         return grown
