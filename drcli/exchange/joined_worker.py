@@ -38,6 +38,9 @@ class MemberRecord(JsonRecord):
         beat: Counts the renewals.
         ready: Whether it has prepared everything that it needs to drive.
         checkpoint: Number of the newest checkpoint that it has seen; -1 before the first.
+        drives: The iteration that it drives now; -1 while it drives none.
+        steps: How many steps of it have begun, of all its cars together.
+        drive_s: For how long it drives it.
         failure: Why it has ended, if it has failed.
     """
 
@@ -49,6 +52,9 @@ class MemberRecord(JsonRecord):
     ready: bool = False
     checkpoint: int = -1
     failure: str = ""
+    drives: int = -1
+    steps: int = 0
+    drive_s: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -395,10 +395,12 @@ class JoinedMachine:
             self._took_over = True
             code = training.supervise_job(replace(job, begun=begun, launcher_pid=os.getpid()))
         except ModelInUse as error:  # another machine was faster
+            self._took_over = False
             self._say(f"{error}")
             time.sleep(LOOK_S)
             return None
         if code == OwnershipLost.code:
+            self._took_over = False
             return None
         outcome = read_outcome(self._bucket, self._prefix)
         message = "" if outcome is None else outcome.message

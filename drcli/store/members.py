@@ -24,6 +24,9 @@ RENEWED_S = 5.0
 GONE_S = 20.0
 """A worker whose record has not changed for so long is gone, or cannot reach the bucket."""
 
+MISSED_S = 2.0 * RENEWED_S
+"""A worker that has missed two renewals is not waited for, while it still may come back."""
+
 FORGOTTEN_S = 600.0
 """After this time without a change, a record is deleted, and its worker loses its number."""
 

@@ -26,8 +26,8 @@ class Outage:
         self._began_s: float | None = None
         self._told_s = -_SAID_AGAIN_S
 
-    def note(self, began_s: float) -> None:
-        """Note that there has been no answer since then."""
+    def note(self, began_s: float, reason: str = "") -> None:
+        """Note that there has been no useful answer since then, and why not if that is known."""
         with self._lock:
             if self._began_s is not None:
                 return
@@ -36,7 +36,7 @@ class Outage:
             told = now_s - self._told_s < _SAID_AGAIN_S
             self._told_s = now_s
         if not told:
-            notices.show(f"Waiting for an answer from {self._place} ...")
+            notices.show(reason or f"Waiting for an answer from {self._place} ...")
 
     def end(self) -> None:
         """Note an answer."""

@@ -98,6 +98,7 @@ class RolloutReader:
         arrived: Mapping[int, Manifest] | None = None,
         on_wait: Callable[[str], None] = lambda sentence: None,
         should_stop: Callable[[], bool] = lambda: False,
+        goes_on: Callable[[Mapping[int, Manifest], float], bool] = lambda arrived, waited_s: False,
     ) -> dict[int, Manifest]:
         """Wait until the workers have delivered their rollouts, and fetch parts that have come.
 
@@ -112,6 +113,8 @@ class RolloutReader:
             on_wait: Takes a sentence with the missing workers, every `REPORT_EVERY_S` and at the
                 end of the patience.
             should_stop: Asked at every look; ends the wait early.
+            goes_on: Asked at every look with the manifests that have come and the seconds waited so
+                far: whether to go on with them now.
 
         Returns:
             The manifests that have come, by worker.
@@ -141,12 +144,12 @@ class RolloutReader:
                 self._keep_quiet(started_s + min(quiet_s, patience_s), should_stop)
                 quiet_s, lists = 0.0, True  # most parts are there now, and can be fetched
                 continue
-            missing = ", ".join(str(worker) for worker in wanted if worker not in known)
+            missing = [worker for worker in wanted if worker not in known]
             waiting = (
                 f"The trainer has been waiting {waited_s:.0f} s for iteration {iteration} of "
-                f"simulation worker {missing}"
+                f"simulation worker {', '.join(map(str, missing))}"
             )
-            if waited_s >= patience_s:
+            if waited_s >= patience_s or goes_on(known, waited_s):
                 on_wait(f"{waiting}; going on without.")
                 break
             if now_s - reported_s >= REPORT_EVERY_S:

@@ -24,6 +24,7 @@ from drcli.store.request_count import counter
 from drcli.store.s3_errors import (
     MISSING_CODES,
     Attempt,
+    clock_trouble,
     explain,
     explain_entry,
     passes,
@@ -215,7 +216,7 @@ class S3Bucket:
                     attempt = Attempt(action, self.endpoint, self.name, key, size_bytes)
                     raise explain(e, attempt) from e
                 if waited_s > notices.QUIET_S:
-                    self._outage.note(started_s)
+                    self._outage.note(started_s, clock_trouble(e, self.endpoint))
                 self._pause(min(next(delays), left_s))
 
     def _get(self, key: str, watch: Watch | None) -> bytes:

@@ -2,7 +2,9 @@
 
 import re
 import shutil
+import time
 from dataclasses import dataclass
+from email.utils import parsedate_to_datetime
 
 from drcli.base.errors import DiskFull, NoAnswer, StorageError
 from drcli.store.bucket import ObjectMissing
@@ -23,6 +25,9 @@ _KEY_CODES = frozenset(
 
 _DENIED_CODES = frozenset({"AccessDenied", "AllAccessDisabled", "AccessDeniedException"})
 _CLOCK_CODES = frozenset({"RequestTimeTooSkewed", "RequestExpired"})
+_MOST_SKEW_S = 14.5 * 60.0
+"""Servers accept requests that are signed up to 15 minutes before or after their time."""
+
 _REGION_CODES = frozenset(
     {"301", "PermanentRedirect", "IllegalLocationConstraintException", "TemporaryRedirect"}
 )
@@ -110,7 +115,7 @@ def patience_share(error: Exception, *, ours: bool, unattended: bool = False) ->
 
     if isinstance(error, boto.ClientError):
         code, status = _answer(error)
-        if code in _CLOCK_CODES:
+        if _is_of_clock(error):
             return float(unattended)
         if code in _FULL_CODES or status == 507:
             return 0.0
@@ -121,6 +126,17 @@ def patience_share(error: Exception, *, ours: bool, unattended: bool = False) ->
         return 0.0
     broken = (boto.ConnectionError, boto.HTTPClientError, boto.IncompleteReadError, ConnectionError)
     return 1.0 if isinstance(error, (*broken, ResponseParserError)) else 0.0
+
+
+def clock_trouble(error: Exception, endpoint: Endpoint) -> str:
+    """What to say to the owner of this machine if its clock is wrong; empty for other errors."""
+    if not _is_of_clock(error):
+        return ""
+    return (
+        f"{endpoint.place} refuses all requests until the clock of this machine is set, as with "
+        f"`sudo timedatectl set-ntp true`: it differs too much from the server's "
+        f"({error_code(error)})."
+    )
 
 
 def passes(code: str) -> bool:
@@ -192,7 +208,7 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
             remedy=f"Set the region in the profile of {names.profile} in ~/.aws/config, or with "
             "DR_AWS_APP_REGION.",
         )
-    if code in _CLOCK_CODES:
+    if _is_of_clock(error):
         return StorageError(
             f"Cannot {attempt}: the clocks of this machine and of the server differ ({code}).",
             remedy="Set the clock, as with `sudo timedatectl set-ntp true`.",
@@ -256,6 +272,23 @@ def _explain_denial(code: str, said: str, attempt: Attempt) -> AccessRefused:
     else:
         reason = f"{keys} lack the permission {permission} ({code})"
     return AccessRefused(f"Cannot {attempt}: {reason}.", remedy=remedy, reason=reason)
+
+
+def _is_of_clock(error: Exception) -> bool:
+    """Whether the server refuses a request because of the clock of this machine.
+
+    Some servers call that AccessDenied, such as rclone (with status 400) if the clock is behind. So
+    the time in the answer decides.
+    """
+    code, status = _answer(error)
+    if code in _CLOCK_CODES or status not in (400, 403):
+        return code in _CLOCK_CODES
+    headers = getattr(error, "response", {}).get("ResponseMetadata", {}).get("HTTPHeaders", {})
+    try:
+        now = parsedate_to_datetime(headers["date"])
+    except (KeyError, ValueError):
+        return False
+    return abs(time.time() - now.timestamp()) > _MOST_SKEW_S
 
 
 def _other_region(error: Exception) -> str | None:

@@ -1,7 +1,7 @@
 """Collects the rollouts of all simulation workers for the learner."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -27,8 +27,57 @@ STARTING_PATIENCE_S = 120.0
 """The same in the first iteration after a start. On a busy machine one worker may be ready long
 before another, and analysis tools need the first trace of every worker."""
 
-JOINED_PATIENCE_S = 2.0
-"""The same for workers that have joined: if one of them dies, the others drive its share."""
+JOINED_PATIENCE_S = 5.0
+"""The same for workers that have joined: if one of them dies, the others drive its share. Over a
+link of 100 ms, a checkpoint and the rollouts are 1.8 s on their way."""
+
+Hopeless = Callable[[WorkerShare, int, float, float], bool]
+"""Whether not to wait for a share of an iteration, by the steps that it should have and the seconds
+from the beginning of its drive within which it is waited for."""
+
+
+@dataclass(frozen=True)
+class _Patience:
+    """How long to wait for the missing workers of an iteration after the first has delivered.
+
+    Those with the largest share get as long again as the first one took, or would have taken for
+    that share; a joined worker with a part of it gets that part.
+
+    Attributes:
+        iteration: That is waited for.
+        shares: Who drives it, by number.
+        expected: Numbers of the workers that are waited for.
+        first_s: How long the first one drove.
+        least_s: Least patience.
+        repeats: How many times as long; some of it may have been over when the wait began.
+        is_hopeless: As for `Collector.collect`.
+    """
+
+    iteration: int
+    shares: Mapping[int, WorkerShare]
+    expected: Set[int]
+    first_s: float
+    least_s: float
+    repeats: float
+    is_hopeless: Hopeless
+
+    def is_over(self, arrived: Mapping[int, Manifest], waited_s: float) -> bool:
+        """Whether to go on with what has arrived, after waiting so long for the rest."""
+        missing = self.expected - arrived.keys()
+        return all(self._is_given_up(self.shares[each], arrived, waited_s) for each in missing)
+
+    def _is_given_up(
+        self, share: WorkerShare, arrived: Mapping[int, Manifest], waited_s: float
+    ) -> bool:
+        counts = {worker: self.shares[worker].count for worker in arrived}
+        most = max(each.count for each in self.shares.values())
+        usual_s = min(m.notes.drive_s * most / counts[worker] for worker, m in arrived.items())
+        part = share.count / most if share.member else 1.0
+        within_s = usual_s + max(self.least_s, self.repeats * part * usual_s)
+        if self.first_s + waited_s >= within_s:
+            return True
+        steps = sum(m.steps for m in arrived.values()) * share.count / sum(counts.values())
+        return bool(share.member) and self.is_hopeless(share, self.iteration, steps, within_s)
 
 
 @dataclass(frozen=True)
@@ -110,18 +159,19 @@ class Collector:
         checkpoints: Sequence[str],
         workers: Sequence[WorkerShare],
         should_stop: Callable[[], bool],
+        is_hopeless: Hopeless = lambda share, iteration, steps, within_s: False,
     ) -> Collected | None:
         """Wait for an iteration's rollouts and read them.
 
-        Once the first worker has delivered, the others get the same time again; twice that, if
-        some of it may have been over when the wait began. A worker that missed the iteration before
-        is not waited for.
+        Once the first worker has delivered, the others get the same time again (`_Patience`). A
+        worker that missed the iteration before is not waited for.
 
         Args:
             iteration: Number of the iteration.
             checkpoints: Checkpoints that may have driven it, the newest last.
             workers: Who drives it.
             should_stop: Called at every look; ends the wait.
+            is_hopeless: Whether a worker that has joined will not deliver in time.
 
         Returns:
             None if `should_stop` ended the wait, or if a part is missing or damaged: the workers
@@ -140,12 +190,21 @@ class Collector:
         manifests = wait(enough=1, patience_s=math.inf)
         expected = everybody - self._absent
         if manifests and not expected <= manifests.keys() and not should_stop():
-            took_s = (1 + self._ahead) * max(m.notes.drive_s for m in manifests.values())
             only_joined = expected - manifests.keys() <= joined
-            least_s = JOINED_PATIENCE_S if only_joined else self._least_patience_s
-            patience_s = max(least_s, took_s)
+            patience = _Patience(
+                iteration,
+                {share.worker: share for share in workers},
+                expected,
+                max(m.notes.drive_s for m in manifests.values()),
+                JOINED_PATIENCE_S if only_joined else self._least_patience_s,
+                2.0 if self._ahead else 1.0,
+                is_hopeless,
+            )
             manifests = wait(
-                enough=len(expected | manifests.keys()), arrived=manifests, patience_s=patience_s
+                enough=len(expected | manifests.keys()),
+                arrived=manifests,
+                patience_s=math.inf,
+                goes_on=patience.is_over,
             )
         if not manifests:
             return None

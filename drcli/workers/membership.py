@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from drcli.base.elapsed import elapsed_s
 from drcli.base.errors import OwnershipLost, StorageError
@@ -19,6 +19,7 @@ from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.joined_worker import MemberRecord, Shares, SharesRecord
 from drcli.store import keys
 from drcli.store.bucket import Bucket
+from drcli.store.checkpoints import CheckpointStore
 from drcli.store.lease import STALE_S, read_lease
 from drcli.store.members import RENEWED_S, read_shares_record
 from drcli.workers.worker_process import Lifeline, StopRequested
@@ -52,6 +53,17 @@ class JoinedLifeline(Lifeline):
         return super().step_done() or bool(self.ended)
 
 
+@dataclass
+class _Drive:
+    """An iteration that this worker drives: how far it is, and whether others still need it."""
+
+    iteration: int
+    steps: Callable[[], int]
+    steps_before: int
+    began_s: float
+    is_over: bool = False
+
+
 class Membership:
     """Keeps this worker in the training. Close it at the end.
 
@@ -80,6 +92,7 @@ class Membership:
         self._record = MemberRecord(member, session, socket.gethostname(), os.getpid())
         self._lock = threading.Lock()
         self._over = False
+        self._drive: _Drive | None = None
         self._hurry = threading.Event()
         self._asked_s = -ASK_S
         self._write()
@@ -109,6 +122,23 @@ class Membership:
             self._record = replace(self._record, ready=True, checkpoint=checkpoint)
         if is_first:
             self._hurry.set()
+
+    def begin_drive(self, iteration: int, steps: Callable[[], int]) -> None:
+        """Let the trainer know how far this worker is with an iteration.
+
+        Args:
+            iteration: That it drives from now on.
+            steps: Counts the steps that it has ever begun; called by a thread.
+        """
+        self._drive = _Drive(iteration, steps, steps(), elapsed_s())
+
+    def is_drive_over(self) -> bool:
+        """Whether the trainer has gone on without this worker's part of the iteration."""
+        return self._drive is not None and self._drive.is_over
+
+    def end_drive(self) -> None:
+        """Let the trainer know that this worker drives nothing."""
+        self._drive = None
 
     def shares_of(self, iteration: int) -> Shares | None:
         """Who drives an iteration; None as long as that is not known.
@@ -161,8 +191,19 @@ class Membership:
         return record if known else None
 
     def _write(self) -> None:
+        drive, progress = self._drive, (-1, 0, 0.0)
+        if drive is not None:
+            steps = drive.steps() - drive.steps_before
+            progress = drive.iteration, steps, elapsed_s() - drive.began_s
         with self._lock:
-            self._record = replace(self._record, beat=self._record.beat + 1)
+            drives, steps, drive_s = progress
+            self._record = replace(
+                self._record,
+                beat=self._record.beat + 1,
+                drives=drives,
+                steps=steps,
+                drive_s=drive_s,
+            )
             record = self._record
         try:
             self._bucket.put(keys.member(self._prefix, record.member), record.encode())
@@ -177,11 +218,19 @@ class Membership:
                 return
             try:
                 self._look_at_lease()
+                self._look_at_drive()
                 stuck_s = elapsed_s() - self._lifeline.pulse.record().turned_s
                 if not self._lifeline.ended and stuck_s < STUCK_S:
                     self._write()
             except StorageError as error:
                 _logger.warning("The record of this worker could not be renewed: %s", error)
+
+    def _look_at_drive(self) -> None:
+        """Notice that the trainer has learned from an iteration that is still driven here."""
+        drive = self._drive
+        if drive is not None:
+            newest = CheckpointStore(self._bucket, self._prefix).pointed()
+            drive.is_over = newest is not None and newest.number > drive.iteration
 
     def _look_at_lease(self) -> None:
         """Notice that the training has ended, or goes on without its machine."""

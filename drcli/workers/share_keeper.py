@@ -5,18 +5,20 @@ the shares are in an object of the bucket, and change only from one iteration to
 one that no worker can have begun before the checkpoint was there that names their version.
 """
 
+import math
 import time
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from statistics import median
 
 from drcli.base.errors import StorageError
 from drcli.base.log import get_logger
 from drcli.exchange.joined_worker import Shares, SharesRecord, WorkerShare
 from drcli.store import keys
 from drcli.store.bucket import Bucket
-from drcli.store.members import Member, MemberReader, read_shares_record
-from drcli.workers.divide_episodes import divide
+from drcli.store.members import MISSED_S, Member, MemberReader, read_shares_record
+from drcli.workers.divide_episodes import EQUAL_WITHIN, divide
 from drcli.workers.episode_share import Share
 
 _logger = get_logger(__name__)
@@ -37,6 +39,12 @@ PUNCTUAL = 10
 
 KNOWN_AFTER = 3
 """After so many iterations the speed of a worker counts: the first one may include compilation."""
+
+MEASURED_S = 2.0
+"""Shortest drive from which the speed of a worker that is late is judged."""
+
+TRIED_AGAIN_S = 60.0
+"""A worker that is too slow for a share gets one episode after so long."""
 
 NEWEST_WEIGHT = 0.2
 """Weight of an iteration in the mean speed of a worker."""
@@ -92,12 +100,14 @@ class ShareKeeper:
         self._look: Future[dict[str, Member]] | None = None
         self._looked_s = float("-inf")
         self._members: dict[str, Member] = {}
+        self._has_looked = False
         self.failure = ""
         self._fixed = [Share(k, max(1, workers), 1) for k in range(workers)]
         self._episodes = self._most = 1
         self._first = 0
         self._speeds: dict[int, float] = {}
         self._measured: dict[int, int] = {}
+        self._shared_s: dict[int, float] = {}
         self._punctuality: dict[str, _Punctuality] = {}
         self._next_numbers: dict[int, int] = {}
         found = read_shares_record(bucket, prefix)
@@ -164,6 +174,29 @@ class ShareKeeper:
         """Whether there is nobody who could drive."""
         return not self._workers and not any(each.is_alive for each in self._members.values())
 
+    def is_hopeless(
+        self, share: WorkerShare, iteration: int, steps: float, within_s: float
+    ) -> bool:
+        """Whether nobody should wait for a worker that has joined and has not delivered yet.
+
+        It has left, is silent, was started again meanwhile, or is so slow that it would be late in
+        any case.
+
+        Args:
+            share: What it drives.
+            iteration: That is waited for.
+            steps: That the share should have, by the episodes of others.
+            within_s: How long it may drive until it is too late.
+        """
+        self.look(often=True)
+        member = self._members.get(share.member)
+        if member is None:
+            return self._has_looked
+        if member.silent_s >= MISSED_S or not member.record.ready:
+            return True
+        speed = self._reported_speed(member, iteration)
+        return speed is not None and steps > speed * within_s
+
     def note(self, speeds: Mapping[int, float], late: Collection[int], checkpoint: int) -> None:
         """Remember how fast workers drove, and who came too late.
 
@@ -172,9 +205,11 @@ class ShareKeeper:
             late: Numbers of those who did not.
             checkpoint: The newest one, whose iteration they drove.
         """
-        for worker, speed in speeds.items():
+        for worker, speed in self._with_growth(speeds, checkpoint).items():
             times = self._measured[worker] = self._measured.get(worker, 0) + 1
             before = self._speeds[worker] if times > 2 else speed
+            if speed > EQUAL_WITHIN * before:
+                before = speed  # it is no longer slowed down
             self._speeds[worker] = before + NEWEST_WEIGHT * (speed - before)
         for share in self.at(checkpoint):
             if not share.member:
@@ -189,6 +224,8 @@ class ShareKeeper:
                 known.excluded_until_s = self._clock() + known.pause_s
                 known.excluded_at = checkpoint + 1
                 alive = self._is_alive(share.member)
+                if alive:
+                    self._note_slow(share, checkpoint)
                 _logger.warning(
                     "Simulation worker %d, which has joined, %s; the others drive its share%s.",
                     share.worker,
@@ -197,12 +234,46 @@ class ShareKeeper:
                 )
                 known.pause_s = min(2.0 * known.pause_s, LONGEST_PAUSE_S)
 
-    def look(self, *, wait: bool = False) -> None:
+    def _with_growth(self, speeds: Mapping[int, float], checkpoint: int) -> dict[int, float]:
+        """The speeds, but twice the mean of a worker that was ready long before the others.
+
+        A small part takes longer for each step, so a worker that was slow for a while would get a
+        large one only slowly.
+        """
+        counts = {share.worker: share.count for share in self.at(checkpoint)}
+        took = {k: counts[k] / speed for k, speed in speeds.items() if speed and k in counts}
+        grown = dict(speeds)
+        for worker, its in took.items():
+            if worker in self._speeds and its * EQUAL_WITHIN < max(took.values()):
+                twice = 2.0 * self._speeds[worker]
+                grown[worker] = max(grown[worker], min(twice, median(speeds.values())))
+        return grown
+
+    def _note_slow(self, share: WorkerShare, iteration: int) -> None:
+        """Give a worker that was late a share that it can drive in time, by what it reports."""
+        member = self._members.get(share.member)
+        speed = None if member is None else self._reported_speed(member, iteration)
+        if speed is None:
+            return
+        times = self._measured[share.worker] = self._measured.get(share.worker, 0) + 1
+        if times > 1 and speed < self._speeds.get(share.worker, math.inf):
+            self._speeds[share.worker] = speed
+            self._measured[share.worker] = max(KNOWN_AFTER, times)
+
+    @staticmethod
+    def _reported_speed(member: Member, iteration: int) -> float | None:
+        """Steps per second of a worker in an iteration that it still drives; None if not known."""
+        record = member.record
+        known = record.drives == iteration and record.drive_s >= MEASURED_S
+        return record.steps / record.drive_s if known else None
+
+    def look(self, *, wait: bool = False, often: bool = False) -> None:
         """Look for workers that have joined or left, in a thread, if it is time.
 
-        What it finds counts from the next call on; with `wait`, from this one.
+        What it finds counts from the next call on; with `wait`, from this one. It is time sooner if
+        the trainer waits for one of them and looks `often`.
         """
-        self._begin_look()
+        self._begin_look(often=often)
         if self._look is not None and (wait or self._look.done()):
             try:
                 self._take(self._look.result())
@@ -210,13 +281,13 @@ class ShareKeeper:
                 _logger.warning("Cannot see which workers have joined: %s", error)
             self._look = None
 
-    def _begin_look(self) -> None:
+    def _begin_look(self, *, often: bool) -> None:
         usual_s = FRUGAL_LOOK_S if self._frugal else LOOK_S
         newest = self._record.newest[-1].workers if self._record.newest else ()
         driving = {share.member for share in newest}
         drives = self._workers or any(map(self._is_alive, driving))
         starting = any(each.is_alive and not each.record.ready for each in self._members.values())
-        every_s = usual_s if drives and not starting else STARTING_LOOK_S
+        every_s = usual_s if drives and not starting and not often else STARTING_LOOK_S
         if self._look is None and self._clock() >= self._looked_s + every_s:
             self._looked_s = self._clock()
             self._look = self._looker.submit(self._reader.read)
@@ -233,6 +304,7 @@ class ShareKeeper:
         for name in self._members.keys() - members.keys():
             _logger.info("%s has left.", name)
         self._members = members
+        self._has_looked = True
         driving = {share.member for shares in self._record.newest[-1:] for share in shares.workers}
         numbers = {
             name: number
@@ -265,6 +337,7 @@ class ShareKeeper:
             known = {k for k, times in self._measured.items() if times >= KNOWN_AFTER}
             speeds = [self._speeds[k] if k in known else None for k, _ in workers]
         counts = divide(self._episodes, speeds, self._most)
+        self._try_slow_ones([number for number, _ in workers], counts)
         if self._workers and not counts[0]:  # worker 0 also evaluates
             counts[counts.index(max(counts))] -= 1
             counts[0] = 1
@@ -273,6 +346,17 @@ class ShareKeeper:
             for (number, name), count in zip(workers, counts, strict=True)
             if count
         ]
+
+    def _try_slow_ones(self, workers: list[int], counts: list[int]) -> None:
+        """Give an episode to each that was too slow for a share for long: it may be faster now."""
+        now_s = self._clock()
+        for at, worker in enumerate(workers):
+            waited_s = now_s - self._shared_s.get(worker, now_s)
+            if not counts[at] and waited_s >= TRIED_AGAIN_S and max(counts) > 1:
+                counts[counts.index(max(counts))] -= 1
+                counts[at] = 1
+            if counts[at]:
+                self._shared_s[worker] = now_s
 
     def _is_excluded(self, member: str) -> bool:
         """Whether a worker that was late may not drive yet, or has not caught up yet."""

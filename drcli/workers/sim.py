@@ -316,19 +316,31 @@ class SimWorker:
                 if len(evaluation) < trials:
                     self._activity.say(f"evaluates checkpoint {name.number}")
 
+        def should_stop() -> bool:
+            return self._lifeline.step_done() or (len(training) < len(numbers) and self._is_late())
+
         try:
+            if self._membership is not None:
+                self._membership.begin_drive(iteration, lambda: simulation.reward_calls)
             for attempt in range(MOST_ATTEMPTS):
                 plans = simulation.plans(numbers, 0 if attempt else trials, attempt)
                 policy_steps = name.steps - self._first_step
-                simulation.drive(plans, collect, self._lifeline.step_done, policy_steps)
+                simulation.drive(plans, collect, should_stop, policy_steps)
                 if self._driven_steps:
                     break
                 self._give_up_or_repeat(iteration, training, attempt)
-        except _FAILURES:
+        except _FAILURES as error:
             writer.abandon()
             self._failures.count_calls(simulation.reward_calls)
             self._failures.save()
-            raise
+            if not isinstance(error, StopRequested) or self._lifeline.should_stop():
+                raise
+            _logger.info("The trainer went on without this worker's iteration %d.", iteration)
+            self._driven_steps = 0
+            return
+        finally:
+            if self._membership is not None:
+                self._membership.end_drive()
         if evaluation:
             steps = sum(len(e.rows) for e in evaluation)
             share = steps / (steps + sum(len(e.rows) for e in training))
@@ -348,6 +360,10 @@ class SimWorker:
                 _logger.info("Checkpoint %d %s", name.number, sentence_of(second))
             if self._drives > 1:  # the first drive may include compilation
                 self._budget.spend(share * took_s + alone_s)
+
+    def _is_late(self) -> bool:
+        """Whether nobody needs the episodes any more that this worker drives."""
+        return self._membership is not None and self._membership.is_drive_over()
 
     def _give_up_or_repeat(self, iteration: int, training: list[Driven], attempt: int) -> None:
         """Prepare another attempt when all episodes of this worker were declared broken.

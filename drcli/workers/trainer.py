@@ -230,7 +230,11 @@ class Trainer:
                     self._reader.look_often()
                     self._traces.cover(share.worker)
             collected = self._collector.collect(
-                self._progress.newest.number, drivers, workers, self._is_wait_over
+                self._progress.newest.number,
+                drivers,
+                workers,
+                self._is_wait_over,
+                self._shares.is_hopeless,
             )
             if self._lifeline.should_stop():
                 raise StopRequested

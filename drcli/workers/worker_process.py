@@ -35,6 +35,10 @@ OUTAGE_PATIENCE_S = 900.0
 than its duration. The embedded server is different: the supervisor restarts it if a worker gives
 up."""
 
+FAR_READ_TIMEOUT_S = 20.0
+"""How long an answer may stall for a worker that has joined from elsewhere. After an interruption,
+old connections may hang for as long again; a new one works at once."""
+
 BUG = 1
 """Exit code of an unexplained failure, which is a bug of ours."""
 
@@ -112,13 +116,16 @@ def open_own_bucket(job: Job, lifeline: Lifeline, *, far: bool = False) -> S3Buc
     """The bucket of a training, for one of its workers.
 
     A worker that is `far` away reads the lease less often: each read may take a tenth of a second
-    there, and what it writes for an earlier start of the training is not used in any case.
+    there, and what it writes for an earlier start of the training is not used in any case. It also
+    gives up a request that hangs sooner, and repeats it.
 
     It refuses writes when another training has taken over the model. When the worker was asked to
     stop, it waits only briefly for a server that does not answer.
     """
     storage = job.config.storage
     patience = {} if storage.cloud == "local" else {"patience_s": OUTAGE_PATIENCE_S}
+    if far:
+        patience["read_timeout_s"] = FAR_READ_TIMEOUT_S
     bucket = open_bucket(storage, hurried=lifeline.should_stop, unattended=True, **patience)
     trusted_s = OTHERS_TRUSTED_S if far else POINTER_TRUSTED_S
     prefix = job.config.model.prefix

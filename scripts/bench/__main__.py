@@ -22,6 +22,8 @@ NAMES = (
     "gpu",
     "memory",
     "joined",
+    "joined_faults",
+    "joined_sums",
     "ray_nodes",
     "scale",
     "lag",

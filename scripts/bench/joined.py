@@ -1,7 +1,8 @@
 """What machines that join a training bring over slow networks, and what their faults cost.
 
 All "machines" are processes here that reach the bucket through links with a delay and a limited
-rate, so that their processors are shared: compare the numbers with each other only.
+rate, so that their processors are shared: compare the numbers with each other only. As root on
+Linux, each is in a network namespace of its own, which has no other way to the bucket.
 """
 
 import argparse
@@ -16,11 +17,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
 import psutil
 from machine import facts
+from namespaces import Namespace, are_possible, delete_left_over
 from slow_link import SlowLink
 
 from drcli.config.loading import load_settings
@@ -57,6 +60,7 @@ class Training:
     ) -> None:
         self.folder = folder
         self._links: list[SlowLink] = []
+        self._namespaces: list[Namespace] = []
         self._machines: list[subprocess.Popen[bytes]] = []
         shutil.copy(ROOT / "run.env", folder)
         shutil.copy(ROOT / "system.env", folder)
@@ -85,11 +89,21 @@ class Training:
         """The bucket, directly."""
         return open_bucket(self._settings.storage)
 
-    def join(self, name: str, round_trip_s: float) -> tuple[subprocess.Popen[bytes], SlowLink]:
-        """Let a machine join over a slow link."""
+    def join(
+        self, name: str, round_trip_s: float, settings: Mapping[str, str] = MappingProxyType({})
+    ) -> "Machine":
+        """Let a machine join over a slow link, with more variables in its environment."""
         endpoint = server.ensure_running(self._settings.storage)
         assert endpoint.url is not None
-        link = SlowLink(int(endpoint.url.rpartition(":")[2]), round_trip_s, RATE_BYTES_PER_S)
+        namespace = Namespace(len(self._namespaces)) if are_possible() else None
+        if namespace is not None:
+            self._namespaces.append(namespace)
+        link = SlowLink(
+            int(endpoint.url.rpartition(":")[2]),
+            round_trip_s,
+            RATE_BYTES_PER_S,
+            "127.0.0.1" if namespace is None else namespace.address,
+        )
         self._links.append(link)
         folder = self.folder / name
         folder.mkdir()
@@ -98,15 +112,22 @@ class Training:
             "AWS_SECRET_ACCESS_KEY": endpoint.secret_key or "",
         }
         model = f"s3://{self._settings.bucket}/{PREFIX}"
-        machine = subprocess.Popen(
-            [PROGRAMS / "dr-start-worker", "--join", model, "--endpoint-url", link.url, "--wait"],
+        program = str(PROGRAMS / "dr-start-worker")
+        command = [program, "--join", model, "--endpoint-url", link.url, "--wait"]
+        process = subprocess.Popen(
+            command if namespace is None else namespace.command(command),
             cwd=folder,
-            env=self.environment | keys_of_bucket,
+            env=self.environment | keys_of_bucket | dict(settings),
             stdout=(folder / "said.txt").open("wb"),
             stderr=subprocess.STDOUT,
         )
-        self._machines.append(machine)
-        return machine, link
+        self._machines.append(process)
+        return Machine(process, link, namespace)
+
+    def trainer(self) -> psutil.Process:
+        """The process of the trainer."""
+        found = psutil.Process(self._head.pid).children(recursive=True)
+        return next(each for each in found if each.cmdline()[-1].endswith("workers.trainer"))
 
     def done(self) -> tuple[int, int]:
         """Iterations and steps that were learned from."""
@@ -131,28 +152,73 @@ class Training:
             "steps_per_s": round((more - steps) / took_s, 1),
         }
 
-    def drivers(self) -> int:
-        """How many workers have a share."""
+    def shares(self) -> list[int]:
+        """How many episodes each worker that has a share drives."""
         path = self.folder / "data" / "s3" / self._settings.bucket / "runs" / PREFIX / "shares.json"
         try:
             newest = json.loads(path.read_text())["newest"]
         except (OSError, ValueError):
-            return 0
-        return len(newest[-1]["workers"]) if newest else 0
+            return []
+        return [share["count"] for share in newest[-1]["workers"]] if newest else []
+
+    def drivers(self) -> int:
+        """How many workers have a share."""
+        return len(self.shares())
 
     def close(self) -> None:
         """End everything."""
         for link in self._links:
             link.is_cut = False
+        for namespace in self._namespaces:
+            namespace.set_link(up=True)
         for process in (self._head, *self._machines):
             if process.poll() is None:
                 process.send_signal(signal.SIGCONT)
                 process.terminate()
-        for process in (self._head, *self._machines):
-            process.wait(60.0)
-        for link in self._links:
-            link.close()
-        server.stop(self._settings.storage)
+        try:
+            for process in (self._head, *self._machines):
+                process.wait(60.0)
+        finally:
+            for link in self._links:
+                link.close()
+            for namespace in self._namespaces:
+                namespace.close()
+            server.stop(self._settings.storage)
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A machine that joins.
+
+    Attributes:
+        process: Its command.
+        link: Its way to the bucket.
+        namespace: Where it runs; None on the loopback interface.
+    """
+
+    process: "subprocess.Popen[bytes]"
+    link: SlowLink
+    namespace: Namespace | None
+
+    def cut(self, *, off: bool) -> None:
+        """Cut it off from the bucket, or connect it again."""
+        if self.namespace is None:
+            self.link.is_cut = off
+        else:
+            self.namespace.set_link(up=not off)
+
+    def kill(self) -> None:
+        """Kill its processes, which cannot tell anybody."""
+        for process in (*psutil.Process(self.process.pid).children(), self.process):
+            process.kill()
+
+
+def kind_of_network() -> str:
+    """How the machines of a training reach the bucket; the namespaces of others are deleted."""
+    if not are_possible():
+        return "loopback interface (namespaces need Linux, root and iproute2)"
+    delete_left_over()
+    return "a network namespace for each machine"
 
 
 @contextmanager
@@ -202,19 +268,18 @@ def faults(seconds: float, episodes: int) -> dict[str, dict[str, float]]:
         running.wait_for(lambda: running.drivers() == len(machines))
         found["three machines"] = running.speed(seconds)
         over = threading.Event()
-        slow = threading.Thread(target=slowed, args=(worker_of(machines[2][0]), over))
+        slow = threading.Thread(target=slowed, args=(worker_of(machines[2].process), over))
         slow.start()
         found["one is 10 times as slow"] = running.speed(seconds)
         over.set()
         slow.join()
         running.wait_for(lambda: running.drivers() == len(machines), 300.0)
-        machines[1][1].is_cut = True
+        machines[1].cut(off=True)
         found["one is cut off"] = running.speed(60.0)
-        machines[1][1].is_cut = False
+        machines[1].cut(off=False)
         running.wait_for(lambda: running.drivers() == len(machines), 300.0)
         found["it is back"] = running.speed(seconds)
-        for process in (*psutil.Process(machines[0][0].pid).children(), machines[0][0]):
-            process.kill()
+        machines[0].kill()
         found["one is killed"] = running.speed(seconds)
     return found
 
@@ -226,7 +291,10 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=30, help="of an iteration")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that namespaces are deleted
+    network = kind_of_network()
     result = {
+        "network": network,
         "links": links(arguments.seconds, arguments.episodes),
         "faults": faults(arguments.seconds, arguments.episodes),
         "machine": facts(),
@@ -234,6 +302,7 @@ def main() -> None:
     if arguments.json:
         print(json.dumps(result))
         return
+    print(network)
     for name in ("links", "faults"):
         for case, speed in result[name].items():
             print(

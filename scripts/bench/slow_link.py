@@ -14,14 +14,18 @@ class SlowLink:
         port: Of the server, on this machine.
         round_trip_s: Time for a byte to the server and back; half of it each way.
         bytes_per_s: Limit in each direction, for all connections together.
+        address: Where to listen.
 
     Attributes:
         url: Where it listens.
         is_cut: While it is set, nothing arrives, and connections stay open: a network partition.
     """
 
-    def __init__(self, port: int, round_trip_s: float, bytes_per_s: float) -> None:
+    def __init__(
+        self, port: int, round_trip_s: float, bytes_per_s: float, address: str = "127.0.0.1"
+    ) -> None:
         self._port = port
+        self._address = address
         self._delay_s = round_trip_s / 2.0
         self._bytes_per_s = bytes_per_s
         self._free_s = {"up": 0.0, "down": 0.0}
@@ -48,9 +52,9 @@ class SlowLink:
     def _serve(self, ready: threading.Event) -> None:
         asyncio.set_event_loop(self._loop)
         server = self._loop.run_until_complete(
-            asyncio.start_server(self._accept, "127.0.0.1", 0, limit=_CHUNK_BYTES)
+            asyncio.start_server(self._accept, self._address, 0, limit=_CHUNK_BYTES)
         )
-        self.url = f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        self.url = f"http://{self._address}:{server.sockets[0].getsockname()[1]}"
         ready.set()
         self._loop.run_forever()
 

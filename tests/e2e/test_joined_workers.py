@@ -15,22 +15,23 @@ pytestmark = pytest.mark.slow
 
 
 class Site:
-    """Two machines with one bucket: the training, and one that joins it."""
+    """Machines with one bucket: that of the training, and two that may join it."""
 
     def __init__(self, new_workspace: Callable[[], Any], bucket: Any) -> None:
         bucket.delete([info.key for info in bucket.list("")])  # of an earlier test: moto keeps them
         self.bucket = bucket
-        self.home, self.away = new_workspace(), new_workspace()
+        self.home, self.away, self.other = (new_workspace() for _ in range(3))
         self.place = f"s3://{bucket.name}/{self.home.prefix}"
         address = bucket.endpoint.url
         keys_of_bucket = {"AWS_ACCESS_KEY_ID": "AKup", "AWS_SECRET_ACCESS_KEY": "secret"}
-        for machine in (self.home, self.away):
+        for machine in (self.home, self.away, self.other):
             machine.environment |= keys_of_bucket
         (self.home.folder / "system.env").write_text(
             f"DR_CLOUD=remote\nDR_REMOTE_MINIO_URL={address}\nDR_LOCAL_S3_BUCKET={bucket.name}\n"
         )
-        for path in sorted(self.away.folder.rglob("*"), reverse=True):
-            path.rmdir() if path.is_dir() else path.unlink()
+        for folder in (self.away.folder, self.other.folder):
+            for path in sorted(folder.rglob("*"), reverse=True):
+                path.rmdir() if path.is_dir() else path.unlink()
         self.join_options = ("--join", self.place, "--endpoint-url", address)
 
     def history(self) -> list[dict[str, Any]]:
@@ -137,6 +138,47 @@ def test_a_machine_that_has_joined_goes_on_with_a_training_that_was_interrupted(
     numbers = [each["iteration"] for each in site.history()]
     assert numbers == list(range(len(numbers)))
     assert "Learning in" in site.away.log("trainer")
+
+
+def test_of_two_machines_that_may_go_on_at_the_same_moment_one_does_and_the_other_joins_it(site):
+    site.home.environment["DR_WORKERS"] = "1"
+    site.home.hyperparameters["term_cond_max_episodes"] = 10_000
+    site.home.write_custom_files()
+    training = site.home.start(
+        "start-training", "--resume-or-start", "--foreground", "--max-minutes", "60"
+    )
+    machines = (site.away, site.other)
+    hosts = [
+        each.start("start-worker", *site.join_options, "--wait", "--json") for each in machines
+    ]
+    members = keys.members_folder(site.home.prefix)
+    site.home.wait_for(lambda: len(site.bucket.list(members)) == 2, "the other machines")
+    site.home.wait_for(lambda: site.iterations() >= 2, "two iterations")
+    for host in hosts:
+        host.send_signal(signal.SIGSTOP)
+    training.send_signal(signal.SIGTERM)
+    site.home.end_of(training)
+    before = site.iterations()
+    for host in hosts:
+        host.send_signal(signal.SIGCONT)
+    site.home.wait_for(lambda: site.iterations() >= before + 2, "iterations on another machine")
+    lease = json.loads(site.bucket.get(keys.lease(site.home.prefix)))
+
+    def has_joined() -> bool:
+        records = [site.bucket.get(info.key) for info in site.bucket.list(members)]
+        return lease["session"] in [json.loads(each)["session"] for each in records]
+
+    site.home.wait_for(has_joined, "the other machine")
+    for host in hosts:
+        host.send_signal(signal.SIGTERM)
+    ended = [each.end_of(host) for each, host in zip(machines, hosts, strict=True)]
+
+    reports = [json.loads(each.stdout.splitlines()[-1]) for each in ended]
+    assert sorted(each["took_over"] for each in reports) == [False, True]
+    owner = next(h.pid for h, each in zip(hosts, reports, strict=True) if each["took_over"])
+    assert lease["pid"] == owner
+    numbers = [each["iteration"] for each in site.history()]
+    assert numbers == list(range(len(numbers)))
 
 
 def test_a_training_that_does_not_exist_is_named(site):

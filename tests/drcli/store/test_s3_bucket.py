@@ -2,7 +2,8 @@
 
 import io
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
+from email.utils import format_datetime
 from pathlib import Path
 
 import pytest
@@ -243,6 +244,37 @@ def test_only_a_process_without_a_person_waits_for_the_clock_to_be_set(
         bucket.get("k")
 
     assert clock.now_s == pytest.approx(waited_s)
+
+
+@pytest.mark.parametrize(
+    ("minutes", "said"),
+    [(-20, "the clocks of this machine"), (20, "the clocks of this machine"), (10, "lack the")],
+)
+@pytest.mark.parametrize("status", [400, 403])
+def test_a_refusal_by_a_server_with_another_time_is_one_because_of_the_clock(
+    scripted, minutes, said, status
+):
+    refusal = answer("AccessDenied", status)
+    date = format_datetime(datetime.now(UTC) + timedelta(minutes=minutes), usegmt=True)
+    refusal.response["ResponseMetadata"]["HTTPHeaders"] = {"date": date}
+    bucket = scripted(refusal, endpoint=REMOTE, repeat=True)
+
+    with pytest.raises(StorageError, match=said):
+        bucket.get("k")
+
+
+def test_a_process_that_waits_for_the_clock_to_be_set_says_so(scripted, monkeypatch):
+    said: list[str] = []
+    monkeypatch.setattr(notices, "show", said.append)
+    bucket = scripted(answer("RequestTimeTooSkewed", 403), endpoint=REMOTE, repeat=True)
+    bucket._unattended = True
+
+    with pytest.raises(StorageError):
+        bucket.get("k")
+
+    assert len(said) == 1
+    assert "until the clock of this machine is set" in said[0]
+    assert "timedatectl" in said[0]
 
 
 def test_a_missing_permission_is_named_at_once(scripted, clock):

@@ -55,6 +55,10 @@ class Away:
         self.bucket.put(keys.shares(PREFIX), record.encode())
 
 
+def point_to(bucket: MemoryBucket, checkpoint: int) -> None:
+    bucket.put(keys.coach_checkpoint(PREFIX), f"{checkpoint}_Step-9.ckpt".encode())
+
+
 @pytest.fixture
 def away(monkeypatch):
     monkeypatch.setattr(module, "RENEWED_S", 0.01)
@@ -71,6 +75,31 @@ def test_a_worker_announces_itself_and_says_when_it_is_ready(away):
 
     assert (first.member, first.session, first.ready) == (NAME, "now", False)
     assert (later.ready, later.checkpoint) == (True, 3)
+
+
+def test_a_worker_says_how_far_it_is_and_notices_that_the_trainer_has_gone_on(away):
+    away.membership.begin_drive(4, lambda: 30)
+    away.membership.begin_drive(5, iter(range(100, 10_000)).__next__)
+    away.next_record()
+    driving = away.next_record()
+    point_to(away.bucket, 5)
+    away.next_record()
+    away.next_record()
+    needed = not away.membership.is_drive_over()
+    point_to(away.bucket, 6)
+    away.next_record()
+    away.next_record()
+    over = away.membership.is_drive_over()
+    away.membership.end_drive()
+    away.next_record()
+    idle = away.next_record()
+
+    assert driving.drives == 5
+    assert 0 < driving.steps < 50
+    assert driving.drive_s >= 0.0
+    assert (needed, over) == (True, True)
+    assert (idle.drives, idle.steps, idle.drive_s) == (-1, 0, 0.0)
+    assert not away.membership.is_drive_over()
 
 
 def test_it_leaves_without_a_trace(away):

@@ -6,16 +6,17 @@ from dataclasses import replace
 import pytest
 
 from drcli.base.errors import StorageError
-from drcli.exchange.joined_worker import MemberRecord, SharesRecord
+from drcli.exchange.joined_worker import MemberRecord, SharesRecord, WorkerShare
 from drcli.store import keys
 from drcli.store.bucket import Listing
-from drcli.store.members import FORGOTTEN_S, GONE_S, RENEWED_S, read_shares
+from drcli.store.members import FORGOTTEN_S, GONE_S, MISSED_S, RENEWED_S, read_shares
 from drcli.workers.episode_share import AssignedShare, Share
 from drcli.workers.share_keeper import (
     FRUGAL_LOOK_S,
     KNOWN_AFTER,
     LATE_PAUSE_S,
     PUNCTUAL,
+    TRIED_AGAIN_S,
     ShareKeeper,
 )
 from memory_bucket import MemoryBucket
@@ -40,6 +41,11 @@ class Machines:
 
     def has_seen(self, name: str, checkpoint: int) -> None:
         self.records[name] = replace(self.records[name], checkpoint=checkpoint, ready=True)
+
+    def drives(self, name: str, iteration: int, steps: int, seconds: float) -> None:
+        self.records[name] = replace(
+            self.records[name], drives=iteration, steps=steps, drive_s=seconds
+        )
 
     def leave(self, name: str) -> None:
         del self.records[name]
@@ -221,6 +227,112 @@ def test_the_pause_of_a_worker_doubles_until_it_is_in_time_again(machines):
                 keeper.note({0: 100.0, 1: 100.0}, [], checkpoint)
 
     assert pauses == [10.0, 20.0, 10.0]
+
+
+def with_two(machines: Machines, episodes: int = 8) -> tuple[ShareKeeper, WorkerShare]:
+    """A trainer with one worker of its own and one that has joined, and the share of the latter."""
+    keeper = machines.keeper(1, episodes)
+    machines.join("far")
+    machines.let_pass(5.0, keeper)
+    keeper.version_for(1)
+    return keeper, keeper.at(1)[1]
+
+
+def test_a_worker_that_was_too_slow_for_a_share_is_tried_again(machines):
+    keeper, _ = with_two(machines)
+    for _ in range(KNOWN_AFTER):
+        keeper.note({0: 100.0, 1: 1.0}, [], 1)
+    keeper.version_for(2)
+    too_slow = who(keeper, 2)
+    machines.let_pass(TRIED_AGAIN_S, keeper)
+    keeper.version_for(3)
+    tried = who(keeper, 3)
+    keeper.note({0: 100.0, 1: 100.0}, [], 3)
+    keeper.version_for(4)
+
+    assert too_slow == [(0, "", 8)]
+    assert tried == [(0, "", 7), (1, "far", 1)]
+    assert who(keeper, 4) == [(0, "", 4), (1, "far", 4)]
+
+
+def test_a_worker_that_idles_with_a_small_part_gets_a_larger_one(machines):
+    keeper, _ = with_two(machines, episodes=44)
+    for _ in range(KNOWN_AFTER):
+        keeper.note({0: 100.0, 1: 10.0}, [], 1)
+    parts = []
+    for checkpoint in range(2, 5):
+        keeper.version_for(checkpoint)
+        parts.append(who(keeper, checkpoint)[1][2])
+        # As fast as before for each step, but its few cars would be ready far too early.
+        keeper.note({0: 10.0, 1: 14.0}, [], checkpoint)
+
+    assert parts[0] == 4
+    assert parts[0] < parts[1] < parts[2]
+
+
+def test_nobody_waits_for_a_worker_that_is_silent(machines):
+    keeper, share = with_two(machines)
+    assert not keeper.is_hopeless(share, 1, 100.0, 10.0)
+
+    machines.silence("far")
+    machines.let_pass(MISSED_S - RENEWED_S, keeper)
+    assert not keeper.is_hopeless(share, 1, 100.0, 10.0)
+    machines.let_pass(RENEWED_S, keeper)
+
+    assert keeper.is_hopeless(share, 1, 100.0, 10.0)
+
+
+def test_nobody_waits_for_a_worker_that_has_left_or_starts_again(machines):
+    keeper, share = with_two(machines)
+    machines.join("far", ready=False)
+    machines.let_pass(5.0, keeper)
+    starts_again = keeper.is_hopeless(share, 1, 100.0, 10.0)
+    machines.leave("far")
+    machines.let_pass(5.0, keeper)
+
+    assert starts_again
+    assert keeper.is_hopeless(share, 1, 100.0, 10.0)
+
+
+def test_a_trainer_that_has_not_looked_yet_gives_nobody_up(machines):
+    _, share = with_two(machines)
+
+    assert not machines.keeper(1).is_hopeless(share, 1, 100.0, 10.0)
+
+
+@pytest.mark.parametrize(("driven", "hopeless"), [(49, True), (51, False)])
+def test_nobody_waits_for_a_worker_that_is_too_slow_to_be_in_time(machines, driven, hopeless):
+    keeper, share = with_two(machines)
+    machines.drives("far", 1, driven, 10.0)
+    machines.let_pass(5.0, keeper)
+
+    # It has to drive 100 steps within 20 seconds.
+    assert keeper.is_hopeless(share, 1, 100.0, 20.0) == hopeless
+
+
+@pytest.mark.parametrize(("iteration", "seconds"), [(0, 10.0), (1, 1.0)])
+def test_a_worker_is_not_judged_by_another_iteration_or_by_its_first_moments(
+    machines, iteration, seconds
+):
+    keeper, share = with_two(machines)
+    machines.drives("far", iteration, 0, seconds)
+    machines.let_pass(5.0, keeper)
+
+    assert not keeper.is_hopeless(share, 1, 100.0, 20.0)
+
+
+def test_a_worker_that_becomes_slow_comes_back_with_a_small_share(machines):
+    keeper, _ = with_two(machines, episodes=44)
+    for _ in range(KNOWN_AFTER):
+        keeper.note({0: 100.0, 1: 100.0}, [], 1)
+    machines.drives("far", 1, 100, 10.0)
+    machines.let_pass(5.0, keeper)
+    keeper.note({0: 100.0}, [1], 1)
+    machines.has_seen("far", 2)
+    machines.let_pass(2 * LATE_PAUSE_S, keeper)
+    keeper.version_for(3)
+
+    assert who(keeper, 3) == [(0, "", 40), (1, "far", 4)]
 
 
 def test_slow_workers_drive_less_unless_shares_must_be_equal(machines):
