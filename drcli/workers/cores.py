@@ -34,6 +34,11 @@ def overlaps(train: TrainConfig) -> bool:
     return train.train_overlap == "on"
 
 
+def with_known_overlap(train: TrainConfig) -> TrainConfig:
+    """The same for processes on other machines, whose cores do not decide whether work overlaps."""
+    return train.replaced(train_overlap="on" if overlaps(train) else "off")
+
+
 def driving_threads(train: TrainConfig) -> int:
     """Threads of one simulation worker; the workers share the cores that the trainer leaves.
 
