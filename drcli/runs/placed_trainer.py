@@ -32,7 +32,7 @@ from drcli.tracking.open_sinks import tensorboard_folder
 from drcli.workers import worker_process
 from drcli.workers.cores import with_known_overlap
 from drcli.workers.pulse import STACKS_SIGNAL
-from drcli.workers.ray_cluster import NodeLost, PlacedActor, connect, keys_for_nodes
+from drcli.workers.ray_cluster import NodeLost, PlacedActor, connected, keys_for_nodes
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 
 _logger = get_logger(__name__)
@@ -163,9 +163,7 @@ class PlacedTrainer:
         self._host = host
 
     def give_back(self) -> None:
-        """Give the place on the node back; what the trainer has left there is deleted."""
-        if self.node:
-            self._host.call("clean_up")
+        """Give the place on the node back."""
         self._host.give_back()
 
     def look(self) -> int | None:
@@ -187,7 +185,7 @@ class PlacedTrainer:
         try:
             report = self._host.look()
         except NodeLost as error:
-            self._give_up(f"The node of the trainer{self._where()} is lost: {error}", lost=True)
+            self._give_up(f"The node of the trainer{self._where()} is gone ({error}).", lost=True)
         if report is None:
             return None
         if report.refusal is not None:
@@ -222,17 +220,24 @@ class PlacedTrainer:
 def main(job: Job, lifeline: Lifeline) -> None:
     """Train here or on a node until the training ends."""
     train = job.config.train
-    ray = connect(job)
-    nodes = [node["Resources"].get("GPU", 0.0) for node in ray.nodes() if node["Alive"]]
-    gpus = gpus_to_ask(train.ray_trainer, train.train_learners, nodes, _gpus_here)
-    if gpus is None:
-        ray.shutdown()
-        _logger.info("The trainer runs here: the cluster has no GPU that this machine has not.")
-        from drcli.workers import trainer
-
-        trainer.main(job, lifeline)
+    code: int | None = None
+    with connected(job) as ray:
+        nodes = [node["Resources"].get("GPU", 0.0) for node in ray.nodes() if node["Alive"]]
+        gpus = gpus_to_ask(train.ray_trainer, train.train_learners, nodes, _gpus_here)
+        if gpus is not None:
+            code = train_elsewhere(ray, job, lifeline, gpus)
+    if code is not None:
+        end_as(code)
         return
-    cores = train.threads or train.train_learners
+    _logger.info("The trainer runs here: the cluster has no GPU that this machine has not.")
+    from drcli.workers import trainer
+
+    trainer.main(job, lifeline)
+
+
+def train_elsewhere(ray: Any, job: Job, lifeline: Lifeline, gpus: int) -> int:
+    """Let the trainer run on a node with so many GPUs; returns its exit code."""
+    cores = job.config.train.threads or job.config.train.train_learners
 
     def asked(cores: int) -> PlacedActor[HostReport]:
         return PlacedActor(ray, place(ray, job, gpus, cores))
@@ -245,10 +250,9 @@ def main(job: Job, lifeline: Lifeline) -> None:
         while code is None:
             time.sleep(LOOK_S)
             code = placed.look()
+        return code
     finally:
         placed.give_back()
-        ray.shutdown()
-    end_as(code)
 
 
 def _gpus_here() -> int:

@@ -98,7 +98,7 @@ class TrainerHost:
         if self._refusal is not None:
             return HostReport(node, self._refusal.code, refusal=self._refusal)
         code = self._process.poll()  # first, so that its last words are read below
-        return HostReport(
+        report = HostReport(
             node,
             code,
             PulseRecord.read(self._job.folder, TRAINER),
@@ -107,6 +107,9 @@ class TrainerHost:
             self._new_events(),
             self._changed_files(),
         )
+        if code is not None:  # who asks does not ask again
+            shutil.rmtree(self._folder, ignore_errors=True)
+        return report
 
     def stop(self) -> None:
         """Let the trainer end."""
@@ -116,10 +119,6 @@ class TrainerHost:
         """Send a signal to the trainer."""
         with suppress(ProcessLookupError):
             self._process.send_signal(number)
-
-    def clean_up(self) -> None:
-        """Delete what is left of a trainer that has ended."""
-        shutil.rmtree(self._folder, ignore_errors=True)
 
     def _new_events(self) -> dict[str, bytes]:
         found = {}

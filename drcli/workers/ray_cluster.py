@@ -1,12 +1,16 @@
 """A cluster of Ray, as a process of the training's machine uses it."""
 
 import importlib
+import io
+import re
 import signal
 import socket
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
 from typing import Any, Generic, TypeVar
 
 from drcli.base.errors import SettingsError
+from drcli.base.log import get_logger
 from drcli.config import secret_environment
 from drcli.exchange.job import Job
 from drcli.workers.ray_extra import require_ray
@@ -14,15 +18,37 @@ from drcli.workers.ray_extra import require_ray
 KEYS = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN")
 """Keys of the bucket that nodes get if the environment of the training has them."""
 
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+
+_logger = get_logger(__name__)
+
 T = TypeVar("T")
 
 
 class NodeLost(Exception):
-    """The node of a worker is gone, or Ray's process there."""
+    """The node of a worker is gone, or Ray's process there; with Ray's word for it."""
 
 
-def connect(job: Job) -> Any:
-    """Connect this process to the cluster of a training; returns the module ray.
+class RayMessages(io.TextIOBase):
+    """Standard output of a process while Ray writes to it: logs the first line of each message.
+
+    At each node that is lost, Ray adds pages with its own state.
+    """
+
+    def write(self, text: str) -> int:
+        """Log the lines that begin a message."""
+        for line in text.splitlines():
+            plain = _COLOURS.sub("", line).rstrip()
+            if plain and not plain[0].isspace():
+                _logger.info("Ray: %s", plain)
+        return len(text)
+
+
+@contextmanager
+def connected(job: Job) -> Iterator[Any]:
+    """Connect this process to the cluster of a training, or to Ray on this machine alone.
+
+    The value is the module ray.
 
     Raises:
         NotAvailable: Ray is not installed.
@@ -32,22 +58,31 @@ def connect(job: Job) -> Any:
     ray: Any = importlib.import_module("ray")  # whose functions have no types
     address = job.config.train.ray_address or None
     ended_by = signal.getsignal(signal.SIGTERM)
-    try:
-        ray.init(
-            address=address,
-            include_dashboard=False if address is None else None,
-            log_to_driver=False,
-            configure_logging=False,
-            namespace="drcli",
-        )
-    except (ConnectionError, ValueError, RuntimeError) as error:
-        raise SettingsError(
-            f"Ray at {address or 'RAY_ADDRESS'} does not answer: {str(error).splitlines()[0]}",
-            remedy="Correct DR_RAY_ADDRESS, or start the cluster with `ray up` or `ray start "
-            "--head`.",
-        ) from None
-    finally:
-        signal.signal(signal.SIGTERM, ended_by)  # Ray has its own, which ends the process
+    with redirect_stdout(RayMessages()):
+        try:
+            ray.init(
+                address=address,
+                include_dashboard=False if address is None else None,
+                log_to_driver=False,
+                configure_logging=False,
+                namespace="drcli",
+            )
+        except (ConnectionError, ValueError, RuntimeError) as error:
+            raise SettingsError(
+                f"Ray at {address or 'RAY_ADDRESS'} does not answer: {str(error).splitlines()[0]}",
+                remedy="Correct DR_RAY_ADDRESS, or start the cluster with `ray up` or `ray start "
+                "--head`.",
+            ) from None
+        finally:
+            signal.signal(signal.SIGTERM, ended_by)  # Ray has its own, which ends the process
+        try:
+            _refuse_unreachable_bucket(ray, job)
+            yield ray
+        finally:
+            ray.shutdown()
+
+
+def _refuse_unreachable_bucket(ray: Any, job: Job) -> None:
     hosts = {node["NodeManagerHostname"] for node in ray.nodes() if node["Alive"]}
     others = hosts - {socket.gethostname()}
     if others and job.config.storage.cloud == "local":
@@ -55,7 +90,6 @@ def connect(job: Job) -> Any:
             f"DR_CLOUD=local is a bucket on this machine, which {min(others)} cannot reach.",
             remedy="Use a bucket that all nodes reach: DR_CLOUD=aws or remote.",
         )
-    return ray
 
 
 def keys_for_nodes(*more: str) -> dict[str, str]:
@@ -99,7 +133,7 @@ class PlacedActor(Generic[T]):
                     f"A node cannot start a worker: {str(error).strip().splitlines()[-1]}",
                     remedy="Install the same version of drcli on all nodes.",
                 ) from None
-            raise NodeLost(f"Its node is gone ({type(error).__name__}).") from None
+            raise NodeLost(type(error).__name__) from None
         return found
 
     def call(self, method: str, *arguments: object) -> None:

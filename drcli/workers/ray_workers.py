@@ -14,7 +14,7 @@ from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.log import get_logger
 from drcli.exchange.job import Job
 from drcli.workers import worker_process
-from drcli.workers.ray_cluster import NodeLost, PlacedActor, connect, keys_for_nodes
+from drcli.workers.ray_cluster import NodeLost, PlacedActor, connected, keys_for_nodes
 from drcli.workers.ray_host import WorkerHost
 from drcli.workers.worker_process import Activity, Lifeline
 
@@ -131,7 +131,9 @@ class RayWorkers:
         try:
             seen = seat.placed.look()
         except NodeLost as error:
-            _logger.warning("Worker %d: %s It is placed again.", seat.number, error)
+            _logger.warning(
+                "Worker %d: its node is gone (%s). It is placed again.", seat.number, error
+            )
             self._place_again(seat)
             return
         if seen is None:
@@ -174,16 +176,13 @@ class RayCluster:
     """A cluster of Ray, or Ray on this machine alone.
 
     Args:
+        ray: The module, connected.
         job: The training.
         arguments: Of `dr-start-worker`.
-
-    Raises:
-        NotAvailable: Ray is not installed.
-        SettingsError: The cluster cannot be used.
     """
 
-    def __init__(self, job: Job, arguments: Sequence[str]) -> None:
-        self._ray: Any = connect(job)
+    def __init__(self, ray: Any, job: Job, arguments: Sequence[str]) -> None:
+        self._ray = ray
         self._job = job
         self._arguments = list(arguments)
 
@@ -195,10 +194,6 @@ class RayCluster:
         folder = str(self._job.directory)
         placed = options.remote(self._arguments, folder, keys_for_nodes(), threads)
         return PlacedActor[tuple[str, list[str], int | None]](self._ray, placed)
-
-    def close(self) -> None:
-        """Leave the cluster; Ray that was started here ends."""
-        self._ray.shutdown()
 
 
 def join_arguments(job: Job) -> list[str]:
@@ -218,18 +213,18 @@ def main(job: Job, lifeline: Lifeline) -> None:
     """Keep the workers in the training until this process is to end."""
     bucket = worker_process.open_own_bucket(job, lifeline)
     activity = Activity(bucket, job.config.model.prefix, NAME, lifeline.pulse)
-    cluster = RayCluster(job, join_arguments(job))
     try:
-        workers = RayWorkers(cluster, job.ray_workers)
-        try:
-            while not lifeline.should_stop():
-                activity.wait(workers.look())
-                time.sleep(LOOK_S)
-        finally:
-            workers.leave()
+        with connected(job) as ray:
+            cluster = RayCluster(ray, job, join_arguments(job))
+            workers = RayWorkers(cluster, job.ray_workers)
+            try:
+                while not lifeline.should_stop():
+                    activity.wait(workers.look())
+                    time.sleep(LOOK_S)
+            finally:
+                workers.leave()
     finally:
         activity.close()
-        cluster.close()
 
 
 if __name__ == "__main__":
