@@ -15,7 +15,7 @@ from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_record import run_folder
 from drcli.exchange.stage import Stage
 from drcli.exchange.training_start import TrainingStart
-from drcli.workers.ray_extra import require_ray
+from drcli.workers.ray_extra import has_cluster, require_ray
 
 
 def planned_job(
@@ -61,18 +61,13 @@ def planned_job(
         ends_at=began_at + lives_s if lives_s else None,
         stages=stages,
         ray_workers=settings.workers if by_ray else 0,
-        ray_trainer=by_ray and settings.ray_trainer != "here" and _has_cluster(settings),
+        ray_trainer=by_ray and settings.ray_trainer != "here" and has_cluster(settings),
     )
-
-
-def _has_cluster(settings: Settings) -> bool:
-    """Whether there is a cluster; otherwise Ray starts on this machine, and knows no other."""
-    return bool(settings.ray_address or os.environ.get("RAY_ADDRESS"))
 
 
 def _refuse_no_cluster(settings: Settings) -> None:
     wanted = settings.ray_trainer
-    if wanted in ("cluster", "gpu") and not _has_cluster(settings):
+    if wanted in ("cluster", "gpu") and not has_cluster(settings):
         raise SettingsError(
             f"DR_RAY_TRAINER={wanted} in system.env: there is no cluster for the trainer, because "
             "Ray starts on this machine alone.",

@@ -274,7 +274,8 @@ def _worker(worker: "WorkerReport") -> str:
     state = f"{'alive' if worker.alive else 'DEAD'}, process {worker.pid}"
     state += f", restarted {worker.restarts} x" if worker.restarts else ""
     health = f" ({worker.health.words(worker.name)})" if worker.health and worker.alive else ""
-    return f"{worker.name} ({state}): {worker.activity}{health}"
+    host = f" on {worker.host}" if worker.host else ""
+    return f"{worker.name} ({state}){host}: {worker.activity}{health}"
 
 
 def _source(pretrained: "Pretrained") -> str:
