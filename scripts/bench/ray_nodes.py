@@ -8,6 +8,7 @@ import argparse
 import json
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -135,6 +136,7 @@ def _train(
         "workers placed again": words.count("placed again"),
         "trainer placed again": trainer.count("The trainer runs on") - 1,
         "checkpoints in the log of the trainer": trainer.count("Checkpoint> Saving"),
+        "workers that joined": len(set(re.findall(r" as (joined-[\w-]+)", words))),
         "logs of workers that can be read": sum(bool(log.read_text()) for log in logs),
     }
 
