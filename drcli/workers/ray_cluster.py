@@ -2,6 +2,7 @@
 
 import importlib
 import io
+import os
 import re
 import signal
 import socket
@@ -17,6 +18,9 @@ from drcli.workers.ray_extra import require_ray
 
 KEYS = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN")
 """Keys of the bucket that nodes get if the environment of the training has them."""
+
+CONNECT_S = 10.0
+"""How long the cluster may take to accept a connection."""
 
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -57,6 +61,7 @@ def connected(job: Job) -> Iterator[Any]:
     require_ray()
     ray: Any = importlib.import_module("ray")  # whose functions have no types
     address = job.config.train.ray_address or None
+    _refuse_silent_address(address or os.environ.get("RAY_ADDRESS", ""))
     ended_by = signal.getsignal(signal.SIGTERM)
     with redirect_stdout(RayMessages()):
         try:
@@ -68,11 +73,7 @@ def connected(job: Job) -> Iterator[Any]:
                 namespace="drcli",
             )
         except (ConnectionError, ValueError, RuntimeError) as error:
-            raise SettingsError(
-                f"Ray at {address or 'RAY_ADDRESS'} does not answer: {str(error).splitlines()[0]}",
-                remedy="Correct DR_RAY_ADDRESS, or start the cluster with `ray up` or `ray start "
-                "--head`.",
-            ) from None
+            raise _no_answer(address or "RAY_ADDRESS", str(error).splitlines()[0]) from None
         finally:
             signal.signal(signal.SIGTERM, ended_by)  # Ray has its own, which ends the process
         try:
@@ -80,6 +81,24 @@ def connected(job: Job) -> Iterator[Any]:
             yield ray
         finally:
             ray.shutdown()
+
+
+def _refuse_silent_address(address: str) -> None:
+    """Find out soon whether anybody listens there: Ray tries for minutes, and then exits."""
+    host, colon, port = address.rpartition(":")
+    if not colon or "/" in address or not port.isdecimal():
+        return  # such as auto
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), CONNECT_S).close()
+    except (OSError, OverflowError) as error:
+        raise _no_answer(address, str(error)) from None
+
+
+def _no_answer(address: str, why: str) -> SettingsError:
+    return SettingsError(
+        f"Ray at {address} does not answer: {why}",
+        remedy="Correct DR_RAY_ADDRESS, or start the cluster with `ray up` or `ray start --head`.",
+    )
 
 
 def _refuse_unreachable_bucket(ray: Any, job: Job) -> None:
