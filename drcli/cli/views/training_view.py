@@ -225,7 +225,7 @@ def _traffic(made: "RequestReport") -> tuple[int, int]:
 def start_text(plan: "RunPlan") -> str:
     """What will be trained, and from which files and weights."""
     config, inputs = plan.job.config, plan.inputs
-    workers = counted(config.train.workers, "worker")
+    workers = counted(config.train.workers or plan.job.ray_workers, "worker")
     begin = f", resuming from {plan.resumes}" if plan.resumes else ""
     if plan.pretrained is not None:
         begin = f", with the weights of {_source(plan.pretrained)}"
