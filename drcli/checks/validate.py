@@ -27,6 +27,7 @@ from drcli.modelfiles.custom_files import FILE_RULES, InputFile, find, local_fil
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.workers.ray_extra import workers_here
 
 BUCKET_RULES = ("V-09", "V-10", "V-13", "V-35", "V-50")
 
@@ -109,7 +110,7 @@ class _Validation:
             origin = files[keys.HYPERPARAMETERS_FILE].origin
             self.found += review_balance(settings, parameters, origin)
         self.found += review_memory(
-            settings.workers, settings.place("DR_WORKERS"), parameters, metadata
+            workers_here(settings), settings.place("DR_WORKERS"), parameters, metadata
         )
 
     def try_files_alone(self) -> None:

@@ -82,6 +82,9 @@ class Job:
         tasks: Evaluations that the worker processes of one command share.
         training: Id of the record of the training; empty if there is none.
         ray_workers: How many simulation workers Ray places; the settings have none then.
+        ray_trainer: Whether Ray may place the trainer, as DR_RAY_TRAINER says.
+        trainer: How often the trainer was started before, if an earlier process of it may still
+            live on another machine: only the one with the highest number may write.
     """
 
     config: RunConfig
@@ -103,6 +106,8 @@ class Job:
     training: str = ""
     until_lap_time_s: float | None = None
     ray_workers: int = 0
+    ray_trainer: bool = False
+    trainer: int | None = None
 
     @property
     def wanted_laps(self) -> int:
@@ -207,6 +212,7 @@ class WorkerExit:
         final: Whether a new process would end the same way.
         silent: Whether the bucket's server did not answer.
         memory: Whether memory ran out.
+        lost: Whether its machine is gone, which is not its own fault.
     """
 
     message: str
@@ -215,6 +221,7 @@ class WorkerExit:
     final: bool = False
     silent: bool = False
     memory: bool = False
+    lost: bool = False
 
     @staticmethod
     def of(error: DrError) -> "WorkerExit":

@@ -37,6 +37,8 @@ class Lease(JsonRecord):
         pid_started: When that process began there.
         term: Counts the owners of the prefix. Of two leases the one with the higher term is right:
             an owner that was suspended may write its lease once more after it lost the prefix.
+        trainer: Number of the trainer process of this session that may write. An earlier one may
+            still live on another machine.
         released: Whether the owner has ended. The record stays, so that an earlier owner that was
             suspended for so long still learns that there was another one.
         age_s: How long ago it was written; not in the file.
@@ -51,6 +53,7 @@ class Lease(JsonRecord):
     machine: str = ""
     pid_started: float = 0.0
     term: int = 0
+    trainer: int = 0
     released: bool = False
     age_s: float = 0.0
     newer: bool = False

@@ -46,6 +46,11 @@ class Compute:
         return FORMATS[self.bf16]
 
 
+def gpu_count() -> int:
+    """How many GPUs torch can use on this machine."""
+    return torch.cuda.device_count() if torch.cuda.is_available() else 0
+
+
 def flush_denormals() -> None:
     """Let this thread, and those that it starts, treat numbers next to 0 as 0.
 

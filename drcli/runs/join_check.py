@@ -76,7 +76,7 @@ def refuse_other_machine(record: JoinRecord, job: Job) -> None:
     Raises:
         SettingsError: Versions or tracks differ.
     """
-    _refuse_other_versions(record.versions, versions())
+    refuse_other_versions(record.versions)
     here = routes(job)
     for race in races_of(job):
         world = race.world_name
@@ -97,7 +97,13 @@ def refuse_other_machine(record: JoinRecord, job: Job) -> None:
             )
 
 
-def _refuse_other_versions(wanted: Mapping[str, str], here: Mapping[str, str]) -> None:
+def refuse_other_versions(wanted: Mapping[str, str]) -> None:
+    """Return if this machine has the versions that a training uses.
+
+    Raises:
+        SettingsError: One differs.
+    """
+    here = versions()
     for name in sorted(wanted.keys() & here.keys(), key=lambda each: each == SOURCE):
         if wanted[name] == here[name]:
             continue

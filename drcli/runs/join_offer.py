@@ -14,7 +14,7 @@ from drcli.exchange.joined_worker import JoinRecord
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.join_check import routes, versions
 from drcli.store import keys
-from drcli.workers.cores import overlaps
+from drcli.workers.cores import with_known_overlap
 
 _logger = get_logger(__name__)
 
@@ -47,8 +47,7 @@ def offer(job: Job) -> JoinRecord:
     """What others need to join; without secrets, and without what only its machine may do."""
     public = job.without_addresses()
     figures = FigureConfig(**{each.field: each.default for each in FigureConfig.declared.values()})
-    ahead = "on" if overlaps(job.config.train) else "off"  # not by the cores of another machine
-    train = job.config.train.replaced(train_overlap=ahead)
+    train = with_known_overlap(job.config.train)
     config = replace(public.config, train=train, figures=figures, given={})
     job_json = json.dumps(asdict(replace(public, config=config)), default=json_default)
     return JoinRecord(job.session, versions(), routes(job), json.loads(job_json))

@@ -1,5 +1,6 @@
 """Renews the lease of a running training, and notices when another one has taken it."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -41,6 +42,16 @@ class Renewal:
         self._written_s = self._owned_s = clock()
         self.lost: OwnershipLost | None = None
         """Why the training must end; None while it holds the lease."""
+
+    def begin_trainer(self, number: int) -> None:
+        """Let no trainer process with a lower number write any more.
+
+        Raises:
+            StorageError: The bucket does not answer; the next step tries again.
+        """
+        self._lease = replace(self._lease, trainer=number)
+        self._written_s = -math.inf
+        self.step()
 
     def step(self) -> None:
         """Check who holds the lease, and write it again if it is ours and due.

@@ -1,5 +1,6 @@
 """Looks up the state of a run: in its record on this machine and in the bucket."""
 
+import socket
 import time
 from dataclasses import dataclass, field, replace
 
@@ -51,6 +52,7 @@ class WorkerReport:
         activity: What it does or waits for, in a few words.
         log: Path of its log file on this machine.
         health: Its progress and memory; null if it does not run.
+        host: Machine on which it works; empty for this one.
     """
 
     name: str
@@ -60,6 +62,7 @@ class WorkerReport:
     activity: str
     log: str
     health: WorkerHealth | None = None
+    host: str = ""
 
 
 @dataclass(frozen=True)
@@ -214,7 +217,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     history: list[IterationRecord] = []
     best = last = None
     damaged: list[str] = []
-    activities: dict[str, str] = {}
+    said: dict[str, ActivityRecord] = {}
     failed: RewardCounts | None = None
     rollbacks: list[Rollback] = []
     joined: list[JoinedReport] = []
@@ -241,9 +244,9 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             if alive:
                 joined = _joined(bucket, record)
             names = [worker.name for worker in record.workers]
-            activities = {name: _activity(bucket, record.prefix, name) for name in names}
+            said = {name: _said(bucket, record.prefix, name) for name in names}
         except StorageError as error:
-            activities = {TRAINER: f"the bucket does not answer: {error}"}
+            said = {TRAINER: _here(f"the bucket does not answer: {error}")}
             unreachable = str(error)
     if record.state in LIVE_STATES and not alive:
         record = replace(
@@ -259,9 +262,10 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             pid=worker.pid,
             alive=running and worker.pid is not None and exists(worker.pid),
             restarts=worker.restarts,
-            activity=activities.get(worker.name, "") if running else "",
+            activity=said[worker.name].activity if running and worker.name in said else "",
             log=str(log_file(config.directory, record.prefix, worker.name)),
             health=WorkerHealth.of(folder, worker.name, worker.pid) if running else None,
+            host=_other_host(said.get(worker.name)) if running else "",
         )
         for worker in record.workers
     ]
@@ -375,7 +379,7 @@ def _joined(bucket: Bucket, record: RunRecord) -> list[JoinedReport]:
             JoinedReport(
                 name=f"sim-{number}",
                 host=host,
-                activity=_activity(bucket, record.prefix, f"sim-{number}"),
+                activity=_said(bucket, record.prefix, f"sim-{number}").activity,
                 alive=age_s is None or age_s < GONE_S,
                 episodes=0 if own is None else own.count,
             )
@@ -383,11 +387,20 @@ def _joined(bucket: Bucket, record: RunRecord) -> list[JoinedReport]:
     return found
 
 
-def _activity(bucket: Bucket, prefix: str, name: str) -> str:
+def _said(bucket: Bucket, prefix: str, name: str) -> ActivityRecord:
+    """What a worker has said about itself."""
     key = keys.status(prefix, name)
     try:
-        return read_record(bucket, key, ActivityRecord.decode, "It is written again.").activity
+        return read_record(bucket, key, ActivityRecord.decode, "It is written again.")
     except ObjectMissing:
-        return "starting"
+        return _here("starting")
     except ObjectDamaged as error:
-        return str(error)
+        return _here(str(error))
+
+
+def _here(text: str) -> ActivityRecord:
+    return ActivityRecord(text, 0.0, 0, "")
+
+
+def _other_host(said: ActivityRecord | None) -> str:
+    return said.host if said is not None and said.host != socket.gethostname() else ""

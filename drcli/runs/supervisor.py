@@ -80,7 +80,8 @@ class Supervisor:
         self._server = Periodic("server", revive_server, SERVER_CHECK_S)
         self._lease = Periodic("lease", renewal.step, LOOK_S)
         gpus = job.config.train.sagemaker_cuda_devices
-        self._children = [Child(TRAINER, "drcli.workers.trainer", [], gpus)]
+        trainer = "drcli.runs.placed_trainer" if job.ray_trainer else "drcli.workers.trainer"
+        self._children = [Child(TRAINER, trainer, [], gpus)]
         for k in range(job.config.train.workers):
             gpus = job.config.train.robomaker_cuda_devices
             self._children.append(Child(f"sim-{k}", "drcli.workers.sim", [str(k)], gpus))
@@ -131,11 +132,22 @@ class Supervisor:
 
     def _start(self, child: Child) -> None:
         WorkerExit.delete(self._job.folder, child.name)  # that of an earlier run
+        job = self._job
+        if job.ray_trainer and child.name == TRAINER:
+            job = replace(job, trainer=child.restarts)
+            self._forbid_earlier_trainers(child.restarts)
         child.process = start_process(
-            self._job, child.name, child.module, *child.arguments, gpus=child.gpus
+            job, child.name, child.module, *child.arguments, gpus=child.gpus
         )
         child.started, child.finished, child.ended_by = time.monotonic(), None, ""
         _logger.info("%s started as process %d.", child.name, child.process.pid)
+
+    def _forbid_earlier_trainers(self, number: int) -> None:
+        """Let only this trainer write: the one before may live on a machine that is cut off."""
+        if number:
+            written = self._lease.ask(partial(self._renewal.begin_trainer, number))
+            while not written.wait(POLL_S) and self._signal is None:
+                pass
 
     def _watch(self) -> Outcome:
         """Watch the workers until there is a reason to end the run."""

@@ -27,7 +27,7 @@ MAX_QUICK_DEATHS = 3
 """How many quick deaths in a row a worker may have by its own fault."""
 
 MAX_QUICK_KILLS = 25
-"""The same for signals from outside."""
+"""The same for signals from outside, and for machines that are gone."""
 
 
 def died_too_often(
@@ -37,7 +37,8 @@ def died_too_often(
     crash = CRASHES.get(-code)
     quick = lived_s < (QUICK_DEATH_S if crash is None else CRASH_S)
     child.quick_deaths = child.quick_deaths + 1 if quick else 0
-    own_fault = code > 0 or crash is not None
+    lost = words is not None and words.lost
+    own_fault = (code > 0 or crash is not None) and not lost
     if child.quick_deaths <= (MAX_QUICK_DEATHS if own_fault else MAX_QUICK_KILLS):
         return None
     died = f"{child.name} died {child.quick_deaths} times in a row:"

@@ -162,6 +162,7 @@ class Ownership:
         prefix: Of the model.
         session: Of the start that this process belongs to.
         term: Of its lease; 0 if unknown.
+        trainer: As in `Job`.
         trusted_s: How long a read lease is valid before a pointer is written.
         clock: Seconds that also pass while this process is suspended, for tests.
     """
@@ -173,6 +174,7 @@ class Ownership:
         session: str,
         term: int = 0,
         *,
+        trainer: int | None = None,
         trusted_s: float = POINTER_TRUSTED_S,
         clock: Callable[[], float] = elapsed_s,
     ) -> None:
@@ -182,6 +184,7 @@ class Ownership:
         self._trusted_s = trusted_s
         self._clock = clock
         self._term = term
+        self._trainer = trainer
         self._read_s = -OTHERS_TRUSTED_S
 
     def check(self, key: str) -> None:
@@ -190,7 +193,8 @@ class Ownership:
         A missing or damaged lease is no problem: the supervisor writes it again.
 
         Raises:
-            OwnershipLost: The prefix belongs to another start.
+            OwnershipLost: The prefix belongs to another start, or another process of this start is
+                its trainer now.
             StorageError: The lease cannot be read.
         """
         began_s = self._clock()
@@ -201,4 +205,9 @@ class Ownership:
             raise lost_to(self._bucket, self._prefix, lease)
         if lease is not None and lease.session == self._session:
             self._term = lease.term
+            if self._trainer is not None and lease.trainer > self._trainer:
+                raise OwnershipLost(
+                    "Another process is the trainer now, because this one could not be reached.",
+                    remedy="The training goes on there; nothing is to be done.",
+                )
         self._read_s = began_s

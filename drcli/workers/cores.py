@@ -39,6 +39,11 @@ def max_lag(train: TrainConfig) -> int:
     return train.train_max_lag if overlaps(train) else 0
 
 
+def with_known_overlap(train: TrainConfig) -> TrainConfig:
+    """The same for processes on other machines, whose cores do not decide whether work overlaps."""
+    return train.replaced(train_overlap="on" if overlaps(train) else "off")
+
+
 def driving_threads(train: TrainConfig) -> int:
     """Threads of one simulation worker; the workers share the cores that the trainer leaves.
 

@@ -38,6 +38,7 @@ class Pulse:
         self._worked_s: float | None = None
         self._turned_s = elapsed_s()
         self._beats = 0
+        self._relayed: PulseRecord | None = None
         self._pid = os.getpid()
 
     def turn(self) -> None:
@@ -52,6 +53,19 @@ class Pulse:
     def say(self, activity: str, *, waits: bool) -> None:
         """Note what the worker does, or which other worker it waits for."""
         self._activity, self._waits = activity, waits
+
+    def relay(self, record: PulseRecord) -> None:
+        """Note the pulse of a worker on another machine, for which this process stands here.
+
+        Its times are of the clock there, so only their changes count.
+        """
+        before, self._relayed = self._relayed, record
+        self.say(record.activity, waits=record.waits)
+        if record.work != (0 if before is None else before.work):
+            self._work = record.work
+            self._worked_s = self._turned_s = elapsed_s()
+        elif before is None or record.turned_s != before.turned_s:
+            self.turn()
 
     @property
     def activity(self) -> tuple[str, bool]:
@@ -78,6 +92,7 @@ class Pulse:
 
     def record(self) -> PulseRecord:
         """The pulse of now."""
+        relayed = self._relayed
         return PulseRecord(
             pid=self._pid,
             beats=self._beats,
@@ -87,8 +102,8 @@ class Pulse:
             work=self._work,
             worked_s=self._worked_s,
             turned_s=self._turned_s,
-            memory_bytes=own_memory_bytes(),
-            open_files=open_files(),
+            memory_bytes=relayed.memory_bytes if relayed else own_memory_bytes(),
+            open_files=relayed.open_files if relayed else open_files(),
         )
 
     def _beat(self, descriptor: int, end: threading.Event) -> None:

@@ -1,8 +1,10 @@
-"""Ray, which is an extra and may be missing."""
+"""Ray, which is an extra and may be missing: whether it is there, and whether it has a cluster."""
 
 import importlib.util
+import os
 
 from drcli.base.errors import NotAvailable
+from drcli.config.settings import Settings
 
 
 def require_ray() -> None:
@@ -16,3 +18,14 @@ def require_ray() -> None:
             "DR_LAUNCHER=ray needs Ray, which is not installed.",
             remedy="Install the extra: `pip install 'drcli[ray]'`.",
         )
+
+
+def has_cluster(settings: Settings) -> bool:
+    """Whether Ray has an address; otherwise it starts on this machine, and knows no other."""
+    return bool(settings.ray_address or os.environ.get("RAY_ADDRESS"))
+
+
+def workers_here(settings: Settings) -> int:
+    """How many simulation workers a training starts on this machine."""
+    elsewhere = settings.launcher == "ray" and has_cluster(settings)
+    return 0 if elsewhere else settings.workers

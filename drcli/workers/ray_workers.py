@@ -5,19 +5,16 @@ does. This process asks Ray for the actors, starts another one if a node is gone
 the workers say into their logs on this machine, where `dr-logs` finds it also afterwards.
 """
 
-import signal
-import socket
 import time
+from collections import Counter
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import Any, Protocol
 
 from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.log import get_logger
-from drcli.config import secret_environment
 from drcli.exchange.job import Job
 from drcli.workers import worker_process
-from drcli.workers.ray_extra import require_ray
+from drcli.workers.ray_cluster import NodeLost, PlacedActor, connected, keys_for_nodes
 from drcli.workers.ray_host import WorkerHost
 from drcli.workers.worker_process import Activity, Lifeline
 
@@ -36,8 +33,8 @@ MOST_DEATHS = 3
 
 QUICK_S = 30.0
 
-KEYS = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN")
-"""Keys of the bucket that nodes get if the environment of the training has them."""
+MOST_NAMED = 4
+"""How many nodes are named in the activity."""
 
 
 class Placed(Protocol):
@@ -58,10 +55,6 @@ class Placed(Protocol):
     def give_back(self) -> None:
         """Give its place on the node back."""
         ...
-
-
-class NodeLost(Exception):
-    """The node of a worker is gone, or Ray's process there."""
 
 
 class Cluster(Protocol):
@@ -106,9 +99,11 @@ class RayWorkers:
         for seat in self._seats:
             if not seat.over:
                 self._look_at(seat)
-        nodes = [seat.node for seat in self._seats if seat.node]
+        nodes = Counter(seat.node for seat in self._seats if seat.node)
         missing = sum(not (seat.node or seat.over) for seat in self._seats)
-        said = [f"{nodes.count(node)} on {node}" for node in dict.fromkeys(nodes)]
+        said = [f"{count} on {node}" for node, count in nodes.items()]
+        if len(said) > MOST_NAMED:
+            said = [f"{nodes.total()} on {len(nodes)} nodes"]
         waits = [f"{missing} wait for a node with free cores"] if missing else []
         return f"workers: {', '.join(said + waits) or 'none'}"
 
@@ -136,7 +131,9 @@ class RayWorkers:
         try:
             seen = seat.placed.look()
         except NodeLost as error:
-            _logger.warning("Worker %d: %s It is placed again.", seat.number, error)
+            _logger.warning(
+                "Worker %d: its node is gone (%s). It is placed again.", seat.number, error
+            )
             self._place_again(seat)
             return
         if seen is None:
@@ -179,93 +176,24 @@ class RayCluster:
     """A cluster of Ray, or Ray on this machine alone.
 
     Args:
+        ray: The module, connected.
         job: The training.
         arguments: Of `dr-start-worker`.
-
-    Raises:
-        NotAvailable: Ray is not installed.
-        SettingsError: The cluster does not answer, or its other machines cannot reach the bucket.
     """
 
-    def __init__(self, job: Job, arguments: Sequence[str]) -> None:
-        require_ray()
-        import ray
-
-        self._ray: Any = ray
+    def __init__(self, ray: Any, job: Job, arguments: Sequence[str]) -> None:
+        self._ray = ray
         self._job = job
         self._arguments = list(arguments)
-        address = job.config.train.ray_address or None
-        ended_by = signal.getsignal(signal.SIGTERM)
-        try:
-            ray.init(
-                address=address,
-                include_dashboard=False if address is None else None,
-                log_to_driver=False,
-                configure_logging=False,
-                namespace="drcli",
-            )
-        except (ConnectionError, ValueError, RuntimeError) as error:
-            raise SettingsError(
-                f"Ray at {address or 'RAY_ADDRESS'} does not answer: {str(error).splitlines()[0]}",
-                remedy="Correct DR_RAY_ADDRESS, or start the cluster with `ray up` or `ray start "
-                "--head`.",
-            ) from None
-        finally:
-            signal.signal(signal.SIGTERM, ended_by)  # Ray has its own, which ends the process
-        hosts = {node["NodeManagerHostname"] for node in self._ray.nodes() if node["Alive"]}
-        others = hosts - {socket.gethostname()}
-        if others and job.config.storage.cloud == "local":
-            raise SettingsError(
-                f"DR_CLOUD=local is a bucket on this machine, which {min(others)} cannot reach.",
-                remedy="Use a bucket that all nodes reach: DR_CLOUD=aws or remote.",
-            )
 
     def place(self) -> Placed:
         """Ask for a place for one more worker; it may come later."""
         threads = self._job.config.train.threads or 1
-        known = secret_environment.all_secrets()
-        keys = {name: known[name] for name in KEYS if name in known}
         actor = self._ray.remote(WorkerHost)
         options = actor.options(num_cpus=threads, max_restarts=0, scheduling_strategy="SPREAD")
         folder = str(self._job.directory)
-        return PlacedActor(self._ray, options.remote(self._arguments, folder, keys, threads))
-
-    def close(self) -> None:
-        """Leave the cluster; Ray that was started here ends."""
-        self._ray.shutdown()
-
-
-class PlacedActor:
-    """A worker in an actor of Ray."""
-
-    def __init__(self, ray: Any, actor: Any) -> None:
-        self._ray = ray
-        self._actor = actor
-        self._asked: Any = None
-
-    def look(self) -> tuple[str, list[str], int | None] | None:
-        """What the actor has answered since the last look; see `Placed`."""
-        errors = self._ray.exceptions
-        if self._asked is None:
-            self._asked = self._actor.look.remote()
-        done, _ = self._ray.wait([self._asked], timeout=0.2)
-        if not done:
-            return None
-        asked, self._asked = self._asked, None
-        try:
-            found: tuple[str, list[str], int | None] = self._ray.get(asked)
-        except (errors.RayActorError, errors.NodeDiedError) as error:
-            raise NodeLost(f"Its node is gone ({type(error).__name__}).") from None
-        return found
-
-    def stop(self) -> None:
-        """Let the worker leave the training."""
-        self._actor.stop.remote()
-
-    def give_back(self) -> None:
-        """Give its place on the node back."""
-        with suppress(self._ray.exceptions.RayError, ValueError):
-            self._ray.kill(self._actor)
+        placed = options.remote(self._arguments, folder, keys_for_nodes(), threads)
+        return PlacedActor[tuple[str, list[str], int | None]](self._ray, placed)
 
 
 def join_arguments(job: Job) -> list[str]:
@@ -285,18 +213,18 @@ def main(job: Job, lifeline: Lifeline) -> None:
     """Keep the workers in the training until this process is to end."""
     bucket = worker_process.open_own_bucket(job, lifeline)
     activity = Activity(bucket, job.config.model.prefix, NAME, lifeline.pulse)
-    cluster = RayCluster(job, join_arguments(job))
     try:
-        workers = RayWorkers(cluster, job.ray_workers)
-        try:
-            while not lifeline.should_stop():
-                activity.wait(workers.look())
-                time.sleep(LOOK_S)
-        finally:
-            workers.leave()
+        with connected(job) as ray:
+            cluster = RayCluster(ray, job, join_arguments(job))
+            workers = RayWorkers(cluster, job.ray_workers)
+            try:
+                while not lifeline.should_stop():
+                    activity.wait(workers.look())
+                    time.sleep(LOOK_S)
+            finally:
+                workers.leave()
     finally:
         activity.close()
-        cluster.close()
 
 
 if __name__ == "__main__":

@@ -129,7 +129,7 @@ def open_own_bucket(job: Job, lifeline: Lifeline, *, far: bool = False) -> S3Buc
     bucket = open_bucket(storage, hurried=lifeline.should_stop, unattended=True, **patience)
     trusted_s = OTHERS_TRUSTED_S if far else POINTER_TRUSTED_S
     prefix = job.config.model.prefix
-    own = Ownership(bucket, prefix, job.session, job.term, trusted_s=trusted_s)
+    own = Ownership(bucket, prefix, job.session, job.term, trainer=job.trainer, trusted_s=trusted_s)
     return bucket.fenced(own.check)
 
 

@@ -1,12 +1,14 @@
 """Trains on a Ray cluster of simulated nodes, one of which is killed at random again and again.
 
-Needs the extra: `pip install 'drcli[ray]'`. All nodes are processes of this machine.
+Ray places the trainer, too, so that its node is among them. Needs the extra: `pip install
+'drcli[ray]'`. All nodes are processes of this machine.
 """
 
 import argparse
 import json
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -57,8 +59,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--nodes", type=int, default=3)
     parser.add_argument("--every", type=float, default=20.0, help="seconds between two kills")
-    parser.add_argument("--lap-time", type=float, default=9.0, help="of five evaluation laps")
-    parser.add_argument("--minutes", type=float, default=8.0, help="the most to train")
+    parser.add_argument("--lap-time", type=float, default=8.0, help="of five evaluation laps")
+    parser.add_argument("--minutes", type=float, default=12.0, help="the most to train")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args()
@@ -90,7 +92,8 @@ def _train(
     own = {
         "DR_LAUNCHER": "ray",
         "DR_RAY_ADDRESS": address,
-        "DR_WORKERS": str(chosen.nodes),
+        "DR_RAY_TRAINER": "cluster",
+        "DR_WORKERS": str(chosen.nodes - 1),
         "DR_LOCAL_S3_MODEL_PREFIX": PREFIX,
         "DR_TRAIN_SEED": str(chosen.seed),
     }
@@ -116,6 +119,7 @@ def _train(
     report = json.loads(found[-1])
     history = report["history"]
     numbers = [record["iteration"] for record in history]
+    trainer = (folder / "data" / "logs" / "sagemaker" / PREFIX / "trainer.log").read_text()
     logs = sorted((folder / "data" / "logs" / "robomaker" / PREFIX).glob("joined-*.log"))
     words = (folder / "data" / "logs" / "sagemaker" / PREFIX / "ray.log").read_text()
     return {
@@ -124,8 +128,15 @@ def _train(
         "seconds": round(took_s, 1),
         "iterations": len(history),
         "iterations missing or twice": len(range(len(history))) - len(set(numbers)),
+        "iterations with episodes left out": sum(
+            record["episodes"] < history[0]["episodes"] for record in history
+        ),
         "steps": history[-1]["total_steps"],
+        "steps missing": history[-1]["total_steps"] - sum(record["steps"] for record in history),
         "workers placed again": words.count("placed again"),
+        "trainer placed again": trainer.count("The trainer runs on") - 1,
+        "checkpoints in the log of the trainer": trainer.count("Checkpoint> Saving"),
+        "workers that joined": len(set(re.findall(r" as (joined-[\w-]+)", words))),
         "logs of workers that can be read": sum(bool(log.read_text()) for log in logs),
     }
 

@@ -336,6 +336,23 @@ def test_slurm_does_not_queue_a_cancelled_job_again(fake_root):
     assert not any("scontrol" in call for call in fake_root.called)
 
 
+def test_ray_accepts_the_file_for_its_autoscaler():
+    """By the schema and the defaults of Ray itself; no cloud is asked."""
+    pytest.importorskip("ray", reason="the extra ray is not installed")
+    from ray.autoscaler._private.util import prepare_config, validate_config
+
+    config = prepare_config(yaml.safe_load(text("ray-cluster.yaml")))
+
+    validate_config(config)
+    types = config["available_node_types"]
+    spot = {name for name, each in types.items() if "InstanceMarketOptions" in each["node_config"]}
+    assert spot == set(types) - {config["head_node_type"]}
+    assert sum(types[name]["max_workers"] for name in spot) == config["max_workers"]
+    # Ray adds commands of its own, and only the virtual environment has pip.
+    commands = [*config["head_setup_commands"], *config["worker_setup_commands"]]
+    assert not [line for line in commands if line.startswith("pip ")]
+
+
 @pytest.mark.skipif(shutil.which("flock") is None, reason="flock is not installed")
 def test_the_line_for_cron_starts_one_training_at_a_time(fake_root):
     lines = [line for line in text("crontab").splitlines() if line and line[0] != "#"]

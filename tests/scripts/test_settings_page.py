@@ -22,9 +22,10 @@ def test_every_setting_has_one_row():
 
 def test_a_row_holds_default_meaning_range_and_file():
     assert (
-        "| `DR_WORKERS` | `1` | Number of simulation processes here; analysis tools read at most "
-        "10. With 0, all simulation workers join from elsewhere (`dr-start-worker`). "
-        "| a whole number from 0 to 10 | system.env |" in document().splitlines()
+        "| `DR_WORKERS` | `1` | Number of simulation processes, here or with DR_LAUNCHER=ray in "
+        "the cluster; deepracer-utils reads the first 10. With 0, all join from elsewhere "
+        "(`dr-start-worker`). "
+        "| a whole number from 0 to 1000 | system.env |" in document().splitlines()
     )
 
 

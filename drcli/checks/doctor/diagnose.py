@@ -28,6 +28,7 @@ from drcli.checks.doctor.surroundings import examine_language, examine_limits, e
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.models.run_metadata import installed_versions
+from drcli.workers.ray_extra import workers_here
 
 LOCAL_S = 3.5
 """For everything on this machine, before the bucket is examined."""
@@ -88,7 +89,7 @@ def _settings(directory: Path) -> tuple[Settings | None, list[Finding]]:
 def _on_this_machine(directory: Path, settings: Settings | None) -> list[Probe]:
     storage = None if settings is None else settings.storage
     data_dir = storage.data_dir if storage is not None and storage.cloud == "local" else None
-    workers = 1 if settings is None else settings.workers
+    workers = 1 if settings is None else workers_here(settings)
     probes = [
         Probe("Python", examine_packages),
         Probe("extras", examine_extras),

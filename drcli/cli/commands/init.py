@@ -52,7 +52,7 @@ def init(
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option("--workers", metavar="N", help="Number of simulation workers, 0 to 10."),
+        typer.Option("--workers", metavar="N", help="Number of simulation workers, 0 to 1,000."),
     ] = None,
     cloud: Annotated[
         str | None,

@@ -225,7 +225,7 @@ def _traffic(made: "RequestReport") -> tuple[int, int]:
 def start_text(plan: "RunPlan") -> str:
     """What will be trained, and from which files and weights."""
     config, inputs = plan.job.config, plan.inputs
-    workers = counted(config.train.workers, "worker")
+    workers = counted(config.train.workers or plan.job.ray_workers, "worker")
     begin = f", resuming from {plan.resumes}" if plan.resumes else ""
     if plan.pretrained is not None:
         begin = f", with the weights of {_source(plan.pretrained)}"
@@ -274,7 +274,8 @@ def _worker(worker: "WorkerReport") -> str:
     state = f"{'alive' if worker.alive else 'DEAD'}, process {worker.pid}"
     state += f", restarted {worker.restarts} x" if worker.restarts else ""
     health = f" ({worker.health.words(worker.name)})" if worker.health and worker.alive else ""
-    return f"{worker.name} ({state}): {worker.activity}{health}"
+    host = f" on {worker.host}" if worker.host else ""
+    return f"{worker.name} ({state}){host}: {worker.activity}{health}"
 
 
 def _source(pretrained: "Pretrained") -> str:

@@ -73,9 +73,9 @@ class TrainSettings(Group, title="Training"):
     workers: int = setting(
         "DR_WORKERS",
         1,
-        "Number of simulation processes here; analysis tools read at most 10. With 0, all "
-        "simulation workers join from elsewhere (`dr-start-worker`).",
-        between=(0, 10),
+        "Number of simulation processes, here or with DR_LAUNCHER=ray in the cluster; "
+        "deepracer-utils reads the first 10. With 0, all join from elsewhere (`dr-start-worker`).",
+        between=(0, 1000),
         file="system.env",
     )
     train_seed: int | None = setting(
@@ -112,13 +112,20 @@ class TrainSettings(Group, title="Training"):
     launcher: Literal["local", "ray"] = setting(
         "DR_LAUNCHER",
         "local",
-        "Who starts simulation workers: this machine, or Ray on a cluster (docs/ray.md).",
+        "Who starts the workers: this machine, or Ray on a cluster (docs/ray.md).",
         file="system.env",
     )
     ray_address: str = setting(
         "DR_RAY_ADDRESS",
         "",
         "Address of the Ray cluster; if empty, RAY_ADDRESS, and without it Ray starts here.",
+        file="system.env",
+    )
+    ray_trainer: Literal["auto", "here", "cluster", "gpu"] = setting(
+        "DR_RAY_TRAINER",
+        "auto",
+        "Where the trainer runs with DR_LAUNCHER=ray: here; in the cluster, on a GPU if there is "
+        "one; only on a GPU; auto: in the cluster if it has a GPU and this machine has none.",
         file="system.env",
     )
     torch_precision: Literal["auto", "fp32", "bf16"] = setting(

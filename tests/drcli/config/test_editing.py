@@ -157,8 +157,8 @@ def test_a_stronger_environment_is_told_and_hides_no_mistake(files):
         "environment: DR_WORKERS is set there and overrides system.env. Remove it with "
         "`unset DR_WORKERS`.",
     )
-    with pytest.raises(SettingsError, match="DR_WORKERS=99 is above 10"):
-        edit(files, environ, DR_WORKERS="99")
+    with pytest.raises(SettingsError, match="DR_WORKERS=1001 is above 1000"):
+        edit(files, environ, DR_WORKERS="1001")
 
 
 def test_a_stronger_file_is_told(files):

@@ -15,19 +15,19 @@ from drcli.config.loading import load_settings
         pytest.param(
             "DR_WORKERS=abc",
             "run.env line 2: DR_WORKERS=abc is not a whole number.",
-            "Set DR_WORKERS to a whole number from 0 to 10, or leave it out for the default 1.",
+            "Set DR_WORKERS to a whole number from 0 to 1000, or leave it out for the default 1.",
             id="not-a-whole-number",
         ),
         pytest.param(
             "DR_WORKERS=2.5",
             "run.env line 2: DR_WORKERS=2.5 is not a whole number.",
-            "Set DR_WORKERS to a whole number from 0 to 10, or leave it out for the default 1.",
+            "Set DR_WORKERS to a whole number from 0 to 1000, or leave it out for the default 1.",
             id="fraction-of-a-worker",
         ),
         pytest.param(
-            "DR_WORKERS=11",
-            "run.env line 2: DR_WORKERS=11 is above 10.",
-            "Set DR_WORKERS to a whole number from 0 to 10, or leave it out for the default 1.",
+            "DR_WORKERS=1001",
+            "run.env line 2: DR_WORKERS=1001 is above 1000.",
+            "Set DR_WORKERS to a whole number from 0 to 1000, or leave it out for the default 1.",
             id="too-large",
         ),
         pytest.param(

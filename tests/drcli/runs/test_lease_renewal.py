@@ -348,3 +348,31 @@ def test_of_two_trainings_the_loser_ends_soon_and_no_iteration_has_two_owners(se
         trace = world.server.bucket.get(keys.training_trace(PREFIX, record.iteration))
         assert int(trace) == record.episodes
     assert len(records) >= winner.iterations
+
+
+def test_only_the_newest_trainer_of_a_start_may_write(server):
+    renewal = server.renewal("ours")
+    first, second = (
+        Ownership(server.bucket, PREFIX, "ours", trainer=number, clock=server.clock)
+        for number in (0, 1)
+    )
+    worker = server.ownership("ours")
+    first.check(keys.history(PREFIX))
+
+    renewal.begin_trainer(1)
+    server.now_s += 1.0
+
+    with pytest.raises(OwnershipLost, match="Another process is the trainer now"):
+        first.check(keys.history(PREFIX))
+    second.check(keys.history(PREFIX))
+    worker.check(keys.history(PREFIX))
+
+
+def test_the_number_of_the_trainer_stays_in_the_lease_when_it_is_renewed(server):
+    renewal = server.renewal("ours")
+    renewal.begin_trainer(2)
+
+    server.now_s += RENEW_S
+    renewal.step()
+
+    assert read_lease(server.bucket, PREFIX).trainer == 2

@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -75,11 +75,14 @@ class Stage:
         )
         self.scripts = {"trainer": [ENDS], "sim-0": [STAYS]}
         self.server_restarts = 0
+        self.trainers: list[tuple[int | None, int]] = []
         self.duties: list[Duty] = []
         self.bucket = MemoryBucket()
         self.revive_server: Callable[[], None] = lambda: None
 
     def start_process(self, job, name, module, *arguments, gpus=""):
+        if job.trainer is not None:
+            self.trainers.append((job.trainer, lease.read_lease(self.bucket, "model").trainer))
         script = self.scripts[name].pop(0)
         if isinstance(script, Stuck):
             script.leave(log_file(job.directory, job.config.model.prefix, name))
@@ -195,6 +198,22 @@ def test_a_worker_that_failed_otherwise_does_not(stage, code):
 
     assert stage.run() == 0
     assert stage.server_restarts == 0
+
+
+def test_a_trainer_elsewhere_may_write_only_while_no_later_one_was_started(stage):
+    stage.job = replace(stage.job, ray_trainer=True)
+    stage.scripts["trainer"] = [WorkerExit("Its node is gone.", "", 5, lost=True), ENDS]
+
+    assert stage.run() == 0
+
+    assert stage.trainers == [(0, 0), (1, 1)]
+
+
+def test_a_trainer_whose_nodes_are_lost_quickly_may_try_more_often_than_one_that_fails(stage):
+    lost = WorkerExit("Its node is gone.", "", 5, lost=True)
+    stage.scripts["trainer"] = [*[lost] * 8, ENDS]
+
+    assert stage.run() == 0
 
 
 def test_the_exit_file_of_an_earlier_run_explains_nothing(stage):

@@ -9,8 +9,9 @@ from drcli.base.errors import NotAvailable, SettingsError, WorkerDied
 from drcli.config.loading import load_settings
 from drcli.runs.planned_job import planned_job
 from drcli.workers import ray_extra
+from drcli.workers.ray_cluster import NodeLost, connected
 from drcli.workers.ray_host import WorkerHost
-from drcli.workers.ray_workers import MOST_DEATHS, NodeLost, RayWorkers, join_arguments
+from drcli.workers.ray_workers import MOST_DEATHS, MOST_NAMED, RayWorkers, join_arguments
 
 
 class PaperPlace:
@@ -61,9 +62,17 @@ def test_workers_wait_for_nodes_and_then_drive_there(cluster):
     assert workers.look() == "workers: 2 on first, 1 on second"
 
 
+def test_many_nodes_are_counted_and_not_named(cluster):
+    workers = RayWorkers(cluster, 2 * (MOST_NAMED + 1))
+    for number, place in enumerate(cluster.places):
+        place.answers = [(f"node-{number // 2}", [], None)]
+
+    assert workers.look() == f"workers: {2 * (MOST_NAMED + 1)} on {MOST_NAMED + 1} nodes"
+
+
 def test_a_worker_whose_node_is_gone_gets_another_place(cluster):
     workers = RayWorkers(cluster, 1)
-    cluster.places[0].answers = [("first", ["I drive."], None), NodeLost("Its node is gone.")]
+    cluster.places[0].answers = [("first", ["I drive."], None), NodeLost("NodeDiedError")]
     workers.look()
 
     assert workers.look() == "workers: 1 wait for a node with free cores"
@@ -147,3 +156,17 @@ def test_without_ray_the_extra_is_named(monkeypatch):
         ray_extra.require_ray()
 
     assert "drcli[ray]" in caught.value.remedy
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "127.0.0.1:99999", "[::1]:1"])
+def test_an_address_where_nobody_listens_is_named_soon(address, working_folder, monkeypatch):
+    monkeypatch.setattr("drcli.runs.planned_job.require_ray", lambda: None)
+    monkeypatch.setattr("drcli.workers.ray_cluster.require_ray", lambda: None)
+    monkeypatch.setitem(sys.modules, "ray", object())
+    (working_folder / "system.env").write_text(f"DR_LAUNCHER=ray\nDR_RAY_ADDRESS={address}\n")
+    job = planned_job(load_settings(working_folder), seed=1, began_at=0.0)
+
+    with pytest.raises(SettingsError, match="does not answer") as caught, connected(job):
+        pass
+
+    assert address in str(caught.value)

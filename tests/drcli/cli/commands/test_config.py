@@ -41,9 +41,9 @@ def test_a_named_value_is_explained(dr, working_folder, capsys):
 
     assert capsys.readouterr().out.splitlines() == [
         "DR_WORKERS=2                                   # run.env line 3",
-        "  Number of simulation processes here; analysis tools read at most 10. With 0, all "
-        "simulation workers join from elsewhere (`dr-start-worker`).",
-        "  Allowed: a whole number from 0 to 10. Default: 1.",
+        "  Number of simulation processes, here or with DR_LAUNCHER=ray in the cluster; "
+        "deepracer-utils reads the first 10. With 0, all join from elsewhere (`dr-start-worker`).",
+        "  Allowed: a whole number from 0 to 1000. Default: 1.",
         "DR_HOST_X=False                                # default, no effect",
         "  Use the X server of the host.",
         "  Allowed: True or False. Default: False.",
@@ -68,9 +68,10 @@ def test_the_values_for_scripts_have_stable_keys(dr, working_folder, capsys):
                 "changed": True,
                 "effect": "used",
                 "reason": "",
-                "meaning": "Number of simulation processes here; analysis tools read at most 10. "
-                "With 0, all simulation workers join from elsewhere (`dr-start-worker`).",
-                "expected": "a whole number from 0 to 10",
+                "meaning": "Number of simulation processes, here or with DR_LAUNCHER=ray in the "
+                "cluster; deepracer-utils reads the first 10. With 0, all join from elsewhere "
+                "(`dr-start-worker`).",
+                "expected": "a whole number from 0 to 1000",
                 "group": "Training",
             }
         ],
@@ -132,7 +133,8 @@ def test_everything_wrong_is_reported_at_once(dr, working_folder, capsys):
     assert code == 3
     assert printed.out.splitlines() == [
         "Error: run.env line 1: DR_WORKERS=-1 is below 0.",
-        "  Try: Set DR_WORKERS to a whole number from 0 to 10, or leave it out for the default 1.",
+        "  Try: Set DR_WORKERS to a whole number from 0 to 1000, or leave it out for the default "
+        "1.",
         "Error: run.env line 2: DR_WORLDNAME=x is not a setting.",
         "  Try: Did you mean DR_WORLD_NAME? Correct the name, or remove the line.",
         "Warning: run.env line 3: TEAM is not a setting and has no effect.",
@@ -141,7 +143,7 @@ def test_everything_wrong_is_reported_at_once(dr, working_folder, capsys):
     assert printed.err.splitlines()[0] == (
         "Error: run.env line 1: DR_WORKERS=-1 is below 0. And 1 more."
     )
-    assert "Set DR_WORKERS to a whole number from 0 to 10" in printed.err
+    assert "Set DR_WORKERS to a whole number from 0 to 1000" in printed.err
 
 
 def test_a_check_for_scripts_is_one_object_also_when_it_fails(dr, working_folder, capsys):
@@ -157,8 +159,8 @@ def test_a_check_for_scripts_is_one_object_also_when_it_fails(dr, working_folder
             {
                 "where": "run.env line 1",
                 "what": "DR_WORKERS=-1 is below 0",
-                "remedy": "Set DR_WORKERS to a whole number from 0 to 10, or leave it out for the "
-                "default 1.",
+                "remedy": "Set DR_WORKERS to a whole number from 0 to 1000, or leave it out for "
+                "the default 1.",
             }
         ],
         "warnings": [],

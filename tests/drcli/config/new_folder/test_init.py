@@ -117,7 +117,10 @@ def test_a_spot_instance_finds_the_lines_that_it_replaces(dr, empty, file, liter
         (["--prefix", "a\nDR_WORKERS=9"], "--prefix 'a\\nDR_WORKERS=9' contains '\\n'"),
         (["--profile", "\udcff"], "--profile '\\udcff' cannot be written into"),
         (["--race-type", "RALLY"], "--race-type RALLY is not one of"),
-        (["--workers", "99"], "--workers 99 is above 10. Set --workers to a whole number from 0"),
+        (
+            ["--workers", "1001"],
+            "--workers 1001 is above 1000. Set --workers to a whole number from 0",
+        ),
         (["--workers", "-1"], "--workers -1 is below 0."),
         (
             ["--bucket", "Bad_Bucket"],
@@ -137,10 +140,10 @@ def test_a_bad_option_is_named_before_anything_is_written(dr, empty, capsys, opt
 
 
 def test_all_bad_options_are_named_at_once(dr, empty, capsys):
-    dr("init", "--workers", "99", "--cloud", "locla")
+    dr("init", "--workers", "1001", "--cloud", "locla")
 
     said = capsys.readouterr().err
-    assert "--workers 99" in said
+    assert "--workers 1001" in said
     assert "--cloud locla" in said
 
 

@@ -1,0 +1,322 @@
+"""The trainer of a training whose workers Ray places: `python -m drcli.runs.placed_trainer`.
+
+By DR_RAY_TRAINER, the trainer runs in this process or on a node of the cluster. In the second case
+this process stands for it on the machine of the training: it takes log, pulse and signals from one
+side to the other, and ends as the trainer does. The supervisor then starts another one, which Ray
+places on a node that is left.
+"""
+
+import json
+import math
+import os
+import signal
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from drcli.base.errors import SettingsError, WorkerDied
+from drcli.base.json_record import json_default
+from drcli.base.log import get_logger, traces
+from drcli.base.rotating_file import RotatingFile
+from drcli.exchange.job import Job, WorkerExit
+from drcli.exchange.log_places import json_log, log_file
+from drcli.exchange.pulse_record import PulseRecord
+from drcli.runs.join_check import versions
+from drcli.runs.trainer_host import HostReport, TrainerHost
+from drcli.runs.worker_processes import TRAINER
+from drcli.tracking.open_sinks import tensorboard_folder
+from drcli.workers import worker_process
+from drcli.workers.cores import with_known_overlap
+from drcli.workers.pulse import STACKS_SIGNAL
+from drcli.workers.ray_cluster import NodeLost, PlacedActor, connected, keys_for_nodes
+from drcli.workers.worker_process import Activity, Lifeline, StopRequested
+
+_logger = get_logger(__name__)
+
+LOOK_S = 0.25
+"""How often the trainer is looked at."""
+
+OWN_CORES_S = 10.0
+"""How long the trainer waits for free cores. Then it shares those of a worker: workers, which are
+many, could have all cores for good."""
+
+SILENT_S = 120.0
+"""A trainer without a new pulse for so long is started again; its node still answers."""
+
+FIGURE_KEYS = (
+    "MLFLOW_TRACKING_TOKEN",
+    "MLFLOW_TRACKING_USERNAME",
+    "MLFLOW_TRACKING_PASSWORD",
+    "TRACKIO_WRITE_TOKEN",
+)
+"""Secrets of the servers that the trainer sends figures to."""
+
+
+def gpus_to_ask(
+    wanted: str, learners: int, of_nodes: Sequence[float], here: Callable[[], int]
+) -> int | None:
+    """How many GPUs the trainer needs in the cluster; None if it runs on this machine.
+
+    Args:
+        wanted: DR_RAY_TRAINER: auto, cluster or gpu.
+        learners: DR_TRAIN_LEARNERS.
+        of_nodes: GPUs of each node.
+        here: Counts the GPUs of this machine.
+
+    Raises:
+        SettingsError: The nodes have GPUs, but none has one for each learner process.
+    """
+    if wanted == "gpu":
+        return learners
+    most = int(max(of_nodes, default=0))
+    if most == 0:
+        return None if wanted == "auto" else 0
+    if wanted == "auto" and here():
+        return None
+    if most < learners:
+        raise SettingsError(
+            f"DR_TRAIN_LEARNERS in system.env is {learners}, but no node of the cluster has more "
+            f"than {most} GPU{'s' * (most != 1)}.",
+            remedy=f"Set it to {most}, or DR_RAY_TRAINER to here.",
+        )
+    return learners
+
+
+class Copies:
+    """Files on this machine with what the trainer writes on its node.
+
+    Args:
+        job: Of this machine.
+    """
+
+    def __init__(self, job: Job) -> None:
+        prefix = job.config.model.prefix
+        self._folder = job.folder
+        self._number = job.trainer or 0
+        path = json_log(log_file(job.directory, prefix, TRAINER))
+        self._json_log = RotatingFile(path, job.config.logs.log_max_mb << 20)
+        self._events = tensorboard_folder(job.directory, prefix)
+        self._rest = b""
+
+    def take(self, report: HostReport) -> None:
+        """Write what is new; on a full disk it is lost here, and nothing fails."""
+        *lines, self._rest = (self._rest + report.log).split(b"\n")
+        if report.code is not None and self._rest:
+            lines, self._rest = [*lines, self._rest], b""
+        for line in lines:
+            traces.info("%s", line.decode("utf-8", "replace"))
+        self._json_log.write(report.json_log.decode("utf-8", "replace"))
+        with suppress(OSError):
+            for name, data in report.events.items():
+                self._events.mkdir(parents=True, exist_ok=True)
+                with (self._events / Path(name).name).open("ab") as file:
+                    file.write(data)
+            for name, data in report.files.items():
+                self._write(self._folder / self._own_name(Path(name).name), data)
+
+    def _own_name(self, name: str) -> str:
+        """Each process of a trainer counts its requests from zero, and all counts are added."""
+        counts = ".requests.json"
+        return f"{TRAINER}-{self._number}{counts}" if name.endswith(counts) else name
+
+    def _write(self, path: Path, data: bytes) -> None:
+        scratch = path.with_name(f".{path.name}.{os.getpid()}")
+        scratch.write_bytes(data)
+        scratch.replace(path)
+
+
+class PlacedTrainer:
+    """The trainer on a node, as this machine sees it.
+
+    Args:
+        host: Where it runs, or will run.
+        job: Of this machine.
+        lifeline: Of this process.
+        clock: Seconds, for tests.
+    """
+
+    def __init__(
+        self,
+        host: PlacedActor[HostReport],
+        job: Job,
+        lifeline: Lifeline,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._host = host
+        self._folder = job.folder
+        self._lifeline = lifeline
+        self._clock = clock
+        self._copies = Copies(job)
+        self._stopped = False
+        self._asked_for_stacks = 0
+        self._pulse: PulseRecord | None = None
+        self._pulsed_s = clock()
+        self.node = ""
+
+    def move(self, host: PlacedActor[HostReport]) -> None:
+        """Wait for this place, instead of one that has not come."""
+        self._host.give_back()
+        self._host = host
+
+    def give_back(self) -> None:
+        """Give the place on the node back."""
+        self._host.give_back()
+
+    def look(self) -> int | None:
+        """Take over what is new; returns the exit code of the trainer, None while it runs.
+
+        Raises:
+            StopRequested: This process should end, and the trainer has not begun yet.
+            WorkerDied: The node is gone, or the trainer is silent.
+            SettingsError: The node cannot train.
+        """
+        if self._asked_for_stacks and self.node:
+            self._host.call("signal", self._asked_for_stacks)
+            self._asked_for_stacks = 0
+        if not self._stopped and self._lifeline.should_stop():
+            if not self.node:
+                raise StopRequested
+            self._host.stop()
+            self._stopped = True
+        try:
+            report = self._host.look()
+        except NodeLost as error:
+            self._give_up(f"The node of the trainer{self._where()} is gone ({error}).", lost=True)
+        if report is None:
+            return None
+        if report.refusal is not None:
+            report.refusal.write(self._folder, TRAINER)
+            _logger.error("%s %s", report.refusal.message, report.refusal.remedy)
+            return report.refusal.code
+        if not self.node:
+            self.node, self._pulsed_s = report.node, self._clock()
+            _logger.info("The trainer runs on %s.", self.node)
+        self._copies.take(report)
+        if report.pulse is not None and report.pulse != self._pulse:
+            self._pulse, self._pulsed_s = report.pulse, self._clock()
+            self._lifeline.pulse.relay(report.pulse)
+        if report.code is None and self._clock() - self._pulsed_s > SILENT_S:
+            self._give_up(f"The trainer{self._where()} gave no sign for {SILENT_S:.0f} s.")
+        return report.code
+
+    def ask_stacks(self, number: int, _frame: FrameType | None) -> None:
+        """Let the trainer write the stacks of its threads into its log; a handler of signals."""
+        self._asked_for_stacks = number
+
+    def _where(self) -> str:
+        return f" ({self.node})" if self.node else ""
+
+    def _give_up(self, what: str, *, lost: bool = False) -> None:
+        _logger.error("%s", what)
+        words = WorkerExit(what, "Read its log with `dr-logs trainer`.", WorkerDied.code, lost=lost)
+        words.write(self._folder, TRAINER)
+        raise SystemExit(words.code)
+
+
+def main(job: Job, lifeline: Lifeline) -> None:
+    """Train here or on a node until the training ends."""
+    train = job.config.train
+    code: int | None = None
+    with connected(job) as ray:
+        nodes = [node["Resources"].get("GPU", 0.0) for node in ray.nodes() if node["Alive"]]
+        gpus = gpus_to_ask(train.ray_trainer, train.train_learners, nodes, _gpus_here)
+        if gpus is not None:
+            code = train_elsewhere(ray, job, lifeline, gpus)
+    if code is not None:
+        end_as(code)
+        return
+    _logger.info("The trainer runs here: the cluster has no GPU that this machine has not.")
+    from drcli.workers import trainer
+
+    trainer.main(job, lifeline)
+
+
+def train_elsewhere(ray: Any, job: Job, lifeline: Lifeline, gpus: int) -> int:
+    """Let the trainer run on a node with so many GPUs; returns its exit code."""
+    cores = job.config.train.threads or job.config.train.train_learners
+
+    def asked(cores: int) -> PlacedActor[HostReport]:
+        return PlacedActor(ray, place(ray, job, gpus, cores))
+
+    placed = PlacedTrainer(asked(0 if gpus else cores), job, lifeline)
+    if STACKS_SIGNAL is not None:
+        signal.signal(STACKS_SIGNAL, placed.ask_stacks)
+    try:
+        code = wait_for_node(placed, job, lifeline, gpus, lambda: asked(0))
+        while code is None:
+            time.sleep(LOOK_S)
+            code = placed.look()
+        return code
+    finally:
+        placed.give_back()
+
+
+def _gpus_here() -> int:
+    from drcli.learn.compute import gpu_count  # loads torch
+
+    return gpu_count()
+
+
+def wait_for_node(
+    placed: PlacedTrainer,
+    job: Job,
+    lifeline: Lifeline,
+    gpus: int,
+    without_cores: Callable[[], PlacedActor[HostReport]],
+) -> int | None:
+    """Say in the bucket that the trainer waits for a node; its exit code if it ends there at once.
+
+    Without free cores for some time, it gets a place `without_cores` of its own.
+    """
+    bucket = worker_process.open_own_bucket(job, lifeline)
+    activity = Activity(bucket, job.config.model.prefix, TRAINER, lifeline.pulse)
+    what = f"{gpus} free GPU{'s' * (gpus != 1)}" if gpus else "free cores"
+    shares_at_s = math.inf if gpus else time.monotonic() + OWN_CORES_S
+    try:
+        while (code := placed.look()) is None and not placed.node:
+            activity.wait(f"waits for a node with {what}")
+            if time.monotonic() >= shares_at_s:
+                shares_at_s = math.inf
+                _logger.info("No node has free cores; the trainer shares those of a worker.")
+                placed.move(without_cores())
+            time.sleep(LOOK_S)
+        return code
+    finally:
+        activity.close()
+
+
+def place(ray: Any, job: Job, gpus: int, cores: int) -> Any:
+    """Ask Ray for an actor with the trainer.
+
+    Args:
+        ray: The module.
+        job: The training.
+        gpus: For the trainer alone.
+        cores: The same. With a GPU it asks for none, or workers could keep it from there for good.
+    """
+    train = with_known_overlap(job.config.train)
+    if not gpus:
+        train = train.replaced(threads=train.threads or train.train_learners)
+    public = job.without_addresses()
+    sent = replace(public, config=replace(public.config, train=train))
+    data = json.loads(json.dumps(asdict(sent), default=json_default))
+    options = ray.remote(TrainerHost).options(num_cpus=cores, num_gpus=gpus, max_restarts=0)
+    return options.remote(data, versions(), keys_for_nodes(*FIGURE_KEYS))
+
+
+def end_as(code: int) -> None:
+    """End this process as the trainer has ended; return if it has ended well."""
+    if code < 0:
+        with suppress(OSError):  # SIGKILL has no handler
+            signal.signal(-code, signal.SIG_DFL)
+        os.kill(os.getpid(), -code)
+    if code:
+        raise SystemExit(code)
+
+
+if __name__ == "__main__":
+    worker_process.run(TRAINER, main)

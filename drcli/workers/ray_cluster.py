@@ -1,0 +1,169 @@
+"""A cluster of Ray, as a process of the training's machine uses it."""
+
+import importlib
+import io
+import os
+import re
+import signal
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
+from typing import Any, Generic, TypeVar
+
+from drcli.base.errors import SettingsError
+from drcli.base.log import get_logger
+from drcli.config import secret_environment
+from drcli.exchange.job import Job
+from drcli.workers.ray_extra import require_ray
+
+KEYS = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN")
+"""Keys of the bucket that nodes get if the environment of the training has them."""
+
+CONNECT_S = 10.0
+"""How long the cluster may take to accept a connection."""
+
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+
+_logger = get_logger(__name__)
+
+T = TypeVar("T")
+
+
+class NodeLost(Exception):
+    """The node of a worker is gone, or Ray's process there; with Ray's word for it."""
+
+
+class RayMessages(io.TextIOBase):
+    """Standard output of a process while Ray writes to it: logs the first line of each message.
+
+    At each node that is lost, Ray adds pages with its own state.
+    """
+
+    def write(self, text: str) -> int:
+        """Log the lines that begin a message."""
+        for line in text.splitlines():
+            plain = _COLOURS.sub("", line).rstrip()
+            if plain and not plain[0].isspace():
+                _logger.info("Ray: %s", plain)
+        return len(text)
+
+
+@contextmanager
+def connected(job: Job) -> Iterator[Any]:
+    """Connect this process to the cluster of a training, or to Ray on this machine alone.
+
+    The value is the module ray.
+
+    Raises:
+        NotAvailable: Ray is not installed.
+        SettingsError: The cluster does not answer, or its other machines cannot reach the bucket.
+    """
+    require_ray()
+    ray: Any = importlib.import_module("ray")  # whose functions have no types
+    address = job.config.train.ray_address or None
+    _refuse_silent_address(address or os.environ.get("RAY_ADDRESS", ""))
+    ended_by = signal.getsignal(signal.SIGTERM)
+    with redirect_stdout(RayMessages()):
+        try:
+            ray.init(
+                address=address,
+                include_dashboard=False if address is None else None,
+                log_to_driver=False,
+                configure_logging=False,
+                namespace="drcli",
+            )
+        except (ConnectionError, ValueError, RuntimeError) as error:
+            raise _no_answer(address or "RAY_ADDRESS", str(error).splitlines()[0]) from None
+        finally:
+            signal.signal(signal.SIGTERM, ended_by)  # Ray has its own, which ends the process
+        try:
+            _refuse_unreachable_bucket(ray, job)
+            yield ray
+        finally:
+            ray.shutdown()
+
+
+def _refuse_silent_address(address: str) -> None:
+    """Find out soon whether anybody listens there: Ray tries for minutes, and then exits."""
+    host, colon, port = address.rpartition(":")
+    if not colon or "/" in address or not port.isdecimal():
+        return  # such as auto
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), CONNECT_S).close()
+    except (OSError, OverflowError) as error:
+        raise _no_answer(address, str(error)) from None
+
+
+def _no_answer(address: str, why: str) -> SettingsError:
+    return SettingsError(
+        f"Ray at {address} does not answer: {why}",
+        remedy="Correct DR_RAY_ADDRESS, or start the cluster with `ray up` or `ray start --head`.",
+    )
+
+
+def _refuse_unreachable_bucket(ray: Any, job: Job) -> None:
+    hosts = {node["NodeManagerHostname"] for node in ray.nodes() if node["Alive"]}
+    others = hosts - {socket.gethostname()}
+    if others and job.config.storage.cloud == "local":
+        raise SettingsError(
+            f"DR_CLOUD=local is a bucket on this machine, which {min(others)} cannot reach.",
+            remedy="Use a bucket that all nodes reach: DR_CLOUD=aws or remote.",
+        )
+
+
+def keys_for_nodes(*more: str) -> dict[str, str]:
+    """The keys of the bucket and other secrets of these names that this process has."""
+    known = secret_environment.all_secrets()
+    return {name: known[name] for name in (*KEYS, *more) if name in known}
+
+
+class PlacedActor(Generic[T]):
+    """An actor of Ray whose methods `look` and `stop` are called from this process.
+
+    Args:
+        ray: The module.
+        actor: The actor, which may not have a node yet.
+    """
+
+    def __init__(self, ray: Any, actor: Any) -> None:
+        self._ray = ray
+        self._actor = actor
+        self._asked: Any = None
+
+    def look(self) -> T | None:
+        """What the actor has answered since the last look; None while there is no new answer.
+
+        Raises:
+            NodeLost: Its node, or its process there, is gone.
+            SettingsError: It could not start.
+        """
+        errors = self._ray.exceptions
+        if self._asked is None:
+            self._asked = self._actor.look.remote()
+        done, _ = self._ray.wait([self._asked], timeout=0)
+        if not done:
+            return None
+        asked, self._asked = self._asked, None
+        try:
+            found: T = self._ray.get(asked)
+        except (errors.RayActorError, errors.NodeDiedError) as error:
+            if getattr(error, "actor_init_failed", False):
+                raise SettingsError(
+                    f"A node cannot start a worker: {str(error).strip().splitlines()[-1]}",
+                    remedy="Install the same version of drcli on all nodes.",
+                ) from None
+            raise NodeLost(type(error).__name__) from None
+        return found
+
+    def call(self, method: str, *arguments: object) -> None:
+        """Call another method of the actor, without an answer."""
+        getattr(self._actor, method).remote(*arguments)
+
+    def stop(self) -> None:
+        """Let the worker leave the training."""
+        self.call("stop")
+
+    def give_back(self) -> None:
+        """Give its place on the node back."""
+        with suppress(self._ray.exceptions.RayError, ValueError):
+            self._ray.kill(self._actor)
