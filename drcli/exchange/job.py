@@ -82,6 +82,7 @@ class Job:
         tasks: Evaluations that the worker processes of one command share.
         training: Id of the record of the training; empty if there is none.
         ray_workers: How many simulation workers Ray places; the settings have none then.
+        ends_with: Number of the process whose end interrupts the training; 0 for none.
     """
 
     config: RunConfig
@@ -103,6 +104,7 @@ class Job:
     training: str = ""
     until_lap_time_s: float | None = None
     ray_workers: int = 0
+    ends_with: int = 0
 
     @property
     def wanted_laps(self) -> int:

@@ -31,10 +31,11 @@ OWN_SETTINGS = (
     "DR_LOCAL_S3_METRICS_PREFIX",
     "DR_LOCAL_S3_CUSTOM_FILES_PREFIX",
     "DR_MODEL_DESCRIPTION",
+    "DR_LAUNCHER",
 )
 """Settings that the sweep itself gives to each training."""
 
-Method = Literal["none", "halving", "population"]
+Method = Literal["none", "halving", "asha", "population"]
 Search = Literal["grid", "random"]
 RESOURCES: tuple[Resource, ...] = get_args(Resource)
 
@@ -161,11 +162,16 @@ class EarlyStopping(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    method: Annotated[Method, _one_of("none", "halving", "population")] = "none"
+    method: Annotated[Method, _one_of("none", "halving", "asha", "population")] = "none"
     first_check: Annotated[Number, Field(ge=0.01, le=0.99)] = 0.25
     reduction_factor: Annotated[Number, Field(ge=1.1, le=10)] = 1.5
     every: Annotated[Number, Field(ge=0.01, le=0.5)] = 0.2
     quantile: Annotated[Number, Field(ge=0.05, le=0.5)] = 0.25
+
+    @property
+    def halves(self) -> bool:
+        """Whether the worst trainings end at each check."""
+        return self.method in ("halving", "asha")
 
 
 class SweepPlan(BaseModel):

@@ -5,8 +5,6 @@ does. This process asks Ray for the actors, starts another one if a node is gone
 the workers say into their logs on this machine, where `dr-logs` finds it also afterwards.
 """
 
-import signal
-import socket
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -17,7 +15,7 @@ from drcli.base.log import get_logger
 from drcli.config import secret_environment
 from drcli.exchange.job import Job
 from drcli.workers import worker_process
-from drcli.workers.ray_extra import require_ray
+from drcli.workers.ray_extra import KEYS, connect
 from drcli.workers.ray_host import WorkerHost
 from drcli.workers.worker_process import Activity, Lifeline
 
@@ -35,9 +33,6 @@ MOST_DEATHS = 3
 """How often in a row a worker may end by itself within `QUICK_S`."""
 
 QUICK_S = 30.0
-
-KEYS = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN")
-"""Keys of the bucket that nodes get if the environment of the training has them."""
 
 
 class Placed(Protocol):
@@ -188,37 +183,10 @@ class RayCluster:
     """
 
     def __init__(self, job: Job, arguments: Sequence[str]) -> None:
-        require_ray()
-        import ray
-
-        self._ray: Any = ray
+        train, storage = job.config.train, job.config.storage
+        self._ray: Any = connect(train.ray_address, storage.cloud)
         self._job = job
         self._arguments = list(arguments)
-        address = job.config.train.ray_address or None
-        ended_by = signal.getsignal(signal.SIGTERM)
-        try:
-            ray.init(
-                address=address,
-                include_dashboard=False if address is None else None,
-                log_to_driver=False,
-                configure_logging=False,
-                namespace="drcli",
-            )
-        except (ConnectionError, ValueError, RuntimeError) as error:
-            raise SettingsError(
-                f"Ray at {address or 'RAY_ADDRESS'} does not answer: {str(error).splitlines()[0]}",
-                remedy="Correct DR_RAY_ADDRESS, or start the cluster with `ray up` or `ray start "
-                "--head`.",
-            ) from None
-        finally:
-            signal.signal(signal.SIGTERM, ended_by)  # Ray has its own, which ends the process
-        hosts = {node["NodeManagerHostname"] for node in self._ray.nodes() if node["Alive"]}
-        others = hosts - {socket.gethostname()}
-        if others and job.config.storage.cloud == "local":
-            raise SettingsError(
-                f"DR_CLOUD=local is a bucket on this machine, which {min(others)} cannot reach.",
-                remedy="Use a bucket that all nodes reach: DR_CLOUD=aws or remote.",
-            )
 
     def place(self) -> Placed:
         """Ask for a place for one more worker; it may come later."""

@@ -119,7 +119,7 @@ def test_a_range_says_what_it_is(read):
         (VARY + "search: bayes\n", 'search="bayes" is not a known word'),
         (VARY + "metric: speed\n", 'metric="speed" is not a known word'),
         (VARY + "name: My Sweep\n", "cannot be the name of a sweep"),
-        (VARY + "early_stopping: {method: asha}\n", 'method="asha" is not a known word'),
+        (VARY + "early_stopping: {method: bands}\n", 'method="bands" is not a known word'),
         (VARY + "early_stopping: {reduction_factor: 1}\n", "is below 1.1"),
         (VARY + "settings: {DR_WORLD: x}\n", "Did you mean DR_WORLD_NAME?"),
         (VARY + "settings: {DR_RUN_ID: 3}\n", "a sweep sets DR_RUN_ID itself"),
