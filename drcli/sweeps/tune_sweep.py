@@ -26,6 +26,8 @@ from drcli.config import secret_environment
 from drcli.config.activation import PLACES, chosen
 from drcli.config.bucket_config import StorageConfig
 from drcli.exchange.sweep_record import SweepRecord, TrialRecord, TrialState
+from drcli.store import sweep_keys
+from drcli.store.arrow_files import arrow_files
 from drcli.store.bucket import Bucket, ObjectDamaged
 from drcli.sweeps.early_stopping import comparable, levels_of
 from drcli.sweeps.node_trial import END_S, TrialTask, files_for_nodes
@@ -193,10 +195,14 @@ class TuneSweep:
                     callbacks=[watch],
                     stop=watch.stopper,
                     failure_config=tune.FailureConfig(max_failures=MOST_FAILURES),
-                    **storage_for_tune(self._storage, own_folder, record.name),
+                    **storage_for_tune(
+                        self._storage, self._plan.early_stopping.method, own_folder, record.name
+                    ),
                 ),
             ).fit()
             watch.update(watch.trials)
+        folder = sweep_keys.of_tune(record.name)
+        self._bucket.delete([item.key for item in self._bucket.list(folder)])
         return watch
 
     def _task(self, trial: TrialRecord, place: Place) -> TrialTask:
@@ -446,9 +452,18 @@ def place_for(resources: Mapping[str, float], threads: int, parallel: int | None
     return Place(cpus, min(1.0, gpus / slots) if gpus else 0.0, parallel or 0)
 
 
-def storage_for_tune(storage: StorageConfig, folder: str, name: str) -> dict[str, Any]:
-    """Where Tune keeps its own records: here, or in the bucket, which other nodes reach too."""
-    return {"storage_path": folder}
+def storage_for_tune(storage: StorageConfig, method: str, folder: str, name: str) -> dict[str, Any]:
+    """Where Tune keeps its own records.
+
+    Only a population needs them on other nodes: a copy finds there which model it copies. Then they
+    are in the bucket, as long as the sweep runs.
+    """
+    if storage.cloud == "local" or method != "population":
+        return {"storage_path": folder}
+    return {
+        "storage_path": f"{storage.bucket}/{sweep_keys.of_tune(name)}".rstrip("/"),
+        "storage_filesystem": arrow_files(storage),
+    }
 
 
 def _has_metric(scheduler: Any) -> bool:

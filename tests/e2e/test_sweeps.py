@@ -3,6 +3,7 @@
 import json
 import signal
 
+import psutil
 import pytest
 
 pytestmark = pytest.mark.slow
@@ -18,6 +19,35 @@ early_stopping: {method: halving, first_check: 0.05, reduction_factor: 2}
 
 
 def test_a_sweep_is_interrupted_continues_and_marks_the_best(workspace):
+    _interrupt_and_continue(workspace)
+
+
+def test_ray_tune_runs_the_same_sweep(workspace):
+    pytest.importorskip("ray.tune", reason="the extra ray is not installed", exc_type=ImportError)
+    (workspace.folder / "system.env").write_text(
+        "DR_CLOUD=local\nDR_LOCAL_S3_BUCKET=bucket\nDR_LAUNCHER=ray\n"
+    )
+    workspace.environment["RAY_AUTH_MODE"] = "disabled"
+
+    _interrupt_and_continue(workspace)
+
+    left = [each for each in psutil.process_iter(["cmdline"]) if _is_of(each, workspace)]
+    assert not left
+
+
+def _is_of(process, workspace):
+    """Whether a process trains something of a workspace."""
+    words = process.info["cmdline"] or []
+    try:
+        trains = (
+            "drcli.base.start_module" in words and "drcli.store.server.moto_server" not in words
+        )
+        return trains and process.cwd() == str(workspace.folder)
+    except psutil.Error:
+        return False
+
+
+def _interrupt_and_continue(workspace):
     (workspace.folder / "broken.py").write_text(
         "def reward_function(params):\n    return nothing\n"
     )
