@@ -42,13 +42,13 @@ class SweepPlanned:
     Attributes:
         name: Of the sweep.
         trials: Its trainings: name, and what distinguishes each.
-        parallel: How many run at a time.
+        parallel: How many run at a time; null if Ray decides.
         continues: Whether it has begun before.
     """
 
     name: str
     trials: dict[str, dict[str, str]]
-    parallel: int
+    parallel: int | None
     continues: bool
 
 
@@ -87,7 +87,7 @@ class SweepStart:
         return SweepPlanned(
             self._sweep.name,
             {trial.name: dict(trial.varied) for trial in self._trials},
-            self._pace(parallel).parallel,
+            self._parallel_on_ray(parallel) if self._by_ray else self._pace(parallel).parallel,
             self._record is not None,
         )
 
@@ -189,6 +189,9 @@ class SweepStart:
     def _by_ray(self) -> bool:
         return self._settings.launcher == "ray"
 
+    def _parallel_on_ray(self, parallel: int | None) -> int | None:
+        return parallel or self._sweep.plan.parallel
+
     def _on_ray(
         self,
         progress: SweepProgress,
@@ -206,7 +209,7 @@ class SweepStart:
             self._settings.directory,
             address=self._settings.run.train.ray_address,
             threads=self._settings.threads,
-            parallel=parallel or self._sweep.plan.parallel,
+            parallel=self._parallel_on_ray(parallel),
             say=say,
             signals=signals,
         ).run()

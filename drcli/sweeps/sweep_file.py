@@ -305,12 +305,34 @@ def _contradictions(found: SweepFile) -> Iterator[Problem]:
         what = "early_stopping.method=population copies weights, which fit one model_metadata only."
         yield problem(("early_stopping", "method"), what, "Keep one file in vary.model_metadata.")
     yield from _names(found)
+    yield from _twice(found)
     for section in ("hyperparameters", "settings"):
         for key, choices in getattr(plan.vary, section).items():
             if plan.search == "grid" and isinstance(choices, Span):
                 path = ("vary", section, key)
                 what = f"{dotted(path)} is a range, and search=grid trains all values."
                 yield problem(path, what, "List the values, or write search: random.")
+
+
+def _twice(found: SweepFile) -> Iterator[Problem]:
+    """Values that stand twice in a list: the same training twice."""
+    vary = found.plan.vary
+    lists: dict[KeyPath, Choices] = {
+        ("vary", "reward_function"): list(vary.reward_function),
+        ("vary", "model_metadata"): list(vary.model_metadata),
+        ("vary", "seed"): list(vary.seed),
+    }
+    lists |= {("vary", "settings", key): values for key, values in vary.settings.items()}
+    lists |= {
+        ("vary", "hyperparameters", key): values for key, values in vary.hyperparameters.items()
+    }
+    for path, values in lists.items():
+        if isinstance(values, Span):
+            continue
+        again = [value for index, value in enumerate(values) if value in values[:index]]
+        if again:
+            what = f"{dotted(path)} has {again[0]} twice."
+            yield found.problem(path, what, "Remove one. To train it several times, vary seed.")
 
 
 def _names(found: SweepFile) -> Iterator[Problem]:

@@ -134,12 +134,11 @@ class TrialFiles:
             entry = parse_env(existing.read_bytes(), "run.env").last.get("DR_RUN_ID")
             if entry is not None:
                 values["DR_RUN_ID"] = entry.value
-        return plan_experiment(
-            self._folder,
-            trial.name,
-            values,
-            files_of_model=self._files(trial, hyperparameters),
-        )
+        files = self._files(trial, hyperparameters)
+        try:
+            return plan_experiment(self._folder, trial.name, values, files_of_model=files)
+        except ProblemsError as error:
+            raise self._of_settings(trial, error) from None
 
     def _files(self, trial: Trial, hyperparameters: Mapping[str, float]) -> dict[str, bytes]:
         files = {name: self._own[name].data for name in MODEL_FILES}
@@ -167,6 +166,19 @@ class TrialFiles:
             if key not in trial.hyperparameters:
                 return error
             path = ("vary", "hyperparameters", key)
+            found.append(self._sweep.problem(path, each.message, each.remedy))
+        return ProblemsError(found)
+
+    def _of_settings(self, trial: Trial, error: ProblemsError) -> ProblemsError:
+        """The problems of settings, in the lines of the sweep that caused them."""
+        found = []
+        for each in error.problems:
+            if each.key not in trial.settings:
+                return error
+            varied = each.key in self._sweep.plan.vary.settings
+            path = ("vary", "settings", each.key) if varied else ("settings", each.key)
+            if each.key == "DR_TRAIN_SEED" and self._sweep.plan.vary.seed:
+                path = ("vary", "seed")
             found.append(self._sweep.problem(path, each.message, each.remedy))
         return ProblemsError(found)
 

@@ -7,8 +7,11 @@ installed.
 """
 
 import os
+import signal
 import socket
+import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -16,16 +19,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import psutil
 from ray import tune
 from ray.tune import Callback, Stopper
 from ray.tune.experiment import Trial
 
-from drcli.base.errors import BudgetUsedUp, DrError
+from drcli.base.errors import BudgetUsedUp, DrError, WorkerDied
 from drcli.base.termination import NotedSignals
 from drcli.config import secret_environment
 from drcli.config.activation import PLACES, chosen
 from drcli.config.bucket_config import StorageConfig
 from drcli.exchange.sweep_record import SweepRecord, TrialRecord, TrialState
+from drcli.runs.outcome import CTRL_C, TERMINATED
 from drcli.store import sweep_keys
 from drcli.store.arrow_files import arrow_files
 from drcli.store.bucket import Bucket, ObjectDamaged
@@ -106,6 +111,7 @@ class TuneSweep:
         self._say = say
         self._signals = signals
         self._levels = levels_of(self._plan.budget, self._plan.early_stopping)
+        self._over = threading.Event()
 
     def run(self) -> SweepRecord:
         """Train until all trainings are over, and mark the best.
@@ -119,9 +125,13 @@ class TuneSweep:
         if self._progress.record.ended_at is not None:
             return self._progress.record
         ray = connect(self._address, self._storage.cloud)
+        servers = processes_of_ray()
+        if servers:
+            threading.Thread(target=self._outlive, args=(servers,), daemon=True).start()
         try:
             watch = self._train(ray)
         finally:
+            self._over.set()
             self._end_all()
             ray.shutdown()
         if watch.error is not None:
@@ -204,6 +214,27 @@ class TuneSweep:
         folder = sweep_keys.of_tune(record.name)
         self._bucket.delete([item.key for item in self._bucket.list(folder)])
         return watch
+
+    def _outlive(self, servers: Sequence[psutil.Process]) -> None:
+        """End this process once Ray on this machine is gone: then the main thread waits for it.
+
+        A scheduler that stops a job may send SIGTERM to all of its processes, and so to Ray's.
+        """
+        while all(is_alive(each) for each in servers) and not self._over.wait(LOOK_S):
+            pass
+        if self._over.is_set():
+            return
+        time.sleep(LOOK_S)  # for a signal that came at the same time
+        self._end_all()
+        name = self._progress.record.name
+        if self._signals.first is None:
+            self._say(f"Ray has ended. The trainings of the sweep {name} are saved.")
+        else:
+            self._say(f"The sweep {name} was interrupted; its trainings are saved.")
+        self._say("Continue it with the same command.")
+        codes = {None: WorkerDied.code, signal.SIGINT: CTRL_C, signal.SIGTERM: TERMINATED}
+        sys.stderr.flush()
+        os._exit(codes[self._signals.first])
 
     def _task(self, trial: TrialRecord, place: Place) -> TrialTask:
         plan = self._plan
@@ -450,6 +481,21 @@ def place_for(resources: Mapping[str, float], threads: int, parallel: int | None
     gpus = resources.get("GPU", 0.0)
     slots = parallel or max(1, cores // cpus)
     return Place(cpus, min(1.0, gpus / slots) if gpus else 0.0, parallel or 0)
+
+
+def processes_of_ray() -> list[psutil.Process]:
+    """The servers of Ray that this process has started; none if it has joined a cluster."""
+    return [
+        child for child in psutil.Process().children() if child.name() in ("raylet", "gcs_server")
+    ]
+
+
+def is_alive(process: psutil.Process) -> bool:
+    """Whether a process runs."""
+    try:
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
 
 
 def storage_for_tune(storage: StorageConfig, method: str, folder: str, name: str) -> dict[str, Any]:
