@@ -316,7 +316,7 @@ def _contradictions(found: SweepFile) -> Iterator[Problem]:
 
 def _twice(found: SweepFile) -> Iterator[Problem]:
     """Values that stand twice in a list: the same training twice."""
-    vary = found.plan.vary
+    vary, problem = found.plan.vary, found.problem
     lists: dict[KeyPath, Choices] = {
         ("vary", "reward_function"): list(vary.reward_function),
         ("vary", "model_metadata"): list(vary.model_metadata),
@@ -332,7 +332,7 @@ def _twice(found: SweepFile) -> Iterator[Problem]:
         again = [value for index, value in enumerate(values) if value in values[:index]]
         if again:
             what = f"{dotted(path)} has {again[0]} twice."
-            yield found.problem(path, what, "Remove one. To train it several times, vary seed.")
+            yield problem(path, what, "Remove one. To train it several times, vary seed.")
 
 
 def _names(found: SweepFile) -> Iterator[Problem]:

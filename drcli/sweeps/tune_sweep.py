@@ -6,6 +6,7 @@ here from what Tune reports, and another start gives Tune what it says. Imported
 installed.
 """
 
+import logging
 import os
 import signal
 import socket
@@ -181,6 +182,9 @@ class TuneSweep:
             "TUNE_DISABLE_SIGINT_HANDLER": "1",
             "RAY_AIR_NEW_OUTPUT": "0",
         }
+        logging.getLogger("ray").setLevel(
+            logging.ERROR
+        )  # it warns of files that Tune has no use for
         with tempfile.TemporaryDirectory(
             prefix="drcli-sweep-", ignore_cleanup_errors=True
         ) as own_folder:
