@@ -14,8 +14,9 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -144,12 +145,14 @@ class TuneSweep:
         return self._progress.record
 
     def _train(self, ray: Any) -> "Watch":
-        place = place_for(ray.cluster_resources(), self._threads, self._parallel)
+        nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+        place = place_for(nodes, self._threads, self._parallel)
+        if not any(node.get("CPU", 0.0) >= place.cpus for node in nodes):
+            self._say(f"No node has {place.cpus} cores now; the trainings wait for one.")
         flag = ray.remote(StopFlag).options(num_cpus=0).remote()
-        vary = varied_numbers(self._plan.vary.hyperparameters)
-        if self._plan.early_stopping.method != "population":
-            vary = {}
-        record = self._progress.record
+        stopping, record = self._plan.early_stopping, self._progress.record
+        population = stopping.method == "population"
+        vary = varied_numbers(self._plan.vary.hyperparameters) if population else {}
         scheduler = scheduler_of(self._plan, self._levels, vary, record.checks, self._say)
         watch = Watch(
             self._progress,
@@ -162,43 +165,27 @@ class TuneSweep:
             signals=self._signals,
             stop=lambda: flag.stop.remote(),
         )
-        own = {
-            trial.name: {
-                key: float(value)
-                for key, value in {
-                    **self._progress.trials[trial.name].hyperparameters,
-                    **trial.hyperparameters,
-                }.items()
-                if key in vary
-            }
-            for trial in record.trials
-        }
-        names = [trial.name for trial in record.trials]
         tasks = {trial.name: self._task(trial, place) for trial in record.trials}
         trainable = tune.with_parameters(TuneTrial, tasks=tasks, flag=flag)
         needed = {"cpu": place.cpus, **({"gpu": place.gpus} if place.gpus else {})}
+        own = {trial.name: self._numbers(trial, vary) for trial in record.trials}
         os.environ |= {
             "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",
             "TUNE_DISABLE_SIGINT_HANDLER": "1",
             "RAY_AIR_NEW_OUTPUT": "0",
         }
-        logging.getLogger("ray").setLevel(
-            logging.ERROR
-        )  # it warns of files that Tune has no use for
-        with tempfile.TemporaryDirectory(
-            prefix="drcli-sweep-", ignore_cleanup_errors=True
-        ) as own_folder:
+        with quiet_tune() as folder:
             tune.Tuner(
                 tune.with_resources(trainable, needed),
                 param_space={
-                    "name": tune.grid_search(names),
+                    "name": tune.grid_search(list(tasks)),
                     "copy": 0,
                     "hyperparameters": tune.sample_from(lambda config: own[config["name"]]),
                 },
                 tune_config=tune.TuneConfig(
                     scheduler=scheduler,
-                    metric=None if _has_metric(scheduler) else METRIC,
-                    mode=None if _has_metric(scheduler) else "max",
+                    metric=METRIC if scheduler.metric is None else None,
+                    mode="max" if scheduler.metric is None else None,
                     max_concurrent_trials=place.parallel or None,
                     trial_name_creator=lambda trial: trial.config["name"],
                     trial_dirname_creator=lambda trial: trial.config["name"],
@@ -209,15 +196,18 @@ class TuneSweep:
                     callbacks=[watch],
                     stop=watch.stopper,
                     failure_config=tune.FailureConfig(max_failures=MOST_FAILURES),
-                    **storage_for_tune(
-                        self._storage, self._plan.early_stopping.method, own_folder, record.name
-                    ),
+                    **storage_for_tune(self._storage, stopping.method, folder, record.name),
                 ),
             ).fit()
             watch.update(watch.trials)
-        folder = sweep_keys.of_tune(record.name)
-        self._bucket.delete([item.key for item in self._bucket.list(folder)])
+        left = self._bucket.list(sweep_keys.of_tune(record.name))
+        self._bucket.delete([item.key for item in left])
         return watch
+
+    def _numbers(self, trial: TrialRecord, vary: Mapping[str, Choices]) -> dict[str, float]:
+        """The hyperparameters of a training that a population changes."""
+        own = {**self._progress.trials[trial.name].hyperparameters, **trial.hyperparameters}
+        return {key: float(own[key]) for key in vary}
 
     def _outlive(self, servers: Sequence[psutil.Process]) -> None:
         """End this process once Ray on this machine is gone: then the main thread waits for it.
@@ -244,8 +234,7 @@ class TuneSweep:
         plan = self._plan
         population = plan.early_stopping.method == "population"
         reached = sum(level <= trial.amount for level in self._levels[:-1])
-        environment, secrets = secret_environment.split(chosen(os.environ))
-        del secrets
+        environment, _ = secret_environment.split(chosen(os.environ))
         known = secret_environment.all_secrets()
         return TrialTask(
             trial=trial,
@@ -402,8 +391,8 @@ class Watch(Unsaved, Callback):
         self, tuned: Trial, trial: TrialRecord, state: TrialState, result: Mapping[str, Any]
     ) -> tuple[str, str]:
         if tuned.status == Trial.ERROR:
-            words = (tuned.error_file and "its actor ended") or "its node was lost"
-            with suppress(OSError, IndexError, TypeError):
+            words = "its node was lost again and again"
+            with suppress(OSError, IndexError, TypeError):  # without a file, or without a line
                 words = Path(tuned.error_file).read_text().strip().splitlines()[-1]
             return f"Ray could not run it: {words}", "Read `dr-logs` of its experiment."
         if state == "stopped early":
@@ -471,20 +460,33 @@ def varied_numbers(vary: Mapping[str, Choices]) -> dict[str, Choices]:
     }
 
 
-def place_for(resources: Mapping[str, float], threads: int, parallel: int | None) -> Place:
+def place_for(nodes: Sequence[Mapping[str, float]], threads: int, parallel: int | None) -> Place:
     """What each training gets.
 
     Args:
-        resources: Of the cluster, as Ray counts them.
+        nodes: The resources of each node, as Ray counts them; an autoscaler may add others.
         threads: DR_THREADS; 0 without it.
         parallel: Trainings at a time, if somebody wants a certain number.
     """
-    cores = max(1, int(resources.get("CPU", 1)))
+    cores = sum(int(node.get("CPU", 0.0)) for node in nodes) or CORES
+    largest = max((int(node.get("CPU", 0.0)) for node in nodes), default=0) or CORES
     share = max(1, cores // parallel) if parallel else cores
-    cpus = threads or min(CORES, share)
-    gpus = resources.get("GPU", 0.0)
+    cpus = threads or min(CORES, share, largest)
+    gpus = sum(node.get("GPU", 0.0) for node in nodes)
     slots = parallel or max(1, cores // cpus)
     return Place(cpus, min(1.0, gpus / slots) if gpus else 0.0, parallel or 0)
+
+
+@contextmanager
+def quiet_tune() -> Iterator[str]:
+    """Keep Tune from warnings about files that it has no use for here; gives it a folder."""
+    logging.getLogger("ray").setLevel(logging.ERROR)
+    with (
+        warnings.catch_warnings(),
+        tempfile.TemporaryDirectory(prefix="drcli-sweep-", ignore_cleanup_errors=True) as folder,
+    ):
+        warnings.filterwarnings("ignore", module="ray")
+        yield folder
 
 
 def processes_of_ray() -> list[psutil.Process]:
@@ -514,7 +516,3 @@ def storage_for_tune(storage: StorageConfig, method: str, folder: str, name: str
         "storage_path": f"{storage.bucket}/{sweep_keys.of_tune(name)}".rstrip("/"),
         "storage_filesystem": arrow_files(storage),
     }
-
-
-def _has_metric(scheduler: Any) -> bool:
-    return scheduler.metric is not None

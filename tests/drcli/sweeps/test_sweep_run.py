@@ -335,8 +335,12 @@ def test_a_hyperparameter_out_of_range_is_refused_before_anything_is_written(sho
 
 
 def test_a_setting_that_is_wrong_is_refused_in_the_line_of_the_sweep(shop):
-    with pytest.raises(ProblemsError, match=r"sweep\.yaml line 4: DR_TRAIN_MIN_EVAL_TRIALS=many is not"):
-        shop.sweep(FILE.replace("vary:\n", "vary:\n  settings: {DR_TRAIN_MIN_EVAL_TRIALS: [many]}\n"))
+    with pytest.raises(
+        ProblemsError, match=r"sweep\.yaml line 4: DR_TRAIN_MIN_EVAL_TRIALS=many is not"
+    ):
+        shop.sweep(
+            FILE.replace("vary:\n", "vary:\n  settings: {DR_TRAIN_MIN_EVAL_TRIALS: [many]}\n")
+        )
 
 
 def test_a_training_that_was_stopped_early_may_have_the_best_model(shop):

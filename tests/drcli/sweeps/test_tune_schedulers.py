@@ -145,17 +145,21 @@ def test_a_copy_gets_a_number_of_its_own_and_hyperparameters_near_those_of_the_o
 
 
 @pytest.mark.parametrize(
-    ("resources", "threads", "parallel", "found"),
+    ("nodes", "threads", "parallel", "found"),
     [
-        ({"CPU": 2}, 0, None, (2, 0.0, 0)),
-        ({"CPU": 2}, 0, 2, (1, 0.0, 2)),
-        ({"CPU": 1}, 0, None, (1, 0.0, 0)),
-        ({"CPU": 64}, 4, None, (4, 0.0, 0)),
-        ({"CPU": 16, "GPU": 1}, 0, None, (2, 0.125, 0)),
-        ({"CPU": 16, "GPU": 8}, 0, 4, (2, 1.0, 4)),
+        ([{"CPU": 2}], 0, None, (2, 0.0, 0)),
+        ([{"CPU": 2}], 0, 2, (1, 0.0, 2)),
+        ([{"CPU": 1}], 0, None, (1, 0.0, 0)),
+        ([{"CPU": 1}, {"CPU": 1}, {"CPU": 1}], 0, None, (1, 0.0, 0)),
+        ([{}], 0, None, (2, 0.0, 0)),
+        ([{}, {"CPU": 64}], 4, None, (4, 0.0, 0)),
+        ([{"CPU": 16, "GPU": 1}], 0, None, (2, 0.125, 0)),
+        ([{"CPU": 8, "GPU": 4}, {"CPU": 8, "GPU": 4}], 0, 4, (2, 1.0, 4)),
     ],
 )
-def test_a_training_gets_two_cores_and_its_share_of_the_gpus(resources, threads, parallel, found):
-    place = place_for(resources, threads, parallel)
+def test_a_training_gets_two_cores_of_a_node_and_its_share_of_the_gpus(
+    nodes, threads, parallel, found
+):
+    place = place_for(nodes, threads, parallel)
 
     assert (place.cpus, place.gpus, place.parallel) == found
