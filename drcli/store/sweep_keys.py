@@ -13,7 +13,7 @@ def sweep(name: str) -> str:
 
 def of_tune(name: str) -> str:
     """The folder of what Ray Tune writes while the sweep runs."""
-    return f"{FOLDER}{name}/tune/"
+    return f"{FOLDER}{name}/"
 
 
 def sweep_of(key: str) -> str | None:

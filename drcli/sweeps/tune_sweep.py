@@ -25,6 +25,7 @@ import psutil
 from ray import tune
 from ray.tune import Callback, Stopper
 from ray.tune.experiment import Trial
+from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from drcli.base.errors import BudgetUsedUp, DrError, WorkerDied
 from drcli.base.termination import NotedSignals
@@ -122,6 +123,7 @@ class TuneSweep:
             SettingsError: The cluster does not answer.
             StorageError: The bucket does not answer; nothing is lost.
             BudgetUsedUp: That of the day is.
+            WorkerDied: Ray has ended.
             Stopped: SIGTERM came, and all trainings are interrupted; or KeyboardInterrupt.
         """
         if self._progress.record.ended_at is not None:
@@ -141,6 +143,12 @@ class TuneSweep:
         name = self._progress.record.name
         said = f"The sweep {name} was interrupted; its trainings are saved."
         self._signals.refuse(said, "Continue it with the same command.")
+        left = [trial.name for trial in self._progress.record.trials if not trial.is_over]
+        if left:
+            raise WorkerDied(
+                f"Ray Tune has ended before {left[0]} was over.",
+                remedy="Continue the sweep with the same command.",
+            )
         self._progress.end()
         return self._progress.record
 
@@ -149,7 +157,8 @@ class TuneSweep:
         place = place_for(nodes, self._threads, self._parallel)
         if not any(node.get("CPU", 0.0) >= place.cpus for node in nodes):
             self._say(f"No node has {place.cpus} cores now; the trainings wait for one.")
-        flag = ray.remote(StopFlag).options(num_cpus=0).remote()
+        here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
+        flag = ray.remote(StopFlag).options(num_cpus=0, scheduling_strategy=here).remote()
         stopping, record = self._plan.early_stopping, self._progress.record
         population = stopping.method == "population"
         vary = varied_numbers(self._plan.vary.hyperparameters) if population else {}

@@ -72,6 +72,8 @@ class TuneTrial(tune.Trainable):
     def _is_stopping(self) -> bool:
         try:
             stopping: bool = ray.get(self._flag.is_stopping.remote(), timeout=ANSWER_S)
+        except ray.exceptions.GetTimeoutError:
+            return False  # its machine is busy
         except ray.exceptions.RayError:
             return True  # the command is gone
         return stopping
