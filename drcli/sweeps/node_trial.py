@@ -99,6 +99,7 @@ class TrialStep:
     """How far a training is.
 
     Attributes:
+        name: Of the training.
         state: "running", or how it has ended; "paused" if the sweep was interrupted.
         done: Whether there is nothing more to do for it here.
         amount: How much of its budget it has used.
@@ -110,6 +111,7 @@ class TrialStep:
         code: Exit code of the error with which it failed; 0 without one.
     """
 
+    name: str
     state: TrialState
     done: bool
     amount: float
@@ -313,6 +315,7 @@ class NodeTrial:
         level = task.levels[self._checks - 1] if self._checks else 0.0
         share = share_at(task.budget, task.stopping, level)
         return TrialStep(
+            name=self._trial.name,
             state=ended.state,
             done=done,
             amount=self._amount(),

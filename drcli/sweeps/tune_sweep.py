@@ -359,6 +359,8 @@ class Watch(Unsaved, Callback):
         if trial.is_over:
             return
         result = tuned.last_result or {}
+        if result.get("name") != trial.name:  # Tune gives a copy the result of what it copies
+            result = {}
         if result.get("code") == BudgetUsedUp.code:
             self.error = BudgetUsedUp(result["message"], remedy=result["remedy"])
             result = {**result, "state": "paused"}

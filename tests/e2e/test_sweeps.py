@@ -8,6 +8,9 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
+PATIENCE_S = 300.0
+"""Ray starts six processes, and each training one more."""
+
 SWEEP = """
 name: pace
 vary:
@@ -22,6 +25,7 @@ def test_a_sweep_is_interrupted_continues_and_marks_the_best(workspace):
     _interrupt_and_continue(workspace)
 
 
+@pytest.mark.timeout(2 * PATIENCE_S + 100.0)
 def test_ray_tune_runs_the_same_sweep(workspace):
     pytest.importorskip("ray.tune", reason="the extra ray is not installed", exc_type=ImportError)
     (workspace.folder / "system.env").write_text(
@@ -59,12 +63,12 @@ def _interrupt_and_continue(workspace):
         lambda: record.exists() and '"running"' in record.read_text(), "the first training"
     )
     first.send_signal(signal.SIGTERM)
-    ended = workspace.end_of(first)
+    ended = workspace.end_of(first, PATIENCE_S)
 
     assert ended.returncode == 143, ended.stderr
     assert "Continue it with the same command." in ended.stderr
 
-    ended = workspace.run("sweep", "sweep.yaml", "--json")
+    ended = workspace.end_of(workspace.start("sweep", "sweep.yaml", "--json"), PATIENCE_S)
 
     assert ended.returncode == 0, ended.stderr
     report = json.loads(ended.stdout.splitlines()[-1])

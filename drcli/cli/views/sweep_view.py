@@ -27,7 +27,7 @@ def sweep(report: "SweepReport") -> RenderableType:
     head = Text.assemble(
         (f"Sweep {report.name}", "bold"),
         f" ({state}), best {report.metric.replace('_', ' ')} first, "
-        f"{report.most:g} {report.resource} each",
+        f"{report.most:,.12g} {report.resource if report.most != 1 else report.resource[:-1]} each",
     )
     varied = list(dict.fromkeys(key for trial in report.trials for key in trial.varied))
     names = ["", "training", *varied, "state", report.resource, "laps", "progress", "lap"]
