@@ -32,7 +32,7 @@ from drcli.base.termination import NotedSignals
 from drcli.config import secret_environment
 from drcli.config.activation import PLACES, chosen
 from drcli.config.bucket_config import StorageConfig
-from drcli.exchange.sweep_record import SweepRecord, TrialRecord, TrialState
+from drcli.exchange.sweep_record import OVER, SweepRecord, TrialRecord, TrialState
 from drcli.runs.outcome import CTRL_C, TERMINATED
 from drcli.store import sweep_keys
 from drcli.store.arrow_files import arrow_files
@@ -371,7 +371,7 @@ class Watch(Unsaved, Callback):
         self._measure(trial)
         if state == trial.state:
             return
-        message, remedy = self._words(tuned, trial, state, result)
+        message, remedy = self._words(tuned, trial, state, result) if state in OVER else ("", "")
         self._progress.change(trial.name, state=state, message=message, remedy=remedy)
         begun = "goes on" if trial.amount > 0.0 else "begins"
         said = {
@@ -387,6 +387,8 @@ class Watch(Unsaved, Callback):
     def _state_of(self, tuned: Trial, trial: TrialRecord, result: Mapping[str, Any]) -> TrialState:
         rests: TrialState = "paused" if trial.state != "waiting" else "waiting"
         if tuned.status == Trial.RUNNING:
+            if result.get("done"):
+                return trial.state  # Tune is about to note it
             # Its actor may have to be started first.
             return "running" if result.get("state") == "running" else rests
         if tuned.status in (Trial.PENDING, Trial.PAUSED):

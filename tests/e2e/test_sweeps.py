@@ -33,7 +33,7 @@ def test_ray_tune_runs_the_same_sweep(workspace):
     )
     workspace.environment["RAY_AUTH_MODE"] = "disabled"
 
-    _interrupt_and_continue(workspace)
+    _interrupt_and_continue(workspace, SWEEP + "parallel: 2\n")
 
     left = [each for each in psutil.process_iter(["cmdline"]) if _is_of(each, workspace)]
     assert not left
@@ -51,11 +51,11 @@ def _is_of(process, workspace):
         return False
 
 
-def _interrupt_and_continue(workspace):
+def _interrupt_and_continue(workspace, sweep=SWEEP):
     (workspace.folder / "broken.py").write_text(
         "def reward_function(params):\n    return nothing\n"
     )
-    (workspace.folder / "sweep.yaml").write_text(SWEEP)
+    (workspace.folder / "sweep.yaml").write_text(sweep)
 
     first = workspace.start("sweep", "sweep.yaml")
     record = workspace.folder / "data" / "s3" / "bucket" / "sweeps" / "pace.json"

@@ -109,7 +109,11 @@ def test_a_training_that_gives_its_place_back_is_paused(desk):
     [("finished", "finished"), ("failed", "failed"), ("running", "stopped early")],
 )
 def test_how_a_training_ended_is_noted(desk, said, state):
-    desk.first.step(said, message="It was so.", remedy="Do it.").status = "TERMINATED"
+    desk.first.step("running").status = "RUNNING"
+    desk.look()
+    desk.first.step(said, done=said != "running", message="It was so.", remedy="Do it.")
+    assert desk.look()["s-01"] == "running"
+    desk.first.status = "TERMINATED"
 
     assert desk.look()["s-01"] == state
     trial = desk.progress.trial("s-01")
