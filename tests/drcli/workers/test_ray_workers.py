@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -147,3 +148,20 @@ def test_without_ray_the_extra_is_named(monkeypatch):
         ray_extra.require_ray()
 
     assert "drcli[ray]" in caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("given", "variable", "address"),
+    [("", "", "local"), ("", "10.0.0.5:6379", "10.0.0.5:6379"), ("auto", "10.0.0.5:6379", "auto")],
+)
+def test_without_an_address_ray_starts_here_whatever_else_runs(
+    monkeypatch, given, variable, address
+):
+    seen = {}
+    ray = SimpleNamespace(init=lambda **values: seen.update(values), nodes=lambda: [])
+    monkeypatch.setattr(ray_extra, "require_ray", lambda: None)
+    monkeypatch.setitem(sys.modules, "ray", ray)
+    monkeypatch.setenv("RAY_ADDRESS", variable)
+
+    assert ray_extra.connect(given, "local") is ray
+    assert seen["address"] == address
