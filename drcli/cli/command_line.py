@@ -183,7 +183,9 @@ def _with_default(default: str) -> type[_Group]:
         default_command = default
 
         def parse_args(self, ctx: Any, args: list[str]) -> Any:
-            if not args or (args[0] not in self.commands and args[0] not in _HELP):
+            if not args:
+                args = [] if self.no_args_is_help else [default]
+            elif args[0] not in self.commands and args[0] not in _HELP:
                 args = [default, *args]
             return super().parse_args(ctx, args)
 

@@ -85,6 +85,7 @@ class Job:
         ray_trainer: Whether Ray may place the trainer, as DR_RAY_TRAINER says.
         trainer: How often the trainer was started before, if an earlier process of it may still
             live on another machine: only the one with the highest number may write.
+        ends_with: Number of the process whose end interrupts the training; 0 for none.
     """
 
     config: RunConfig
@@ -108,6 +109,7 @@ class Job:
     ray_workers: int = 0
     ray_trainer: bool = False
     trainer: int | None = None
+    ends_with: int = 0
 
     @property
     def wanted_laps(self) -> int:

@@ -374,6 +374,7 @@ class JoinedMachine:
             config=replace(job.config, train=job.config.train.replaced(workers=1)),
             ray_workers=0,  # this machine may not know the cluster
             ray_trainer=False,
+            ends_with=0,  # a process of the machine before
             session=secrets.token_hex(6),
             term=0,
             folder=run_folder(self._settings.directory, own.run_id),

@@ -26,6 +26,7 @@ from drcli.runs.failed_start import READY_TIMEOUT_S, failed_start, log_bytes
 from drcli.runs.interruption_watch import InterruptionWatch
 from drcli.runs.join_offer import JoinOffer
 from drcli.runs.lease_renewal import Renewal
+from drcli.runs.parent_watch import ParentWatch
 from drcli.runs.plan import EndWorkPlan, RunPlan
 from drcli.runs.record_keeping import RecordKeeping
 from drcli.runs.run_messages import Messages
@@ -165,6 +166,7 @@ def _duties(job: Job) -> list[Duty]:
     board = WarningsBoard(job.folder, job.session)
     return [
         InterruptionWatch(),
+        ParentWatch(),
         JoinOffer(),
         *watches(job, board),
         StageWatch(job),

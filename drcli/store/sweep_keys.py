@@ -11,6 +11,11 @@ def sweep(name: str) -> str:
     return f"{FOLDER}{name}.json"
 
 
+def of_tune(name: str) -> str:
+    """The folder of what Ray Tune writes while the sweep runs."""
+    return f"{FOLDER}{name}/"
+
+
 def sweep_of(key: str) -> str | None:
     """The sweep whose record this is; None for other keys."""
     found = re.fullmatch(r"sweeps/([a-z0-9-]+)\.json", key)

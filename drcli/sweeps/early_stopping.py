@@ -19,20 +19,33 @@ REDRAWN = 0.25
 
 def levels_of(budget: Budget, stopping: EarlyStopping) -> list[float]:
     """The amounts of the budget at which the trainings are compared; the last is all of it."""
-    if stopping.method == "none":
-        return [budget.most]
-    found: list[float] = []
-    if stopping.method == "halving":
-        share = stopping.first_check
-        while share < 1.0:
-            found.append(share)
-            share *= stopping.reduction_factor
-    else:
-        found = [stopping.every * k for k in range(1, math.ceil(1.0 / stopping.every - 1e-9))]
-    amounts = [budget.most * share for share in found]
-    if budget.resource != "minutes":
-        amounts = [float(max(1, round(amount))) for amount in amounts]
+    amounts = [_amount(budget, share) for share in shares_of(stopping)]
     return [*dict.fromkeys(a for a in amounts if a < budget.most), budget.most]
+
+
+def shares_of(stopping: EarlyStopping) -> list[float]:
+    """The shares of the budget at which the trainings are compared, without all of it."""
+    if stopping.method == "none":
+        return []
+    if stopping.method == "population":
+        return [stopping.every * k for k in range(1, math.ceil(1.0 / stopping.every - 1e-9))]
+    found: list[float] = []
+    share = stopping.first_check
+    while share < 1.0:
+        found.append(share)
+        share *= stopping.reduction_factor
+    return found
+
+
+def share_at(budget: Budget, stopping: EarlyStopping, level: float) -> float:
+    """The share of the budget whose comparison comes at a level; levels are rounded."""
+    found = [share for share in shares_of(stopping) if _amount(budget, share) <= level]
+    return max(found) if found and level < budget.most else level / budget.most
+
+
+def _amount(budget: Budget, share: float) -> float:
+    amount = budget.most * share
+    return amount if budget.resource == "minutes" else float(max(1, round(amount)))
 
 
 def kept_of(count: int, reduction_factor: float) -> int:

@@ -29,6 +29,7 @@ from drcli.sweeps.trial_files import TrialFiles
 from drcli.sweeps.trial_run import TrialRun
 from drcli.sweeps.trials import Trial, trials_of
 from drcli.workers.cores import usable_cores
+from drcli.workers.ray_extra import require_tune
 
 CORES = 2
 """Processor cores for each training if several run at a time: one drives, one learns."""
@@ -41,13 +42,13 @@ class SweepPlanned:
     Attributes:
         name: Of the sweep.
         trials: Its trainings: name, and what distinguishes each.
-        parallel: How many run at a time.
+        parallel: How many run at a time; null if Ray decides.
         continues: Whether it has begun before.
     """
 
     name: str
     trials: dict[str, dict[str, str]]
-    parallel: int
+    parallel: int | None
     continues: bool
 
 
@@ -65,6 +66,8 @@ class SweepStart:
 
     def __init__(self, settings: Settings, path: Path) -> None:
         self._settings = settings
+        if self._by_ray:
+            require_tune()
         self._sweep: SweepFile = read_sweep_file(path)
         _refuse_curriculum(settings, self._sweep)
         self._trials: list[Trial] = trials_of(self._sweep)
@@ -84,7 +87,7 @@ class SweepStart:
         return SweepPlanned(
             self._sweep.name,
             {trial.name: dict(trial.varied) for trial in self._trials},
-            self._pace(parallel).parallel,
+            self._parallel_on_ray(parallel) if self._by_ray else self._pace(parallel).parallel,
             self._record is not None,
         )
 
@@ -152,16 +155,18 @@ class SweepStart:
             )
             for sentence in self._warnings(progress.record):
                 warn(sentence)
-            sweep = SweepRun(
-                progress,
-                self._sweep,
-                self._bucket,
-                self._pace(parallel),
-                say=say,
-                signals=signals,
-                open_run=lambda trial: TrialRun(directory, trial, self._bucket),
-            )
-            record = sweep.run()
+            if self._by_ray:
+                record = self._on_ray(progress, parallel, say, signals)
+            else:
+                record = SweepRun(
+                    progress,
+                    self._sweep,
+                    self._bucket,
+                    self._pace(parallel),
+                    say=say,
+                    signals=signals,
+                    open_run=lambda trial: TrialRun(directory, trial, self._bucket),
+                ).run()
         return report_of(record, self._bucket.name)
 
     def compare(self, report: SweepReport, page: Path) -> SweepReport:
@@ -179,6 +184,35 @@ class SweepStart:
         check_targets(page, None)
         found = write_comparison_of(read_runs(self._settings, models), page)
         return replace(report, comparison=found.html)
+
+    @property
+    def _by_ray(self) -> bool:
+        return self._settings.launcher == "ray"
+
+    def _parallel_on_ray(self, parallel: int | None) -> int | None:
+        return parallel or self._sweep.plan.parallel
+
+    def _on_ray(
+        self,
+        progress: SweepProgress,
+        parallel: int | None,
+        say: Callable[[str], None],
+        signals: NotedSignals,
+    ) -> SweepRecord:
+        from drcli.sweeps.tune_sweep import TuneSweep
+
+        return TuneSweep(
+            progress,
+            self._sweep,
+            self._bucket,
+            self._settings.storage,
+            self._settings.directory,
+            address=self._settings.run.train.ray_address,
+            threads=self._settings.threads,
+            parallel=self._parallel_on_ray(parallel),
+            say=say,
+            signals=signals,
+        ).run()
 
     def _pace(self, parallel: int | None) -> Pace:
         config = self._settings.run.train

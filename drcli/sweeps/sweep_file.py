@@ -31,10 +31,11 @@ OWN_SETTINGS = (
     "DR_LOCAL_S3_METRICS_PREFIX",
     "DR_LOCAL_S3_CUSTOM_FILES_PREFIX",
     "DR_MODEL_DESCRIPTION",
+    "DR_LAUNCHER",
 )
 """Settings that the sweep itself gives to each training."""
 
-Method = Literal["none", "halving", "population"]
+Method = Literal["none", "halving", "asha", "population"]
 Search = Literal["grid", "random"]
 RESOURCES: tuple[Resource, ...] = get_args(Resource)
 
@@ -161,11 +162,16 @@ class EarlyStopping(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    method: Annotated[Method, _one_of("none", "halving", "population")] = "none"
+    method: Annotated[Method, _one_of("none", "halving", "asha", "population")] = "none"
     first_check: Annotated[Number, Field(ge=0.01, le=0.99)] = 0.25
     reduction_factor: Annotated[Number, Field(ge=1.1, le=10)] = 1.5
     every: Annotated[Number, Field(ge=0.01, le=0.5)] = 0.2
     quantile: Annotated[Number, Field(ge=0.05, le=0.5)] = 0.25
+
+    @property
+    def halves(self) -> bool:
+        """Whether the worst trainings end at each check."""
+        return self.method in ("halving", "asha")
 
 
 class SweepPlan(BaseModel):
@@ -299,12 +305,34 @@ def _contradictions(found: SweepFile) -> Iterator[Problem]:
         what = "early_stopping.method=population copies weights, which fit one model_metadata only."
         yield problem(("early_stopping", "method"), what, "Keep one file in vary.model_metadata.")
     yield from _names(found)
+    yield from _twice(found)
     for section in ("hyperparameters", "settings"):
         for key, choices in getattr(plan.vary, section).items():
             if plan.search == "grid" and isinstance(choices, Span):
                 path = ("vary", section, key)
                 what = f"{dotted(path)} is a range, and search=grid trains all values."
                 yield problem(path, what, "List the values, or write search: random.")
+
+
+def _twice(found: SweepFile) -> Iterator[Problem]:
+    """Values that stand twice in a list: the same training twice."""
+    vary, problem = found.plan.vary, found.problem
+    lists: dict[KeyPath, Choices] = {
+        ("vary", "reward_function"): list(vary.reward_function),
+        ("vary", "model_metadata"): list(vary.model_metadata),
+        ("vary", "seed"): list(vary.seed),
+    }
+    lists |= {("vary", "settings", key): values for key, values in vary.settings.items()}
+    lists |= {
+        ("vary", "hyperparameters", key): values for key, values in vary.hyperparameters.items()
+    }
+    for path, values in lists.items():
+        if isinstance(values, Span):
+            continue
+        again = [value for index, value in enumerate(values) if value in values[:index]]
+        if again:
+            what = f"{dotted(path)} has {again[0]} twice."
+            yield problem(path, what, "Remove one. To train it several times, vary seed.")
 
 
 def _names(found: SweepFile) -> Iterator[Problem]:

@@ -7,7 +7,13 @@ from pathlib import Path
 
 from drcli.exchange.sweep_record import SweepRecord, TrialRecord, TrialState
 from drcli.store.bucket import Bucket
-from drcli.sweeps.stored_sweep import put_sweep, read_sweep, refuse_other_trials
+from drcli.store.notes import write_description
+from drcli.sweeps.stored_sweep import (
+    put_sweep,
+    read_sweep,
+    refuse_other_trials,
+    varied_now,
+)
 from drcli.sweeps.sweep_file import SweepFile
 from drcli.sweeps.trial_files import TrialFiles
 from drcli.sweeps.trial_score import best_of
@@ -81,10 +87,13 @@ class SweepProgress:
         """Note that the trainings were compared for the `number`th time."""
         self.put(replace(self.record, checks=number))
 
-    def end(self) -> str:
-        """Note that all trainings are over; returns the name of the best, empty without one."""
+    def end(self) -> None:
+        """Note that all trainings are over, and mark the model of the best."""
         self.put(replace(self.record, ended_at=time.time()))
-        return self.record.best
+        if self.record.best:
+            trial = self.trial(self.record.best)
+            text = f"Best of sweep {self.record.name}: {text_of(trial)}"
+            write_description(self._bucket, trial.prefix, text)
 
     def put(self, record: SweepRecord) -> None:
         """Replace the record; which training is best follows from the others."""
@@ -136,6 +145,11 @@ class SweepProgress:
                 trial = replace(trial, run_id=self.write_experiment(trial))
             record = _with(record, trial)
         return record
+
+
+def text_of(trial: TrialRecord) -> str:
+    """What distinguishes a training now, in one line."""
+    return ", ".join(f"{key}={value}" for key, value in varied_now(trial).items())
 
 
 def _with(record: SweepRecord, trial: TrialRecord) -> SweepRecord:

@@ -11,23 +11,24 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from drcli.base.errors import BudgetUsedUp, DrError, StorageError, TrainedElsewhere, WorkerDied
-from drcli.base.problems import ProblemsError
+from drcli.base.errors import BudgetUsedUp, DrError, StorageError, TrainedElsewhere
 from drcli.base.termination import NotedSignals
-from drcli.exchange.sweep_record import SweepRecord, TrialRecord, TrialState
+from drcli.exchange.sweep_record import SweepRecord, TrialRecord
 from drcli.runs.wait_for_owner import LONG_LOOK_S
 from drcli.store.bucket import Bucket, ObjectDamaged
-from drcli.store.last_outcome import read_outcome
 from drcli.store.lease import STALE_S
-from drcli.store.notes import write_description
 from drcli.sweeps.early_stopping import Replacement, comparable, kept_of, levels_of, replacements
-from drcli.sweeps.stored_sweep import (
-    copy_of,
-    varied_now,
-)
+from drcli.sweeps.stored_sweep import copy_of
 from drcli.sweeps.sweep_file import Span, SweepFile
-from drcli.sweeps.sweep_progress import SweepProgress
-from drcli.sweeps.trial_run import Limits, Run
+from drcli.sweeps.sweep_progress import SweepProgress, text_of
+from drcli.sweeps.trial_run import (
+    Ended,
+    Limits,
+    Run,
+    how_it_ended,
+    nothing_to_do,
+    refused_start,
+)
 from drcli.sweeps.trial_score import amount_of, rank, score_of, until
 
 LOOK_S = 1.0
@@ -174,19 +175,15 @@ class SweepRun:
             raise
         except DrError as error:
             self._refuse_interruption()  # on a terminal, it has come to whatever ran here
-            may_pass = isinstance(error, WorkerDied)
-            self._failed(trial, _in_short(error), error.remedy, may_pass=may_pass)
+            self._failed(trial, refused_start(error))
             return
         self._elsewhere_since.pop(trial.name, None)
         if over:
-            outcome = read_outcome(self._bucket, trial.prefix)
-            stopped = outcome is not None and outcome.stays_ended
+            ended = nothing_to_do(self._bucket, trial.prefix, over)
             self._measure(trial)
-            self._progress.change(
-                trial.name, state="stopped" if stopped else "finished", message=over
-            )
+            self._progress.change(trial.name, state=ended.state, message=ended.message)
             return
-        self._say(f"{trial.name} {'goes on' if begun else 'begins'}: {self._text(trial)}")
+        self._say(f"{trial.name} {'goes on' if begun else 'begins'}: {text_of(trial)}")
         self._progress.change(trial.name, state="running")
 
     def _look_at(self, trial: TrialRecord) -> None:
@@ -197,20 +194,13 @@ class SweepRun:
         trial = self._progress.trial(trial.name)
         if runs:
             return
-        record = run.record()
-        if record is None or record.state in ("interrupted", "lost", "starting", "running"):
-            asked = trial.name in self._asked
-            if asked or (record is not None and record.state == "interrupted"):
-                self._progress.change(trial.name, state="paused")
-            else:
-                self._failed(trial, "Its supervisor was killed.", "", may_pass=True)
-        elif record.state in ("finished", "stopped"):
-            over: TrialState = "finished" if record.state == "finished" else "stopped"
-            self._progress.change(trial.name, state=over, message=record.message)
-            self._say(f"{trial.name}: {record.message}")
-        else:
-            may_pass = record.exit_code in (StorageError.code, WorkerDied.code)
-            self._failed(trial, record.message, record.remedy, may_pass=may_pass)
+        ended = how_it_ended(run.record(), asked=trial.name in self._asked)
+        if ended.state == "failed":
+            self._failed(trial, ended)
+            return
+        self._progress.change(trial.name, state=ended.state, message=ended.message)
+        if ended.message:
+            self._say(f"{trial.name}: {ended.message}")
 
     def _measure(self, trial: TrialRecord) -> None:
         """Note how much of its budget a training has used, and its score."""
@@ -224,13 +214,14 @@ class SweepRun:
         if (amount, score) != (trial.amount, trial.score):
             self._progress.change(trial.name, amount=amount, score=score)
 
-    def _failed(self, trial: TrialRecord, message: str, remedy: str, *, may_pass: bool) -> None:
-        if may_pass and trial.starts < MOST_STARTS:
+    def _failed(self, trial: TrialRecord, ended: Ended) -> None:
+        message = ended.message
+        if ended.may_pass and trial.starts < MOST_STARTS:
             self._say(f"{trial.name}: {message} It is started again.")
             self._progress.change(trial.name, state="paused", starts=trial.starts + 1)
             return
         self._say(f"{trial.name} has failed: {message}")
-        self._progress.change(trial.name, state="failed", message=message, remedy=remedy)
+        self._progress.change(trial.name, state="failed", message=message, remedy=ended.remedy)
 
     # --- Comparisons ------------------------------------------------------------------------
 
@@ -240,11 +231,11 @@ class SweepRun:
         if number >= len(self._levels):
             self._finish()
             return
-        method = self._plan.early_stopping.method
+        stopping = self._plan.early_stopping
         ranked = self._ranked(level)
-        if method == "halving":
+        if stopping.halves:
             self._halve(number, level, ranked)
-        elif method == "population":
+        elif stopping.method == "population":
             self._replace_worst(number, level, ranked)
         self._progress.note_check(number)
 
@@ -254,7 +245,7 @@ class SweepRun:
         compared = [t for t in self._all if t.state not in ("failed", "stopped early")]
         is_last = self._checks + 1 >= len(self._levels)
         kept = kept_of(len(compared), stopping.reduction_factor)
-        return stopping.method == "halving" and not is_last and kept >= len(compared)
+        return stopping.halves and not is_last and kept >= len(compared)
 
     def _ranked(self, level: float) -> list[TrialRecord]:
         """The trainings that may be the best, by what they could at this level."""
@@ -332,11 +323,7 @@ class SweepRun:
                 self._progress.change(
                     trial.name, state="finished", message="Its budget is used up."
                 )
-        best = self._progress.end()
-        if best:
-            trial = self._progress.trial(best)
-            text = f"Best of sweep {self._sweep.name}: {self._text(trial)}"
-            write_description(self._bucket, trial.prefix, text)
+        self._progress.end()
 
     # --- Records and processes --------------------------------------------------------------
 
@@ -358,9 +345,6 @@ class SweepRun:
     @property
     def _checks(self) -> int:
         return self._progress.record.checks
-
-    def _text(self, trial: TrialRecord) -> str:
-        return ", ".join(f"{key}={value}" for key, value in varied_now(trial).items())
 
     def _run(self, trial: TrialRecord) -> Run:
         if trial.name not in self._runs:
@@ -388,10 +372,3 @@ class SweepRun:
             if self._progress.trial(trial.name).state == "running":
                 with suppress(StorageError):  # the next start finds out by itself
                     self._progress.change(trial.name, state="paused")
-
-
-def _in_short(error: DrError) -> str:
-    """An error in one line, without the parameters with which a reward function failed."""
-    if isinstance(error, ProblemsError):
-        return " ".join(str(problem).splitlines()[0] for problem in error.errors)
-    return str(error)

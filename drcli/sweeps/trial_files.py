@@ -14,7 +14,7 @@ from drcli.modelfiles.custom_files import find, missing_files
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.store import keys
 from drcli.store.bucket import Bucket
-from drcli.sweeps.sweep_file import SweepFile
+from drcli.sweeps.sweep_file import Budget, SweepFile
 from drcli.sweeps.trials import Trial
 
 _LIMITS = {
@@ -23,6 +23,32 @@ _LIMITS = {
     "iterations": "DR_TRAIN_MAX_ITERATIONS",
 }
 """Settings that end a training once its budget is used up."""
+
+
+def settings_of_model(
+    budget: Budget, prefix: str, *, used: float = 0.0, source: str = ""
+) -> dict[str, str]:
+    """The settings of one of the models that a training may have, in a population.
+
+    Args:
+        budget: Of the training.
+        prefix: The model.
+        used: How much of the budget earlier models have used.
+        source: Model whose weights it begins with; empty for its own.
+    """
+    found = {
+        "DR_LOCAL_S3_MODEL_PREFIX": prefix,
+        "DR_LOCAL_S3_METRICS_PREFIX": f"{prefix}/metrics",
+    }
+    if source:
+        found |= {
+            "DR_LOCAL_S3_PRETRAINED": "True",
+            "DR_LOCAL_S3_PRETRAINED_PREFIX": source,
+            "DR_LOCAL_S3_PRETRAINED_CHECKPOINT": "last",
+        }
+    if budget.resource in _LIMITS:
+        found[_LIMITS[budget.resource]] = f"{max(1.0, budget.most - used):.0f}"
+    return found
 
 
 class TrialFiles:
@@ -50,7 +76,7 @@ class TrialFiles:
             ProblemsError: A file cannot be read, or a value is wrong.
         """
         for trial in trials:
-            self._plan(trial, trial.name, {}, {})
+            self._plan(trial, {}, settings_of_model(self._sweep.plan.budget, trial.name))
 
     def write(
         self,
@@ -77,17 +103,8 @@ class TrialFiles:
             ProblemsError: A value is wrong.
             SettingsError: Something cannot be written.
         """
-        more = {}
-        if source:
-            more = {
-                "DR_LOCAL_S3_PRETRAINED": "True",
-                "DR_LOCAL_S3_PRETRAINED_PREFIX": source,
-                "DR_LOCAL_S3_PRETRAINED_CHECKPOINT": "last",
-            }
-        budget = self._sweep.plan.budget
-        if budget.resource in _LIMITS:
-            more[_LIMITS[budget.resource]] = f"{max(1.0, budget.most - used):.0f}"
-        plan = self._plan(trial, prefix, hyperparameters, more)
+        more = settings_of_model(self._sweep.plan.budget, prefix, used=used, source=source)
+        plan = self._plan(trial, hyperparameters, more)
         if all((self._folder / file.name).exists() for file in plan.files):
             for file in plan.files:
                 rewrite(self._folder / file.name, file.data)
@@ -99,15 +116,12 @@ class TrialFiles:
     def _plan(
         self,
         trial: Trial,
-        prefix: str,
         hyperparameters: Mapping[str, float],
         more: Mapping[str, str],
     ) -> FolderPlan:
         here = f"custom_files/{trial.name}"
         values = {
             **trial.settings,
-            "DR_LOCAL_S3_MODEL_PREFIX": prefix,
-            "DR_LOCAL_S3_METRICS_PREFIX": f"{prefix}/metrics",
             "DR_LOCAL_S3_CUSTOM_FILES_PREFIX": here,
             "DR_LOCAL_S3_REWARD_KEY": f"{here}/reward_function.py",
             "DR_LOCAL_S3_HYPERPARAMETERS_KEY": f"{here}/hyperparameters.json",
@@ -120,12 +134,11 @@ class TrialFiles:
             entry = parse_env(existing.read_bytes(), "run.env").last.get("DR_RUN_ID")
             if entry is not None:
                 values["DR_RUN_ID"] = entry.value
-        return plan_experiment(
-            self._folder,
-            trial.name,
-            values,
-            files_of_model=self._files(trial, hyperparameters),
-        )
+        files = self._files(trial, hyperparameters)
+        try:
+            return plan_experiment(self._folder, trial.name, values, files_of_model=files)
+        except ProblemsError as error:
+            raise self._of_settings(trial, error) from None
 
     def _files(self, trial: Trial, hyperparameters: Mapping[str, float]) -> dict[str, bytes]:
         files = {name: self._own[name].data for name in MODEL_FILES}
@@ -153,6 +166,19 @@ class TrialFiles:
             if key not in trial.hyperparameters:
                 return error
             path = ("vary", "hyperparameters", key)
+            found.append(self._sweep.problem(path, each.message, each.remedy))
+        return ProblemsError(found)
+
+    def _of_settings(self, trial: Trial, error: ProblemsError) -> ProblemsError:
+        """The problems of settings, in the lines of the sweep that caused them."""
+        found = []
+        for each in error.problems:
+            if each.key not in trial.settings:
+                return error
+            varied = each.key in self._sweep.plan.vary.settings
+            path = ("vary", "settings", each.key) if varied else ("settings", each.key)
+            if each.key == "DR_TRAIN_SEED" and self._sweep.plan.vary.seed:
+                path = ("vary", "seed")
             found.append(self._sweep.problem(path, each.message, each.remedy))
         return ProblemsError(found)
 

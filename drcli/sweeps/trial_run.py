@@ -2,26 +2,31 @@
 
 import os
 import signal
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
+from drcli.base.errors import DrError, StorageError, WorkerDied
+from drcli.base.problems import ProblemsError
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.config.settings_files import EXPERIMENT
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.exchange.sweep_record import TrialRecord
+from drcli.exchange.sweep_record import TrialRecord, TrialState
 from drcli.runs import training
 from drcli.runs.plan import StartOptions
 from drcli.runs.resume_or_start import NothingToDo, prepare_next
 from drcli.store.bucket import Bucket
 from drcli.store.history import HistoryReader
+from drcli.store.last_outcome import read_outcome
 
 _ALONE = {
     "DR_ON_END": "",  # such a command may switch off the machine
     "DR_CONTINUE_ON_SPOT_INTERRUPTION": "True",  # a paused training goes on
+    "DR_LAUNCHER": "local",  # with Ray, all of a training is on one node
 }
 """Settings of a training that is one of several on this machine."""
 
@@ -75,15 +80,27 @@ class TrialRun:
         directory: The working folder.
         trial: The training.
         bucket: Where its model is.
+        changes: Settings by DR_ name that differ from those of its experiment.
+        ends_with_parent: Whether it is interrupted when this process ends.
     """
 
-    def __init__(self, directory: Path, trial: TrialRecord, bucket: Bucket) -> None:
+    def __init__(
+        self,
+        directory: Path,
+        trial: TrialRecord,
+        bucket: Bucket,
+        *,
+        changes: Mapping[str, str] | None = None,
+        ends_with_parent: bool = False,
+    ) -> None:
         self._directory = directory
         self._name = trial.name
         self._prefix = trial.prefix
         self._folder = run_folder(directory, trial.run_id)
         self._bucket = bucket
         self._history = HistoryReader()
+        self._changes = {"DR_LOCAL_S3_MODEL_PREFIX": trial.prefix, **(changes or {})}
+        self._ends_with = os.getpid() if ends_with_parent else 0
 
     def settings(self, threads: int = 0) -> Settings:
         """Its settings: those of its experiment, whatever the shell was activated for.
@@ -91,7 +108,7 @@ class TrialRun:
         Raises:
             ProblemsError: Something is wrong.
         """
-        flags = {EXPERIMENT: self._name, "DR_LOCAL_S3_MODEL_PREFIX": self._prefix, **_ALONE}
+        flags = {EXPERIMENT: self._name, **self._changes, **_ALONE}
         if threads:
             flags["DR_THREADS"] = str(threads)
         return load_settings(self._directory, flags=flags)
@@ -114,7 +131,8 @@ class TrialRun:
         planned = prepare_next(self.settings(limits.threads), options, wait=False)
         if isinstance(planned, NothingToDo):
             return planned.sentence
-        training.launch(planned)
+        job = replace(planned.job, ends_with=self._ends_with)
+        training.launch(replace(planned, job=job))
         return ""
 
     def record(self) -> RunRecord | None:
@@ -138,3 +156,57 @@ class TrialRun:
         if found is not None and found.alive:
             with suppress(ProcessLookupError, PermissionError):
                 os.kill(found.pid, signal.SIGTERM)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a training has ended that does not run any more.
+
+    Attributes:
+        state: "paused" if it can go on.
+        message: Why.
+        remedy: What to do then.
+        may_pass: Whether another start may succeed.
+    """
+
+    state: TrialState
+    message: str = ""
+    remedy: str = ""
+    may_pass: bool = False
+
+
+def how_it_ended(record: RunRecord | None, *, asked: bool) -> Ended:
+    """How a training has ended.
+
+    Args:
+        record: Its newest start.
+        asked: Whether the sweep has interrupted it.
+    """
+    if record is None or record.state in ("interrupted", "lost", "starting", "running"):
+        if asked or (record is not None and record.state == "interrupted"):
+            return Ended("paused")
+        return Ended("failed", "Its supervisor was killed.", may_pass=True)
+    if record.state in ("finished", "stopped"):
+        state: TrialState = "finished" if record.state == "finished" else "stopped"
+        return Ended(state, record.message)
+    may_pass = record.exit_code in (StorageError.code, WorkerDied.code)
+    return Ended("failed", record.message, record.remedy, may_pass)
+
+
+def refused_start(error: DrError) -> Ended:
+    """A training that could not start."""
+    return Ended("failed", _in_short(error), error.remedy, isinstance(error, WorkerDied))
+
+
+def nothing_to_do(bucket: Bucket, prefix: str, sentence: str) -> Ended:
+    """A training that a start finds at its end, with the sentence that says so."""
+    outcome = read_outcome(bucket, prefix)
+    stopped = outcome is not None and outcome.stays_ended
+    return Ended("stopped" if stopped else "finished", sentence)
+
+
+def _in_short(error: DrError) -> str:
+    """An error in one line, without the parameters with which a reward function failed."""
+    if isinstance(error, ProblemsError):
+        return " ".join(str(problem).splitlines()[0] for problem in error.errors)
+    return str(error)

@@ -9,6 +9,9 @@ from drcli.exchange.sweep_record import Metric, Resource, TrialRecord, TrialScor
 SMOOTH = 3
 """Iterations over which training episodes are averaged, because they vary by chance."""
 
+_FIRST = 10_000.0
+"""How much more the first value of a rank counts than the second, in `number_of`."""
+
 Rank = tuple[float, float, float]
 """Larger is better."""
 
@@ -66,6 +69,12 @@ def rank(score: TrialScore | None, metric: Metric) -> Rank:
     if score.episodes and score.laps == score.episodes:
         return (1.0, time, reward)
     return (0.0, score.progress, time)
+
+
+def number_of(score: TrialScore | None, metric: Metric) -> float:
+    """The same in one number, for those who compare numbers; the third value does not count."""
+    first, second, _ = rank(score, metric)
+    return _FIRST * first + second
 
 
 def best_of(trials: Sequence[TrialRecord], metric: Metric) -> str:

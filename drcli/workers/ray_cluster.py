@@ -52,7 +52,25 @@ class RayMessages(io.TextIOBase):
 def connected(job: Job) -> Iterator[Any]:
     """Connect this process to the cluster of a training, or to Ray on this machine alone.
 
-    The value is the module ray.
+    The value is the module ray. Errors are those of `connect`.
+    """
+    with redirect_stdout(RayMessages()):
+        ray = connect(job.config.train.ray_address, job.config.storage.cloud)
+        try:
+            yield ray
+        finally:
+            ray.shutdown()
+
+
+def connect(address: str, cloud: str) -> Any:
+    """Connect with a cluster of Ray, or start Ray on this machine.
+
+    Args:
+        address: Of the cluster; empty for that of RAY_ADDRESS, or this machine alone.
+        cloud: DR_CLOUD, which says who reaches the bucket.
+
+    Returns:
+        The module `ray`.
 
     Raises:
         NotAvailable: Ray is not installed.
@@ -60,27 +78,32 @@ def connected(job: Job) -> Iterator[Any]:
     """
     require_ray()
     ray: Any = importlib.import_module("ray")  # whose functions have no types
-    address = job.config.train.ray_address or None
-    _refuse_silent_address(address or os.environ.get("RAY_ADDRESS", ""))
+    # Without an address, Ray would join any cluster that it finds on this machine.
+    found = address or os.environ.get("RAY_ADDRESS") or "local"
+    _refuse_silent_address(found)
     ended_by = signal.getsignal(signal.SIGTERM)
-    with redirect_stdout(RayMessages()):
-        try:
-            ray.init(
-                address=address,
-                include_dashboard=False if address is None else None,
-                log_to_driver=False,
-                configure_logging=False,
-                namespace="drcli",
-            )
-        except (ConnectionError, ValueError, RuntimeError) as error:
-            raise _no_answer(address or "RAY_ADDRESS", str(error).splitlines()[0]) from None
-        finally:
-            signal.signal(signal.SIGTERM, ended_by)  # Ray has its own, which ends the process
-        try:
-            _refuse_unreachable_bucket(ray, job)
-            yield ray
-        finally:
-            ray.shutdown()
+    try:
+        ray.init(
+            address=found,
+            include_dashboard=None if address else False,
+            logging_level="ERROR",
+            log_to_driver=False,
+            configure_logging=False,
+            namespace="drcli",
+        )
+    except (ConnectionError, ValueError, RuntimeError) as error:
+        raise _no_answer(address or "RAY_ADDRESS", str(error).splitlines()[0]) from None
+    finally:
+        signal.signal(signal.SIGTERM, ended_by)  # Ray has its own, which ends the process
+    hosts = {node["NodeManagerHostname"] for node in ray.nodes() if node["Alive"]}
+    others = hosts - {socket.gethostname()}
+    if others and cloud == "local":
+        ray.shutdown()
+        raise SettingsError(
+            f"DR_CLOUD=local is a bucket on this machine, which {min(others)} cannot reach.",
+            remedy="Use a bucket that all nodes reach: DR_CLOUD=aws or remote.",
+        )
+    return ray
 
 
 def _refuse_silent_address(address: str) -> None:
@@ -99,16 +122,6 @@ def _no_answer(address: str, why: str) -> SettingsError:
         f"Ray at {address} does not answer: {why}",
         remedy="Correct DR_RAY_ADDRESS, or start the cluster with `ray up` or `ray start --head`.",
     )
-
-
-def _refuse_unreachable_bucket(ray: Any, job: Job) -> None:
-    hosts = {node["NodeManagerHostname"] for node in ray.nodes() if node["Alive"]}
-    others = hosts - {socket.gethostname()}
-    if others and job.config.storage.cloud == "local":
-        raise SettingsError(
-            f"DR_CLOUD=local is a bucket on this machine, which {min(others)} cannot reach.",
-            remedy="Use a bucket that all nodes reach: DR_CLOUD=aws or remote.",
-        )
 
 
 def keys_for_nodes(*more: str) -> dict[str, str]:

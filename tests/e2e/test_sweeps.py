@@ -3,9 +3,13 @@
 import json
 import signal
 
+import psutil
 import pytest
 
 pytestmark = pytest.mark.slow
+
+PATIENCE_S = 300.0
+"""Ray starts six processes, and each training one more."""
 
 SWEEP = """
 name: pace
@@ -18,10 +22,40 @@ early_stopping: {method: halving, first_check: 0.05, reduction_factor: 2}
 
 
 def test_a_sweep_is_interrupted_continues_and_marks_the_best(workspace):
+    _interrupt_and_continue(workspace)
+
+
+@pytest.mark.timeout(2 * PATIENCE_S + 100.0)
+def test_ray_tune_runs_the_same_sweep(workspace):
+    pytest.importorskip("ray.tune", reason="the extra ray is not installed", exc_type=ImportError)
+    (workspace.folder / "system.env").write_text(
+        "DR_CLOUD=local\nDR_LOCAL_S3_BUCKET=bucket\nDR_LAUNCHER=ray\n"
+    )
+    workspace.environment["RAY_AUTH_MODE"] = "disabled"
+
+    _interrupt_and_continue(workspace, SWEEP + "parallel: 2\n")
+
+    left = [each for each in psutil.process_iter(["cmdline"]) if _is_of(each, workspace)]
+    assert not left
+
+
+def _is_of(process, workspace):
+    """Whether a process trains something of a workspace."""
+    words = process.info["cmdline"] or []
+    try:
+        trains = (
+            "drcli.base.start_module" in words and "drcli.store.server.moto_server" not in words
+        )
+        return trains and process.cwd() == str(workspace.folder)
+    except psutil.Error:
+        return False
+
+
+def _interrupt_and_continue(workspace, sweep=SWEEP):
     (workspace.folder / "broken.py").write_text(
         "def reward_function(params):\n    return nothing\n"
     )
-    (workspace.folder / "sweep.yaml").write_text(SWEEP)
+    (workspace.folder / "sweep.yaml").write_text(sweep)
 
     first = workspace.start("sweep", "sweep.yaml")
     record = workspace.folder / "data" / "s3" / "bucket" / "sweeps" / "pace.json"
@@ -29,12 +63,12 @@ def test_a_sweep_is_interrupted_continues_and_marks_the_best(workspace):
         lambda: record.exists() and '"running"' in record.read_text(), "the first training"
     )
     first.send_signal(signal.SIGTERM)
-    ended = workspace.end_of(first)
+    ended = workspace.end_of(first, PATIENCE_S)
 
     assert ended.returncode == 143, ended.stderr
     assert "Continue it with the same command." in ended.stderr
 
-    ended = workspace.run("sweep", "sweep.yaml", "--json")
+    ended = workspace.end_of(workspace.start("sweep", "sweep.yaml", "--json"), PATIENCE_S)
 
     assert ended.returncode == 0, ended.stderr
     report = json.loads(ended.stdout.splitlines()[-1])

@@ -77,7 +77,7 @@ def start(
     for world in begun.worlds:
         bring_tracks(loaded.replaced(world_name=world))
     console.say(
-        f"Sweep {plan.name}: {len(plan.trials)} trainings, {plan.parallel} at a time. "
+        f"Sweep {plan.name}: {len(plan.trials)} trainings, {sweep_view.at_a_time(plan)}. "
         "Ctrl-C interrupts it."
     )
     with _live() as show:

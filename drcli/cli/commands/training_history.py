@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from drcli.store.bucket import Bucket
 
 app = typer.Typer(
-    no_args_is_help=True,
     help="List, compare and export all trainings, also those of deleted models.\n\n"
     "Every training leaves a record in the bucket. `dr-history` alone lists them. A training is "
     "named by its id or the beginning of it, or by its model: MODEL is its newest training, "

@@ -27,7 +27,7 @@ def sweep(report: "SweepReport") -> RenderableType:
     head = Text.assemble(
         (f"Sweep {report.name}", "bold"),
         f" ({state}), best {report.metric.replace('_', ' ')} first, "
-        f"{report.most:g} {report.resource} each",
+        f"{report.most:,.12g} {report.resource if report.most != 1 else report.resource[:-1]} each",
     )
     varied = list(dict.fromkeys(key for trial in report.trials for key in trial.varied))
     names = ["", "training", *varied, "state", report.resource, "laps", "progress", "lap"]
@@ -80,9 +80,18 @@ def planned(plan: "SweepPlanned") -> RenderableType:
     varied = list(dict.fromkeys(key for trial in plan.trials.values() for key in trial))
     rows = [[name, *(trial.get(key, "") for key in varied)] for name, trial in plan.trials.items()]
     verb = "continues" if plan.continues else "has"
-    text = f"{verb} {counted(len(plan.trials), 'training')}, {plan.parallel} at a time."
+    text = f"{verb} {counted(len(plan.trials), 'training')}, {at_a_time(plan)}."
     head = Text.assemble((f"Sweep {plan.name}", "bold"), f" {text}")
     return Group(head, Rows(["training", *varied], rows, left=["training", *varied]))
+
+
+def at_a_time(plan: "SweepPlanned") -> str:
+    """How many trainings run at a time, in words."""
+    return (
+        "as many at a time as Ray has room for"
+        if plan.parallel is None
+        else (f"{plan.parallel} at a time")
+    )
 
 
 def _best(report: "SweepReport") -> "TrialReport":

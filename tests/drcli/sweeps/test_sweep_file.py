@@ -119,9 +119,12 @@ def test_a_range_says_what_it_is(read):
         (VARY + "search: bayes\n", 'search="bayes" is not a known word'),
         (VARY + "metric: speed\n", 'metric="speed" is not a known word'),
         (VARY + "name: My Sweep\n", "cannot be the name of a sweep"),
-        (VARY + "early_stopping: {method: asha}\n", 'method="asha" is not a known word'),
+        (VARY + "early_stopping: {method: bands}\n", 'method="bands" is not a known word'),
         (VARY + "early_stopping: {reduction_factor: 1}\n", "is below 1.1"),
         (VARY + "settings: {DR_WORLD: x}\n", "Did you mean DR_WORLD_NAME?"),
+        (VARY.replace("3e-4]", "1e-4]"), "vary.hyperparameters.lr has 0.0001 twice"),
+        (VARY.replace("vary:", "vary:\n  seed: [1, 2, 1]"), "vary.seed has 1 twice"),
+        (VARY + "settings: {DR_LAUNCHER: ray}\n", "a sweep sets DR_LAUNCHER itself"),
         (VARY + "settings: {DR_RUN_ID: 3}\n", "a sweep sets DR_RUN_ID itself"),
         (
             VARY.replace("vary:", "vary:\n  model_metadata: [a.json, b.json]")

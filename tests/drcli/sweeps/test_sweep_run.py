@@ -334,6 +334,42 @@ def test_a_hyperparameter_out_of_range_is_refused_before_anything_is_written(sho
     assert not (shop.folder / "experiments").exists()
 
 
+def test_a_setting_that_is_wrong_is_refused_in_the_line_of_the_sweep(shop):
+    with pytest.raises(
+        ProblemsError, match=r"sweep\.yaml line 4: DR_TRAIN_MIN_EVAL_TRIALS=many is not"
+    ):
+        shop.sweep(
+            FILE.replace("vary:\n", "vary:\n  settings: {DR_TRAIN_MIN_EVAL_TRIALS: [many]}\n")
+        )
+
+
+def test_a_training_that_was_stopped_early_may_have_the_best_model(shop):
+    class Late(PaperRun):
+        """The first is best of all just after its check, which the slow last one reaches later."""
+
+        turns = 0
+
+        def second(self):
+            self.turns += 1
+            if self.trial.name == "s-06" and self.turns % 3:
+                return
+            super().second()
+            if self.trial.name == "s-01" and len(self.done) == 3:
+                self.done[-1] = iteration_record(2, evaluation_progress=[99.0])
+
+    def open_run(trial):
+        shop.runs[trial.prefix] = Late(shop, trial)
+        return shop.runs[trial.prefix]
+
+    sweep = shop.sweep(parallel=6)
+    sweep._open_run = open_run
+
+    record = sweep.run()
+
+    assert states(record)["s-01"] == "stopped early"
+    assert record.best == "s-01"
+
+
 def test_a_record_survives_its_encoding(shop):
     record = shop.sweep(POPULATION).run()
 

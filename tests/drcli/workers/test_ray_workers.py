@@ -2,13 +2,14 @@
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from drcli.base.errors import NotAvailable, SettingsError, WorkerDied
 from drcli.config.loading import load_settings
 from drcli.runs.planned_job import planned_job
-from drcli.workers import ray_extra
+from drcli.workers import ray_cluster
 from drcli.workers.ray_cluster import NodeLost, connected
 from drcli.workers.ray_host import WorkerHost
 from drcli.workers.ray_workers import MOST_DEATHS, MOST_NAMED, RayWorkers, join_arguments
@@ -170,3 +171,21 @@ def test_an_address_where_nobody_listens_is_named_soon(address, working_folder, 
         pass
 
     assert address in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "variable", "address"),
+    [("", "", "local"), ("", "10.0.0.5:6379", "10.0.0.5:6379"), ("auto", "10.0.0.5:6379", "auto")],
+)
+def test_without_an_address_ray_starts_here_whatever_else_runs(
+    monkeypatch, given, variable, address
+):
+    seen = {}
+    ray = SimpleNamespace(init=lambda **values: seen.update(values), nodes=lambda: [])
+    monkeypatch.setattr(ray_cluster, "require_ray", lambda: None)
+    monkeypatch.setattr(ray_cluster, "_refuse_silent_address", lambda address: None)
+    monkeypatch.setitem(sys.modules, "ray", ray)
+    monkeypatch.setenv("RAY_ADDRESS", variable)
+
+    assert ray_cluster.connect(given, "local") is ray
+    assert seen["address"] == address

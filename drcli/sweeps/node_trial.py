@@ -1,0 +1,386 @@
+"""One training of a sweep on a node of a cluster: it trains on until its next check.
+
+Ray is not used here: the actor of Ray Tune calls this, and tests do.
+"""
+
+import os
+import re
+import socket
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from drcli.base.atomic_file import rewrite
+from drcli.base.errors import BudgetUsedUp, DrError, StorageError, TrainedElsewhere
+from drcli.config import secret_environment
+from drcli.config.loading import load_settings
+from drcli.config.settings_files import EXPERIMENT
+from drcli.exchange.sweep_record import Metric, TrialRecord, TrialState
+from drcli.modelfiles.curriculum_file import merged_hyperparameters
+from drcli.runs.wait_for_owner import LONG_LOOK_S
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+from drcli.store.connect import open_bucket
+from drcli.store.lease import STALE_S
+from drcli.sweeps.early_stopping import share_at
+from drcli.sweeps.stored_sweep import copy_of
+from drcli.sweeps.sweep_file import Budget, EarlyStopping
+from drcli.sweeps.trial_files import settings_of_model
+from drcli.sweeps.trial_run import (
+    Ended,
+    Limits,
+    Run,
+    TrialRun,
+    how_it_ended,
+    nothing_to_do,
+    refused_start,
+)
+from drcli.sweeps.trial_score import amount_of, number_of, score_of, until
+
+STEP_S = 2.0
+"""How long a step may take: only between two steps can Ray end the training."""
+
+LOOK_S = 0.5
+"""How often the training is looked at."""
+
+MILLION = 1_000_000
+"""The whole budget, as ASHA counts it: in whole numbers."""
+
+MOST_STARTS = 3
+"""How often a training is started again that failed for a reason which may pass."""
+
+END_S = 60.0
+"""How long a training may take to save its checkpoint."""
+
+FINISH_S = 20.0
+"""How long a training whose budget is used up may take to end by itself."""
+
+ELSEWHERE_S = STALE_S + 60.0
+"""How long to try to take over a training whose node may be gone."""
+
+
+@dataclass(frozen=True)
+class TrialTask:
+    """What a node has to know of a training.
+
+    Attributes:
+        trial: The training, as the record of the sweep has it.
+        budget: Of each training.
+        stopping: When they are compared.
+        levels: The amounts at which they are compared; the last is the budget.
+        compared: How many of these checks are over, and are not told again.
+        metric: What is best.
+        limits: Of the start.
+        directory: The working folder of the sweep.
+        host: The machine that has it.
+        files: What other machines need of it: contents by path below the folder.
+        environment: Settings by DR_ name that the command was started with.
+        secrets: Access keys of the bucket.
+    """
+
+    trial: TrialRecord
+    budget: Budget
+    stopping: EarlyStopping
+    levels: tuple[float, ...]
+    compared: int
+    metric: Metric
+    limits: Limits
+    directory: Path
+    host: str = ""
+    files: Mapping[str, bytes] = field(default_factory=dict)
+    environment: Mapping[str, str] = field(default_factory=dict)
+    secrets: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class TrialStep:
+    """How far a training is.
+
+    Attributes:
+        name: Of the training.
+        state: "running", or how it has ended; "paused" if the sweep was interrupted.
+        done: Whether there is nothing more to do for it here.
+        amount: How much of its budget it has used.
+        checks: How many checks it has reached.
+        millionths: The share of the budget that the last of them stands for, in millionths; at
+            least that, whatever was rounded.
+        score: How well it drives, at that check if it has just been reached; larger is better.
+        trial: Fields of its record that a copy of another training has changed.
+        code: Exit code of the error with which it failed; 0 without one.
+    """
+
+    name: str
+    state: TrialState
+    done: bool
+    amount: float
+    checks: int
+    millionths: int
+    score: float
+    message: str
+    remedy: str
+    trial: Mapping[str, Any]
+    code: int = 0
+
+
+class NodeTrial:
+    """A training on this node.
+
+    Args:
+        task: The training.
+        directory: The working folder on this node.
+        bucket: Where its model is.
+        open_run: Gives the training its processes; for tests.
+        pause: Waits so many seconds, for tests.
+    """
+
+    def __init__(
+        self,
+        task: TrialTask,
+        directory: Path,
+        bucket: Bucket,
+        *,
+        open_run: Callable[[TrialRecord, Mapping[str, str]], Run] | None = None,
+        pause: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._task = task
+        self._directory = directory
+        self._bucket = bucket
+        self._open_run = open_run or self._local_run
+        self._pause = pause
+        self._checks = task.compared
+        self._starts = 0
+        self._code = 0
+        self._started = False
+        self._elsewhere_since: float | None = None
+        self._open(task.trial)
+
+    def step(self, stopping: Callable[[], bool] = lambda: False) -> TrialStep:
+        """Train for a moment, or until the next check.
+
+        Args:
+            stopping: Whether the sweep is being interrupted.
+
+        Raises:
+            StorageError: The bucket does not answer.
+        """
+        ends_s = time.monotonic() + STEP_S
+        while True:
+            if stopping():
+                self.end()
+                return self._step(Ended("paused"), done=True)
+            amount = self._amount()
+            if amount >= self._task.levels[self._checks]:
+                self._checks += 1
+                if self._checks < len(self._task.levels):
+                    return self._at_check()
+                self._wait(FINISH_S)
+                self.end()
+                return self._step(self._used_up(), done=True)
+            ended = self._keep_going()
+            if ended is not None:
+                return self._step(ended, done=True)
+            if time.monotonic() >= ends_s:
+                return self._step(Ended("running"), done=False)
+            self._pause(LOOK_S)
+
+    def end(self) -> None:
+        """Interrupt the training, and wait until it has saved its checkpoint."""
+        self._run.interrupt()
+        self._wait(END_S)
+
+    def state(self) -> dict[str, Any]:
+        """What `restore` needs, here or for a training that copies this one."""
+        trial = self._trial
+        return {
+            "name": trial.name,
+            "changed": _changed(trial),
+            "checks": self._checks,
+            "amount": self._amount(),
+        }
+
+    def restore(
+        self, state: Mapping[str, Any], number: int, hyperparameters: Mapping[str, float]
+    ) -> None:
+        """Go on with a state: its own, or that of another training, whose weights it copies.
+
+        Args:
+            state: What `state` has returned.
+            number: Of the copy, among all of the sweep.
+            hyperparameters: Those that a copy gets.
+        """
+        self._checks = state["checks"]
+        trial = self._task.trial
+        if state["name"] == trial.name:
+            self._open(replace(trial, **state["changed"]))
+            return
+        self.end()
+        self._started = False
+        self._open(
+            replace(
+                trial,
+                prefix=copy_of(trial, number),
+                source=state["changed"]["prefix"],
+                earlier=state["amount"],
+                hyperparameters=dict(hyperparameters),
+            )
+        )
+
+    def _open(self, trial: TrialRecord) -> None:
+        self._trial = trial
+        if trial.hyperparameters:
+            path = self._directory / "experiments" / trial.name / "custom_files"
+            path /= keys.HYPERPARAMETERS_FILE
+            rewrite(path, merged_hyperparameters(path.read_bytes(), trial.hyperparameters))
+        changes = settings_of_model(
+            self._task.budget, trial.prefix, used=trial.earlier, source=trial.source
+        )
+        self._run = self._open_run(trial, changes)
+
+    def _local_run(self, trial: TrialRecord, changes: Mapping[str, str]) -> Run:
+        return TrialRun(
+            self._directory, trial, self._bucket, changes=changes, ends_with_parent=True
+        )
+
+    def _keep_going(self) -> Ended | None:
+        """Start the training if it does not run; how it has ended if it does not go on."""
+        trial, run = self._task.trial, self._run
+        if trial.is_over:  # only its checks are told again
+            return Ended(trial.state, trial.message, trial.remedy)
+        if run.runs:
+            self._started = True
+            return None
+        if self._started:
+            ended = how_it_ended(run.record(), asked=False)
+            if ended.state in ("finished", "stopped"):
+                return ended if self._amount() < self._task.levels[self._checks] else None
+            self._started = False
+            return self._failed(ended) if ended.state == "failed" else None
+        return self._start()
+
+    def _start(self) -> Ended | None:
+        limits, budget = self._task.limits, self._task.budget
+        if budget.resource == "minutes":
+            limits = replace(limits, minutes=budget.most - self._trial.earlier)
+        try:
+            over = self._run.start(limits)
+        except TrainedElsewhere as error:
+            if self._elsewhere_since is None:
+                self._elsewhere_since = time.monotonic()
+            if time.monotonic() > self._elsewhere_since + ELSEWHERE_S:
+                return refused_start(error)
+            self._pause(LONG_LOOK_S)
+            return None
+        except StorageError:
+            raise
+        except DrError as error:
+            self._code = error.code if isinstance(error, BudgetUsedUp) else 0
+            return self._failed(refused_start(error))
+        self._elsewhere_since = None
+        if over:
+            return nothing_to_do(self._bucket, self._trial.prefix, over)
+        self._started = True
+        return None
+
+    def _failed(self, ended: Ended) -> Ended | None:
+        self._starts += 1
+        return None if ended.may_pass and self._starts <= MOST_STARTS else ended
+
+    def _wait(self, seconds: float) -> None:
+        """Wait until the training has ended, at most so long."""
+        ends_s = time.monotonic() + seconds
+        while self._run.runs and time.monotonic() < ends_s:
+            self._pause(LOOK_S)
+
+    def _amount(self) -> float:
+        records = self._run.iterations()
+        return self._trial.earlier + amount_of(records, self._task.budget.resource)
+
+    def _used_up(self) -> Ended:
+        if self._task.trial.is_over:
+            return Ended(self._task.trial.state, self._task.trial.message)
+        ended = how_it_ended(self._run.record(), asked=True)
+        known = ended.state in ("finished", "stopped")
+        return ended if known else Ended("finished", "Its budget is used up.")
+
+    def _at_check(self) -> TrialStep:
+        return self._step(Ended("running"), done=False, at=self._task.levels[self._checks - 1])
+
+    def _step(self, ended: Ended, *, done: bool, at: float | None = None) -> TrialStep:
+        task = self._task
+        records = self._run.iterations()
+        resource = task.budget.resource
+        within = records if at is None else until(records, resource, at - self._trial.earlier)
+        level = task.levels[self._checks - 1] if self._checks else 0.0
+        share = share_at(task.budget, task.stopping, level)
+        return TrialStep(
+            name=self._trial.name,
+            state=ended.state,
+            done=done,
+            amount=self._amount(),
+            checks=self._checks,
+            millionths=1 + round(MILLION * share) if level else 0,
+            score=number_of(score_of(within, task.metric), task.metric),
+            message=ended.message,
+            remedy=ended.remedy,
+            trial=_changed(self._trial),
+            code=self._code,
+        )
+
+
+def open_on_node(task: TrialTask) -> NodeTrial:
+    """Prepare this node for a training: its folder, settings and keys.
+
+    Raises:
+        SettingsError: The settings are wrong here, or the folder cannot be written.
+        StorageError: The bucket does not answer.
+    """
+    for name in [each for each in os.environ if each.startswith("DR_")]:
+        del os.environ[name]
+    os.environ.update(task.environment)
+    secret_environment.keep(task.secrets)
+    folder = folder_on_node(task, Path.home() / ".cache" / "drcli" / "ray")
+    settings = load_settings(folder, flags={EXPERIMENT: task.trial.name})
+    return NodeTrial(task, folder, open_bucket(settings.storage))
+
+
+def folder_on_node(task: TrialTask, beside: Path) -> Path:
+    """The working folder on this node: that of the sweep on its own machine, elsewhere a copy.
+
+    Args:
+        task: The training.
+        beside: Where copies are.
+    """
+    if task.host == socket.gethostname() and task.directory.is_dir():
+        return task.directory
+    folder = beside / re.sub(r"\W+", "-", f"{task.host}{task.directory}")
+    for name, data in task.files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        rewrite(path, data)
+    return folder
+
+
+def files_for_nodes(directory: Path, name: str) -> dict[str, bytes]:
+    """What other machines need of a working folder for the experiment of a training."""
+    places = [
+        *directory.glob("*.env"),
+        *(directory / "experiments" / name).rglob("*"),
+        *(directory / "tracks").rglob("*"),
+    ]
+    return {
+        str(path.relative_to(directory)): path.read_bytes()
+        for path in sorted(places)
+        if path.is_file()
+    }
+
+
+def _changed(trial: TrialRecord) -> dict[str, Any]:
+    """The fields of a record that change when a training copies another one."""
+    return {
+        "prefix": trial.prefix,
+        "source": trial.source,
+        "earlier": trial.earlier,
+        "hyperparameters": dict(trial.hyperparameters),
+    }

@@ -1,0 +1,201 @@
+"""Who decides in Ray Tune which trainings end or copy another one.
+
+ASHA and population based training are those of Ray Tune. Imported only where Ray is installed.
+"""
+
+import random
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Self
+
+from ray.tune.experiment import Trial
+from ray.tune.schedulers import (
+    ASHAScheduler,
+    FIFOScheduler,
+    PopulationBasedTraining,
+    TrialScheduler,
+)
+
+from drcli.sweeps.early_stopping import changed_value, comparable, kept_of
+from drcli.sweeps.node_trial import MILLION
+from drcli.sweeps.sweep_file import Choices, SweepPlan
+
+METRIC = "score"
+
+
+def scheduler_of(
+    plan: SweepPlan,
+    levels: Sequence[float],
+    vary: Mapping[str, Choices],
+    copies: int,
+    say: Callable[[str], None],
+) -> TrialScheduler:
+    """The scheduler that a file asks for.
+
+    Args:
+        plan: The file.
+        levels: The amounts at which trainings are compared.
+        vary: Hyperparameters that a population changes.
+        copies: How many trainings of it have copied another one before.
+        say: Shows a sentence on what happens.
+    """
+    stopping = plan.early_stopping
+    if stopping.method == "halving":
+        return Halving(plan, levels, say)
+    if stopping.method == "asha":
+        return ASHAScheduler(
+            time_attr="millionths",
+            metric=METRIC,
+            mode="max",
+            grace_period=int(MILLION * stopping.first_check),
+            reduction_factor=stopping.reduction_factor,
+            max_t=MILLION,
+        )
+    if stopping.method == "population":
+        return PopulationBasedTraining(
+            time_attr="checks",
+            metric=METRIC,
+            mode="max",
+            perturbation_interval=1,
+            quantile_fraction=stopping.quantile,
+            custom_explore_fn=Explorer(vary, plan.seed, copies),
+            log_config=False,
+        )
+    return FIFOScheduler()  # type: ignore[no-untyped-call]
+
+
+class Unsaved:
+    """Is saved without its fields by Tune, which could continue its trials by itself.
+
+    A sweep continues from its own record, and what Tune gets may hold threads and connections.
+    """
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Nothing."""
+        return {}
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """The same object."""
+        return self
+
+
+class Explorer:
+    """Gives a training that copies another one its number and new hyperparameters.
+
+    Args:
+        vary: What these may be.
+        seed: Decides how numbers change.
+        copies: How many there were before.
+    """
+
+    def __init__(self, vary: Mapping[str, Choices], seed: int, copies: int) -> None:
+        self._vary = vary
+        self._chance = random.Random(f"{seed} {copies}")
+        self._copies = copies
+
+    def __call__(self, config: dict[str, Any]) -> dict[str, Any]:
+        """The config of the copy, from that of the training that is copied."""
+        self._copies += 1
+        values = config["hyperparameters"]
+        changed = {key: changed_value(values[key], self._vary[key], self._chance) for key in values}
+        return {**config, "copy": self._copies, "hyperparameters": changed}
+
+
+class Halving(Unsaved, FIFOScheduler):
+    """Ends the worst trainings once all have reached a check, as a sweep without Ray does.
+
+    A training that has reached a check gives its place on the node back until the others have, so
+    that all are compared at the same amount, however many run at a time.
+
+    Args:
+        plan: The file of the sweep.
+        levels: The amounts at which trainings are compared; the last is the budget.
+        say: Shows a sentence on what happens.
+    """
+
+    def __init__(
+        self, plan: SweepPlan, levels: Sequence[float], say: Callable[[str], None]
+    ) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        self._factor = plan.early_stopping.reduction_factor
+        self._resource = plan.budget.resource
+        self._levels = levels
+        self._say = say
+        self._check = 1
+        self._scores: dict[int, dict[str, float]] = {}
+        self._out: set[str] = set()  # stopped early, or failed
+        self._final: dict[str, float] = {}
+        self.places: dict[str, str] = {}
+
+    def on_trial_add(self, tune_controller: Any, trial: Trial) -> None:
+        """Note a training."""
+        self._scores.setdefault(0, {})[str(trial)] = 0.0
+
+    def on_trial_result(self, tune_controller: Any, trial: Trial, result: dict[str, Any]) -> str:
+        """Compare, once the last training has reached the check."""
+        number, name = int(result["checks"]), str(trial)
+        if number < self._check or number >= len(self._levels):
+            return str(TrialScheduler.CONTINUE)
+        self._scores.setdefault(number, {})[name] = float(result[METRIC])
+        self._compare(tune_controller)
+        if name in self._out:
+            return str(TrialScheduler.STOP)
+        if number < self._check:
+            return str(TrialScheduler.CONTINUE)
+        tune_controller.pause_trial(trial, should_checkpoint=False)  # the bucket has it
+        return str(TrialScheduler.NOOP)
+
+    def on_trial_complete(self, tune_controller: Any, trial: Trial, result: dict[str, Any]) -> None:
+        """Count a finished training at all further checks, and go on without one that failed."""
+        state, name = result.get("state"), str(trial)
+        if state in ("finished", "stopped"):
+            self._final[name] = float(result[METRIC])
+        elif state == "failed" or state == "stopped early":
+            self._out.add(name)
+        if state != "paused":
+            self._compare(tune_controller)
+
+    def on_trial_error(self, tune_controller: Any, trial: Trial) -> None:
+        """Go on without it."""
+        self._out.add(str(trial))
+        self._compare(tune_controller)
+
+    def on_trial_remove(self, tune_controller: Any, trial: Trial) -> None:
+        """Go on without one that was stopped while it waited."""
+        self._out.add(str(trial))
+
+    def choose_trial_to_run(self, tune_controller: Any) -> Trial | None:
+        """A training that has not reached the check yet; those first that have not begun."""
+        reached = self._scores.get(self._check, {})
+        for status in (Trial.PENDING, Trial.PAUSED):
+            for trial in tune_controller.get_trials():
+                if trial.status == status and str(trial) not in reached:
+                    found: Trial = trial
+                    return found
+        return None
+
+    def _compare(self, tune_controller: Any) -> None:
+        """Compare at this check and further ones, as long as all have reached them."""
+        while self._check < len(self._levels):
+            compared = self._scores.get(0, {}).keys() - self._out
+            kept = kept_of(len(compared), self._factor)
+            reached = {**self._final, **self._scores.get(self._check, {})}
+            if kept < len(compared):
+                if any(name not in reached for name in compared):
+                    return
+                self._end_worst(tune_controller, {n: reached[n] for n in compared}, kept)
+            self._check += 1
+
+    def _end_worst(self, tune_controller: Any, scores: Mapping[str, float], kept: int) -> None:
+        at = comparable(self._resource, self._levels[self._check - 1])
+        self._say(f"Check {self._check} at {at}: {kept} of {len(scores)} go on.")
+        ranked = sorted(scores, key=lambda name: scores[name], reverse=True)
+        trials = {str(trial): trial for trial in tune_controller.get_trials()}
+        for place, name in enumerate(ranked[kept:], kept + 1):
+            self._out.add(name)
+            if name in self._final:
+                continue
+            self.places[name] = (
+                f"Check {self._check} at {at}: place {place} of {len(scores)}, {kept} go on."
+            )
+            if trials[name].status == Trial.PAUSED:
+                tune_controller.stop_trial(trials[name])

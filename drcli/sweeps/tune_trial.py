@@ -1,0 +1,79 @@
+"""What an actor of Ray Tune does: one training of a sweep on its node.
+
+Imported only where Ray is installed.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import ray
+from ray import tune
+
+from drcli.sweeps.node_trial import TrialTask, open_on_node
+
+ANSWER_S = 10.0
+"""How long the command of the sweep may take to answer."""
+
+
+class StopFlag:
+    """Tells all actors that the sweep is being interrupted; an actor itself."""
+
+    def __init__(self) -> None:
+        self._stopping = False
+
+    def stop(self) -> None:
+        """Let all trainings save their checkpoints and end."""
+        self._stopping = True
+
+    def is_stopping(self) -> bool:
+        """Whether they are to end."""
+        return self._stopping
+
+
+class TuneTrial(tune.Trainable):
+    """A training of a sweep, whose name is that of the trial."""
+
+    def setup(
+        self,
+        config: Mapping[str, Any],
+        tasks: Mapping[str, TrialTask] | None = None,
+        flag: Any = None,
+    ) -> None:
+        """Prepare the node.
+
+        Args:
+            config: Number of the copy and hyperparameters, of a population.
+            tasks: All trainings of the sweep, by name.
+            flag: Actor of `StopFlag`.
+        """
+        assert tasks is not None
+        self._flag = flag
+        self._copy = int(config["copy"])
+        self._hyperparameters = dict(config["hyperparameters"])
+        self._node = open_on_node(tasks[str(self.trial_name)])
+
+    def step(self) -> dict[str, Any]:
+        """Train for a moment, or until the next check."""
+        return asdict(self._node.step(self._is_stopping))
+
+    def save_checkpoint(self, checkpoint_dir: str) -> dict[str, Any]:
+        """Which model is trained: the checkpoint itself is in the bucket."""
+        return self._node.state()
+
+    def load_checkpoint(self, checkpoint: Any) -> None:
+        """Go on with such a model; that of another training is copied."""
+        self._node.restore(checkpoint, self._copy, self._hyperparameters)
+
+    def cleanup(self) -> None:
+        """Interrupt the training, which then saves its checkpoint."""
+        self._node.end()
+
+    def _is_stopping(self) -> bool:
+        try:
+            stopping: bool = ray.get(self._flag.is_stopping.remote(), timeout=ANSWER_S)
+        except ray.exceptions.GetTimeoutError:
+            return False  # its machine is busy
+        except ray.exceptions.RayError:
+            return True  # the command is gone
+        return stopping
