@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from drcli.base.errors import SettingsError
+from drcli.base.log import get_logger
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.run_config import RaceConfig
 from drcli.config.track_names import remedy, track_problem
@@ -32,6 +33,8 @@ from drsim.sensing.observations import Randomize
 from drsim.sensing.sensors import Sensors
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
+
+_logger = get_logger(__name__)
 
 SLACK = 2.5
 """How many times the slowest lap's duration an episode may last: cars do not drive straight."""
@@ -166,12 +169,14 @@ def build_simulation(
     on_reward_error: Callable[[RewardError, int], float] | None = None,
     longest_latency_s: float = 0.0,
 ) -> Simulation:
-    """The simulation of a worker. `longest_latency_s` is that of conditions given to its `reset`.
+    """The simulation of a worker, whose log says what moves the cars.
+
+    `longest_latency_s` is that of conditions given to its `reset`.
 
     Raises:
         ProblemsError: There is no room for that many obstacles or bots (V-07).
     """
-    return Simulation(
+    simulation = Simulation(
         track,
         num_cars=num_cars,
         reward_function=reward,
@@ -185,7 +190,11 @@ def build_simulation(
         randomize=randomize_of(config),
         on_reward_error=on_reward_error,
         longest_latency_s=longest_latency_s,
+        physics=config.physics,
     )
+    cars = "1 car is" if num_cars == 1 else f"{num_cars} cars are"
+    _logger.info("%s moved by %s (DR_PHYSICS=%s)", cars, simulation.physics, config.physics)
+    return simulation
 
 
 def load_reward(

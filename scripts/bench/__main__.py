@@ -13,6 +13,7 @@ FOLDER = Path(__file__).resolve().parent
 NAMES = (
     "analyze",
     "sim",
+    "physics",
     "learn",
     "learners",
     "lap",

@@ -157,9 +157,7 @@ class CarBatch:
         self._parameters = parameters or CarParameters()
         self._longest_latency_s = longest_latency_s
         model = car_model(self._parameters, longest_latency_s=longest_latency_s)
-        self._physics, self.physics = choose_physics(
-            physics, model, num_cars, num_threads, substeps=self._parameters.substeps
-        )
+        self._physics, self.physics = choose_physics(physics, model, num_cars, num_threads)
         self._ctrl: Floats = np.zeros((num_cars, model.nu))
         self._rest_height_m, self._rest_pitch_rad = _rest_pose(model)
 
@@ -233,7 +231,7 @@ class CarBatch:
         self._ctrl[:, 2:] = wheel_rad_s[:, None]
         ids = None if moving is None or moving.all() else np.flatnonzero(moving)
         if ids is None or len(ids):
-            self._physics.step(self._ctrl, ids)
+            self._physics.step(self._ctrl, ids, self._parameters.substeps)
         self._refresh()
 
     @property

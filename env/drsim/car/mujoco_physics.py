@@ -25,12 +25,9 @@ class MujocoPhysics:
     The same controls give bit-identical motion on one machine, whatever the number of threads.
     """
 
-    def __init__(
-        self, model: mujoco.MjModel, num_cars: int, num_threads: int, *, substeps: int
-    ) -> None:
+    def __init__(self, model: mujoco.MjModel, num_cars: int, num_threads: int) -> None:
         """Put all cars at the origin; `num_threads` step them, the caller's included."""
         self.model = model
-        self._substeps = substeps
         self._varied = False
         self._build(num_cars, num_threads)
 
@@ -39,7 +36,6 @@ class MujocoPhysics:
         arrays = {name: self._batch.expanded(name) for name in _VARIED}
         return {
             "model": self.model,
-            "substeps": self._substeps,
             "varied": self._varied,
             "num_threads": self._batch.nthread,
             "state": self._batch.state.copy(),
@@ -48,8 +44,7 @@ class MujocoPhysics:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Build a new batch in the same state."""
-        self.model, self._substeps = state["model"], state["substeps"]
-        self._varied = state["varied"]
+        self.model, self._varied = state["model"], state["varied"]
         self._build(len(state["state"]), state["num_threads"])
         for name, values in state["arrays"].items():
             self._batch.expand(name)[:] = values
@@ -90,10 +85,10 @@ class MujocoPhysics:
             self._batch.reset(ids=cars, stage=mujoco.mjtStage.mjSTAGE_NONE)
         self.qpos[cars] = qpos
 
-    def step(self, ctrl: Floats, cars: Ints | None) -> None:
-        """Move cars for one control step as `Physics.step` says."""
+    def step(self, ctrl: Floats, cars: Ints | None, substeps: int) -> None:
+        """Move cars as `Physics.step` says."""
         self._ctrl[:] = ctrl
-        self._batch.step(ids=cars, nstep=self._substeps)
+        self._batch.step(ids=cars, nstep=substeps)
 
 
 def _is_other(values: Floats, usual: float) -> bool:

@@ -37,8 +37,8 @@ class Physics(Protocol):
     def place(self, cars: Ints, qpos: Floats) -> None:
         """Put cars, shape (k,), at rest, with no request under way; `qpos` of shape (k, nq)."""
 
-    def step(self, ctrl: Floats, cars: Ints | None) -> None:
-        """Move these cars, or all, for one control step; `ctrl` is that of all, shape (n, nu)."""
+    def step(self, ctrl: Floats, cars: Ints | None, substeps: int) -> None:
+        """Move these cars, or all, for some physics steps; `ctrl` is that of all, (n, nu)."""
 
 
 class ChosenPhysics(NamedTuple):
@@ -58,12 +58,10 @@ def choose_physics(
     model: mujoco.MjModel,
     num_cars: int,
     num_threads: int,
-    *,
-    substeps: int,
 ) -> ChosenPhysics:
     """What moves the cars: what is wanted, or MuJoCo where Warp cannot run, and why.
 
-    All stand at the origin. MuJoCo uses `num_threads`; a control step has `substeps`.
+    All stand at the origin. MuJoCo uses `num_threads`.
     """
     if wanted == "mujoco":
         why = "as asked for"
@@ -79,10 +77,10 @@ def choose_physics(
 
             try:
                 device = "cpu" if wanted == "warp-on-cpu" else None
-                warp = WarpPhysics(model, num_cars, substeps=substeps, device=device)
+                warp = WarpPhysics(model, num_cars, device=device)
                 return ChosenPhysics(warp, f"MuJoCo Warp on {warp.device_name}")
             except WarpError as error:
                 why = f"because {error}"
     threads = f"{num_threads} thread" + "s" * (num_threads != 1)
-    mujoco_physics = MujocoPhysics(model, num_cars, num_threads, substeps=substeps)
+    mujoco_physics = MujocoPhysics(model, num_cars, num_threads)
     return ChosenPhysics(mujoco_physics, f"MuJoCo on {threads}, {why}")

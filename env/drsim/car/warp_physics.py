@@ -45,10 +45,10 @@ class WarpError(Exception):
 
 
 class WarpPhysics:
-    """Physics of n cars in one CUDA graph, as `drsim.car.physics.Physics` says.
+    """Physics of n cars in CUDA graphs, as `drsim.car.physics.Physics` says.
 
-    A control step is one launch between two copies: requests and new places go to the GPU,
-    positions and velocities come back. Numbers are of 32 bits. On a GPU the order of sums is open,
+    A step is one launch between two copies: requests and new places go to the GPU, positions and
+    velocities come back. Numbers are of 32 bits. On a GPU the order of sums is open,
     so the same controls give the same motion up to rounding only, unless it is `deterministic`.
 
     Attributes:
@@ -60,7 +60,6 @@ class WarpPhysics:
         model: mujoco.MjModel,
         num_cars: int,
         *,
-        substeps: int,
         device: str | None = None,
         deterministic: bool = False,
     ) -> None:
@@ -69,7 +68,6 @@ class WarpPhysics:
         Args:
             model: The nominal car.
             num_cars: How many.
-            substeps: Physics steps of a control step.
             device: Name of a device of Warp, such as `cpu`; the first CUDA GPU when left out.
             deterministic: Order contacts, constraints and sums, which is slower on a GPU.
 
@@ -79,7 +77,6 @@ class WarpPhysics:
         self._orders = {
             "model": model,
             "num_cars": num_cars,
-            "substeps": substeps,
             "device": device,
             "deterministic": deterministic,
         }
@@ -88,7 +85,7 @@ class WarpPhysics:
             self._device = _device(device)
             self.device_name = self._device.name if self._device.is_cuda else "the processor"
             with wp.ScopedDevice(self._device):
-                self._build(model, num_cars, substeps, deterministic)
+                self._build(model, num_cars, deterministic)
         except WarpError:
             raise
         except Exception as error:  # Warp raises plain ones, too
@@ -143,8 +140,8 @@ class WarpPhysics:
         self.qpos[cars] = self._new_qpos[cars]
         self.qvel[cars] = 0.0
 
-    def step(self, ctrl: Floats, cars: Ints | None) -> None:
-        """Move cars for one control step as `Physics.step` says."""
+    def step(self, ctrl: Floats, cars: Ints | None, substeps: int) -> None:
+        """Move cars as `Physics.step` says."""
         self._ctrl[:] = ctrl
         self._moving[:] = 1.0 if cars is None else 0.0
         if cars is not None:
@@ -155,20 +152,17 @@ class WarpPhysics:
                     getattr(self._model, name).assign(values.astype(np.float32))
                 self._varied_changed = False
             wp.copy(self._request_there, self._request_here)
-            if self._graph is None:
-                self._control_step()
+            if self._device.is_cuda:
+                wp.capture_launch(self._graph(substeps))
             else:
-                wp.capture_launch(self._graph)
+                self._launch(substeps)
             wp.copy(self._motion_here, self._motion_there)
             wp.synchronize_stream()
         self._placed[:] = 0.0
         nq = self.model.nq
         self.qpos[:], self.qvel[:] = self._motion[:, :nq], self._motion[:, nq:]
 
-    def _build(
-        self, model: mujoco.MjModel, num_cars: int, substeps: int, deterministic: bool
-    ) -> None:
-        self._substeps = substeps
+    def _build(self, model: mujoco.MjModel, num_cars: int, deterministic: bool) -> None:
         on_gpu = self._device.is_cuda
         self._model = mjw.put_model(model)
         self._model.opt.deterministic = deterministic
@@ -201,25 +195,29 @@ class WarpPhysics:
         size = sum(array.size for array in self._state) // num_cars
         self._kept = wp.zeros((num_cars, size), dtype=float)
 
-        self._graph = None
+        self._graphs: dict[int, Any] = {}
         if on_gpu:
             modules = [wp.get_module(f"mujoco_warp._src.{name}") for name in _MODULES]
             wp.force_load(self._device, modules=modules, max_workers=os.cpu_count())
-            self._control_step()  # compiles the rest, and allocates
-            with wp.ScopedCapture() as capture:
-                self._control_step()
-            self._graph = capture.graph
+        self._launch(1)  # compiles the rest, and fails here if it does
         self.place(np.arange(num_cars), np.repeat(model.qpos0[None], num_cars, axis=0))
 
     @property
     def _state(self) -> list[Any]:
         return [getattr(self._data, name) for name in _STATE]
 
-    def _control_step(self) -> None:
+    def _graph(self, substeps: int) -> Any:
+        if substeps not in self._graphs:
+            with wp.ScopedCapture() as capture:
+                self._launch(substeps)
+            self._graphs[substeps] = capture.graph
+        return self._graphs[substeps]
+
+    def _launch(self, substeps: int) -> None:
         num_cars = len(self._request)
         inputs = [self._request_there, self._rest_history]
         wp.launch(_begin, num_cars, inputs, [self._data.ctrl, *self._state, self._kept])
-        for _ in range(self._substeps):
+        for _ in range(substeps):
             mjw.step(self._model, self._data)
         inputs = [self._request_there, self._data.ctrl.shape[1], self._kept]
         wp.launch(_end, num_cars, inputs, [*self._state, self._motion_there])
