@@ -13,10 +13,10 @@ FOLDER = Path(__file__).resolve().parent
 NAMES = (
     "analyze",
     "sim",
-    "physics",
     "learn",
     "learners",
     "lap",
+    "physics",
     "camera",
     "endurance",
     "fidelity",

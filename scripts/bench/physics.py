@@ -134,9 +134,12 @@ def _check(options: argparse.Namespace, figures: dict[str, Any]) -> bool:
     passed = apart["furthest_m"] < FURTHEST_M and apart["furthest_deg"] < FURTHEST_DEG
     if options.recordings is not None:
         from drsim.fidelity.motion import compare_motion
-        from drsim.fidelity.recordings import load_recordings
+        from drsim.fidelity.recordings import RecordingError, load_recordings
 
-        drives = load_recordings(options.recordings).drives
+        try:
+            drives = load_recordings(options.recordings).drives
+        except RecordingError as error:
+            sys.exit(str(error))
         figures["fidelity"] = {}
         for physics in ("mujoco", _choice(options.device)):
             windows = compare_motion(drives, physics=physics)
