@@ -5,7 +5,7 @@
 
 A control step is 1/15 s of one car. All cars get new random actions in every step, and every car is
 put back to its start once in 75 steps, as episodes do. Times include the copies to and from the
-GPU. Besides this file and `env` it needs numpy, numba, mujoco, gymnasium, warp and mujoco_warp. With
+GPU. Besides this and `env` it needs numpy, numba, mujoco, gymnasium, warp and mujoco_warp. With
 --json the last line of stdout is one object with
 
     processor, threads, device   what MuJoCo and Warp ran on; device is null where Warp cannot run
