@@ -171,7 +171,9 @@ def build_simulation(
     longest_latency_s: float = 0.0,
     gpu: bool = False,
 ) -> Simulation:
-    """The simulation of a worker. `longest_latency_s` is that of conditions given to its `reset`.
+    """The simulation of a worker, whose log says what moves the cars.
+
+    `longest_latency_s` is that of conditions given to its `reset`.
 
     With `gpu`, a GPU draws the frames; if it cannot, the processor does.
 
@@ -193,14 +195,18 @@ def build_simulation(
         randomize=randomize_of(config),
         on_reward_error=on_reward_error,
         longest_latency_s=longest_latency_s,
+        physics=config.physics,
     )
     try:
-        return build(gpu=gpu)
+        simulation = build(gpu=gpu)
     except OSError as error:
         if not gpu:
             raise
         _logger.warning("The processor draws the frames, because the GPU cannot: %s", error)
-        return build()
+        simulation = build()
+    cars = "1 car is" if num_cars == 1 else f"{num_cars} cars are"
+    _logger.info("%s moved by %s (DR_PHYSICS=%s)", cars, simulation.physics, config.physics)
+    return simulation
 
 
 def load_reward(

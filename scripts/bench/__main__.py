@@ -16,6 +16,7 @@ NAMES = (
     "learn",
     "learners",
     "lap",
+    "physics",
     "camera",
     "endurance",
     "fidelity",

@@ -299,6 +299,14 @@ class EpisodeSettings(Group, title="Training"):
         between=(0, 256),
         file="system.env",
     )
+    physics: Literal["auto", "mujoco", "warp"] = setting(
+        "DR_PHYSICS",
+        "auto",
+        "What moves the cars: MuJoCo on processor threads, or MuJoCo Warp on a CUDA GPU, which "
+        "needs drcli[gpu]; auto takes MuJoCo, as long as no number of cars is known to be faster "
+        "on a GPU.",
+        file="system.env",
+    )
     train_change_start_position: bool = setting(
         "DR_TRAIN_CHANGE_START_POSITION",
         True,

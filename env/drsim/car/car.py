@@ -2,11 +2,9 @@
 
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 
 from drsim.arrays import Bools, Floats, Ints
 from drsim.car.camera_mount import FRONT
@@ -16,6 +14,8 @@ from drsim.car.car_parameters import (
     MIN_SPEED_MPS,
     CarParameters,
 )
+from drsim.car.physics import PhysicsChoice, choose_physics
+from drsim.car.variation import Variation, no_variation
 from drsim.jit import kernel
 
 CONTROL_HZ = 15
@@ -54,18 +54,6 @@ REAR_AXLE_BEHIND_M = REFERENCE_POINT_AHEAD_M - _REAR_X
 
 _SETTLE_STEPS = 30
 
-_VARIED = (
-    "pair_friction",
-    "body_mass",
-    "body_inertia",
-    "actuator_delay",
-    "actuator_forcerange",
-)
-"""Arrays of the model in which cars may differ from each other."""
-
-_BOUND = ("_batch", "_qpos", "_qvel", "_ctrl")
-"""Attributes of `CarBatch` that are MuJoCo's batch, or views of it."""
-
 
 def car_model(
     parameters: CarParameters | None = None, *, longest_latency_s: float = 0.0
@@ -100,36 +88,6 @@ def car_model(
     return spec.compile()
 
 
-class Variation(NamedTuple):
-    """How n cars differ from their parameters; each of shape (n,).
-
-    Attributes:
-        friction: Factor on the grip of the wheels.
-        mass: Factor on mass and inertia of every part.
-        battery: Factor on wheel speed and torque.
-        latency_s: Requests act this much later, seconds.
-        steering_trim_deg: Wheels stand this much further to the left than requested.
-        steering_left: Factor on angles to the left.
-        steering_right: Factor on angles to the right.
-    """
-
-    friction: Floats
-    mass: Floats
-    battery: Floats
-    latency_s: Floats
-    steering_trim_deg: Floats
-    steering_left: Floats
-    steering_right: Floats
-
-
-def no_variation(num_cars: int) -> Variation:
-    """Cars as their parameters say."""
-    factors = [np.ones(num_cars) for _ in range(7)]
-    return Variation(*factors)._replace(
-        latency_s=np.zeros(num_cars), steering_trim_deg=np.zeros(num_cars)
-    )
-
-
 def motor_commands(
     steering_deg: Floats,
     speed_mps: Floats,
@@ -161,12 +119,13 @@ def motor_commands(
 
 
 class CarBatch:
-    """Independent cars, stepped together on MuJoCo's thread pool.
+    """Independent cars, stepped together: by MuJoCo on threads, or by MuJoCo Warp on a GPU.
 
-    The same actions give bit-identical motion on one machine, whatever the number of threads.
-    All attributes are refreshed by `place` and `drive`.
+    With MuJoCo the same actions give bit-identical motion on one machine, whatever the number of
+    threads. All attributes but `physics` are refreshed by `place` and `drive`.
 
     Attributes:
+        physics: What steps them, where, and why, for a log.
         origin_xy: Car origins (base_link) in the world, metres. Shape (n, 2).
         front_xy: The points 0.14 m ahead of the origins, metres. Shape (n, 2).
         yaw_rad: Headings, counter-clockwise from world x. Shape (n,).
@@ -183,17 +142,24 @@ class CarBatch:
         parameters: CarParameters | None = None,
         *,
         longest_latency_s: float = 0.0,
+        physics: PhysicsChoice = "mujoco",
     ) -> None:
         """Build cars that stand at the world's origin.
 
-        `num_threads` step them, the caller's included; `longest_latency_s` is the largest latency
-        that `vary` will get.
+        Args:
+            num_cars: How many.
+            num_threads: Threads that step them, the caller's included.
+            parameters: The cars; the calibrated ones when left out.
+            longest_latency_s: The largest latency that `vary` will get.
+            physics: What steps them. Where MuJoCo Warp cannot run, MuJoCo does.
         """
         self._variation: Variation | None = None
         self._parameters = parameters or CarParameters()
         self._longest_latency_s = longest_latency_s
-        self._build(num_cars, num_threads)
-        self._rest_height_m, self._rest_pitch_rad = _rest_pose(self._batch.model)
+        model = car_model(self._parameters, longest_latency_s=longest_latency_s)
+        self._physics, self.physics = choose_physics(physics, model, num_cars, num_threads)
+        self._ctrl: Floats = np.zeros((num_cars, model.nu))
+        self._rest_height_m, self._rest_pitch_rad = _rest_pose(model)
 
         self.origin_xy: Floats = np.zeros((num_cars, 2))
         self.front_xy: Floats = np.zeros((num_cars, 2))
@@ -212,38 +178,6 @@ class CarBatch:
             self.speed,
         )
         self.place(np.arange(num_cars), np.zeros((num_cars, 3)))
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Everything that the motion depends on. MuJoCo's own batch cannot be copied."""
-        varied = {name: self._batch.expanded(name) for name in _VARIED}
-        return {
-            **{name: value for name, value in self.__dict__.items() if name not in _BOUND},
-            "num_threads": self._batch.nthread,
-            "physics": self._batch.state.copy(),
-            "varied": {n: values.copy() for n, values in varied.items() if values is not None},
-        }
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Build a new batch in the same state."""
-        num_threads, physics, varied = (
-            state.pop(name) for name in ("num_threads", "physics", "varied")
-        )
-        self.__dict__.update(state)
-        self._build(len(physics), num_threads)
-        for name, values in varied.items():
-            self._batch.expand(name)[:] = values
-        if varied:
-            self._batch.set_const()
-        self._batch.state[:] = physics
-
-    def _build(self, num_cars: int, num_threads: int) -> None:
-        model = car_model(self._parameters, longest_latency_s=self._longest_latency_s)
-        self._batch = Batch(model, nsim=num_cars, nthread=num_threads)
-        self._qpos: Floats = self._batch.bind("qpos")
-        self._qvel: Floats = self._batch.bind("qvel")
-        self._ctrl: Floats = self._batch.bind("ctrl")
-        self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
-        self._reset_state: Floats = self._batch.state[0].copy()
 
     def vary(self, cars: Ints, variation: Variation) -> None:
         """Change cars, shape (k,), from their parameters until the next call for them.
@@ -264,19 +198,7 @@ class CarBatch:
             self._variation = no_variation(len(self.speed))
         for mine, values in zip(self._variation, v, strict=True):
             mine[cars] = values
-        batch, model = self._batch, self._batch.model
-        if _is_other(v.friction, 1.0) or batch.expanded("pair_friction") is not None:
-            batch.expand("pair_friction")[cars] = model.pair_friction * v.friction[:, None, None]
-        if _is_other(v.mass, 1.0) or batch.expanded("body_mass") is not None:
-            batch.expand("body_mass")[cars] = model.body_mass * v.mass[:, None]
-            batch.expand("body_inertia")[cars] = model.body_inertia * v.mass[:, None, None]
-            batch.set_const(cars)
-        if _is_other(v.latency_s, 0.0) or batch.expanded("actuator_delay") is not None:
-            batch.expand("actuator_delay")[cars] = model.actuator_delay + v.latency_s[:, None]
-        if _is_other(v.battery, 1.0) or batch.expanded("actuator_forcerange") is not None:
-            torque = np.repeat(model.actuator_forcerange[None], len(cars), axis=0)
-            torque[:, 2:] *= v.battery[:, None, None]  # the first two motors steer
-            batch.expand("actuator_forcerange")[cars] = torque
+        self._physics.vary(cars, v)
 
     def place(self, cars: Ints, poses: Floats) -> None:
         """Put cars, shape (k,), on the ground: at rest, wheels straight, no request under way.
@@ -285,19 +207,15 @@ class CarBatch:
         """
         if not len(cars):
             return
-        if self._variation is None:
-            self._batch.state[cars] = self._reset_state
-        else:  # a car's own latency is part of its state; ten times as slow
-            self._batch.reset(ids=cars, stage=mujoco.mjtStage.mjSTAGE_NONE)
         half_yaw, half_pitch = poses[:, 2] / 2, self._rest_pitch_rad / 2
-        qpos = np.zeros((len(cars), self._qpos.shape[1]))
+        qpos = np.zeros((len(cars), self._physics.qpos.shape[1]))
         qpos[:, :2] = poses[:, :2]
         qpos[:, 2] = self._rest_height_m
         qpos[:, 3] = np.cos(half_yaw) * np.cos(half_pitch)
         qpos[:, 4] = -np.sin(half_yaw) * np.sin(half_pitch)
         qpos[:, 5] = np.cos(half_yaw) * np.sin(half_pitch)
         qpos[:, 6] = np.sin(half_yaw) * np.cos(half_pitch)
-        self._qpos[cars] = qpos
+        self._physics.place(cars, qpos)
         self._refresh()
 
     def drive(self, steering_deg: Floats, speed_mps: Floats, moving: Bools | None = None) -> None:
@@ -313,7 +231,7 @@ class CarBatch:
         self._ctrl[:, 2:] = wheel_rad_s[:, None]
         ids = None if moving is None or moving.all() else np.flatnonzero(moving)
         if ids is None or len(ids):
-            self._batch.step(ids=ids, nstep=self._parameters.substeps)
+            self._physics.step(self._ctrl, ids, self._parameters.substeps)
         self._refresh()
 
     @property
@@ -322,21 +240,19 @@ class CarBatch:
 
         Radians to the left, and metres since the car was placed.
         """
-        model = self._batch.model
+        model = self._physics.model
         steers, rolls = (
             [model.joint(f"{joint}_{side}").qposadr[0] for side in ("left", "right")]
             for joint in ("steer", "front")
         )
-        turned_rad, rolled_rad = self._qpos[:, steers], self._qpos[:, rolls]
+        turned_rad, rolled_rad = self._physics.qpos[:, steers], self._physics.qpos[:, rolls]
         return np.column_stack([turned_rad.mean(axis=1), WHEEL_RADIUS_M * rolled_rad.mean(axis=1)])
 
     def _refresh(self) -> None:
         # Poses come from the state itself: the engine's own derived fields are one substep old.
-        _poses_of(self._qpos, self._qvel, FRONT.mount_m, FRONT.pitch_rad, self._motion)
-
-
-def _is_other(values: Floats, usual: float) -> bool:
-    return bool((values != usual).any())
+        _poses_of(
+            self._physics.qpos, self._physics.qvel, FRONT.mount_m, FRONT.pitch_rad, self._motion
+        )
 
 
 def _rest_pose(model: mujoco.MjModel) -> tuple[float, float]:

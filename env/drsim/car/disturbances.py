@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drsim.arrays import Bools, Floats, Ints, Seeds, Singles
-from drsim.car.car import no_variation
 from drsim.car.conditions import NOMINAL, Conditions
+from drsim.car.variation import no_variation
 from drsim.jit import kernel
 
 Frames = NDArray[np.uint8]

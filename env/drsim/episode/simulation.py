@@ -10,6 +10,7 @@ from drsim.arrays import Bools, Bytes, Floats, Ints, Seeds, Singles
 from drsim.car.car import CONTROL_HZ, WHEELS_M, CarBatch
 from drsim.car.car_parameters import CarParameters
 from drsim.car.conditions import Conditions
+from drsim.car.physics import PhysicsChoice
 from drsim.car.realism import Realism
 from drsim.episode.car_placement import CarPlacement
 from drsim.episode.episode_draws import EpisodeDraws
@@ -35,13 +36,15 @@ class Simulation:
     """Cars that drive episodes on one track, each with a track to itself unless they race.
 
     The same actions give bit-identical observations and rewards on one machine, whatever the
-    number of threads. A car is parked until `reset` and again when its episode is over.
+    number of threads, unless MuJoCo Warp moves the cars on a GPU. A car is parked until `reset` and
+    again when its episode is over.
 
     Attributes:
         track: The track in the direction given.
         frames: Current camera frames of each car, grey. A live view. Shape (n, eyes, 120, 160).
         scans: Current values of the lidar sensor; of width 0 without one. Shape (n, d).
         traffic: The obstacles, bots and opponents of each car; None where a car is alone.
+        physics: What moves the cars, where, and why, for a log.
         unstable: Cars whose physics failed in the last step: they jumped, flew or became NaN. They
             stand where they were before that step, and count as off track. Shape (n,).
     """
@@ -66,6 +69,7 @@ class Simulation:
         longest_latency_s: float = 0.0,
         reward_clock: Callable[[], float] = perf_counter,
         gpu: bool = False,
+        physics: PhysicsChoice = "mujoco",
     ) -> None:
         """Build the cars and, unless given, the picture of the track.
 
@@ -92,6 +96,7 @@ class Simulation:
                 longer than what `realism` draws.
             reward_clock: Measures the calls of the reward function, in seconds.
             gpu: Draw the frames on an NVIDIA GPU.
+            physics: What moves the cars. Where MuJoCo Warp cannot run, MuJoCo does.
 
         Raises:
             ValueError: The race does not fit on the track, or the number of cars not the race.
@@ -133,7 +138,9 @@ class Simulation:
             num_threads,
             car_parameters,
             longest_latency_s=max(realism.longest_latency_s, longest_latency_s),
+            physics=physics,
         )
+        self.physics = self._cars.physics
         placing = Placing(self._tracks, self._backward)
         self._placement = CarPlacement(placing, self._cars, self.traffic)
         self._episodes = Episodes(num_cars, self.rules)

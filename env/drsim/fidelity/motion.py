@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from mujoco.batch import Batch
 
 from drsim.arrays import Floats, Ints
 from drsim.car.car import (
@@ -29,6 +28,7 @@ from drsim.car.car import (
     motor_commands,
 )
 from drsim.car.car_parameters import MAX_SPEED_MPS, MAX_STEERING_DEG, MIN_SPEED_MPS, CarParameters
+from drsim.car.physics import PhysicsChoice, choose_physics
 from drsim.fidelity.recordings import Recording
 
 SETTLING_ROWS = 3
@@ -67,6 +67,7 @@ def compare_motion(
     parameters: CarParameters | None = None,
     *,
     horizon_s: float = 1.0,
+    physics: PhysicsChoice = "mujoco",
 ) -> Windows:
     """Replay drives and compare poses `horizon_s` ahead, from every row that allows it.
 
@@ -74,7 +75,7 @@ def compare_motion(
     long enough.
     """
     found = [np.empty((0, 5))]
-    for drive, replayed in zip(drives, replay(drives, parameters), strict=True):
+    for drive, replayed in zip(drives, replay(drives, parameters, physics), strict=True):
         first, last = _windows(drive, horizon_s)
         if not len(first):
             continue
@@ -89,7 +90,11 @@ def compare_motion(
     return Windows(*np.concatenate(found).T)
 
 
-def replay(drives: Sequence[Recording], parameters: CarParameters | None = None) -> list[Floats]:
+def replay(
+    drives: Sequence[Recording],
+    parameters: CarParameters | None = None,
+    physics: PhysicsChoice = "mujoco",
+) -> list[Floats]:
     """Drive the recorded actions, each for the time that the recorded car drove it.
 
     Returns:
@@ -102,20 +107,24 @@ def replay(drives: Sequence[Recording], parameters: CarParameters | None = None)
     by_length = sorted(range(len(drives)), key=lambda k: len(drives[k].poses))
     for begin in range(0, len(drives), _CARS):
         chosen = by_length[begin : begin + _CARS]
-        together = _replay_together([drives[k] for k in chosen], parameters)
+        together = _replay_together([drives[k] for k in chosen], parameters, physics)
         for k, poses in zip(chosen, together, strict=True):
             found[k] = poses
     return found
 
 
-def _replay_together(drives: Sequence[Recording], parameters: CarParameters) -> list[Floats]:
+def _replay_together(
+    drives: Sequence[Recording], parameters: CarParameters, physics: PhysicsChoice
+) -> list[Floats]:
     """Poses of one car for each drive, all stepped at once."""
     model = car_model(parameters)
-    batch = Batch(model, nsim=len(drives), nthread=os.cpu_count() or 1)
-    qpos, ctrl = batch.bind("qpos"), batch.bind("ctrl")
+    engine = choose_physics(physics, model, len(drives), os.cpu_count() or 1).engine
+    ctrl = np.zeros((len(drives), model.nu))
+    qpos = np.repeat(model.qpos0[None], len(drives), axis=0)
     half_yaw = np.array([drive.poses[0, 2] for drive in drives]) / 2
     qpos[:, 3], qpos[:, 6] = np.cos(half_yaw), np.sin(half_yaw)
-    batch.step(nstep=round(_SETTLE_S / model.opt.timestep))
+    engine.place(np.arange(len(drives)), qpos)
+    engine.step(ctrl, None, round(_SETTLE_S / model.opt.timestep))
     rows = np.array([len(drive.poses) for drive in drives])
     poses = np.zeros((len(drives), int(rows.max()), 3))
     until = np.zeros(poses.shape[:2], np.int64)
@@ -125,7 +134,7 @@ def _replay_together(drives: Sequence[Recording], parameters: CarParameters) -> 
         actions[k, : rows[k]] = drive.actions
     done = np.zeros(len(drives), np.int64)
     for row in range(poses.shape[1]):
-        poses[:, row] = _poses(qpos)
+        poses[:, row] = _poses(engine.qpos)
         steering_rad, wheel_rad_s = motor_commands(
             actions[:, row, 0], actions[:, row, 1], parameters
         )
@@ -133,7 +142,7 @@ def _replay_together(drives: Sequence[Recording], parameters: CarParameters) -> 
         ctrl[:, 2:] = wheel_rad_s[:, None]
         todo = np.where(row < rows, until[:, row] - done, 0)
         for steps in np.unique(todo[todo > 0]):
-            batch.step(ids=np.flatnonzero(todo == steps), nstep=int(steps))
+            engine.step(ctrl, np.flatnonzero(todo == steps), int(steps))
         done += todo
     return [poses[k, : rows[k]] for k in range(len(drives))]
 

@@ -1,5 +1,6 @@
 """Settings as the simulation understands them: races, disturbances, lights, and reward trials."""
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from drcli.config.loading import load_settings
 from drcli.config.run_config import RaceConfig
 from drcli.config.settings import catalogue
 from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.workers import build_race
 from drcli.workers.build_race import (
     build_simulation,
     car_parameters_of,
@@ -198,6 +200,26 @@ def test_the_car_of_the_settings_drives(settings, car, job):
 
     moved_m = np.hypot(row.x[0] - begun.x[0], row.y[0] - begun.y[0])
     assert moved_m == pytest.approx(expected.origin_xy[0, 0], abs=1e-3)
+
+
+def test_the_log_says_what_moves_the_cars(settings, monkeypatch, caplog):
+    monkeypatch.setattr(build_race, "_logger", logging.getLogger("build_race"))
+    caplog.set_level("INFO", "build_race")
+
+    build_simulation(
+        settings("DR_PHYSICS=mujoco"),
+        "training",
+        METADATA,
+        load_track("reinvent_base"),
+        num_cars=2,
+        reward=lambda _: 1.0,
+        rules=EpisodeRules(),
+        num_threads=1,
+        seed=0,
+    ).close()
+
+    said = [record.getMessage() for record in caplog.records]
+    assert said == ["2 cars are moved by MuJoCo on 1 thread, as asked for (DR_PHYSICS=mujoco)"]
 
 
 def test_every_car_can_be_named_in_the_settings_and_the_same_one_is_the_default():

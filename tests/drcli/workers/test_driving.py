@@ -202,7 +202,7 @@ def test_a_car_whose_physics_fails_ends_its_episode_and_is_named(tmp_path, monke
         nonlocal steps
         steps += 1
         if steps == 4:
-            self._cars._qpos[1, 0] = np.nan
+            self._cars._physics.qpos[1, 0] = np.nan
         return step(self, steering_deg, speed_mps)
 
     monkeypatch.setattr(Simulation, "step", failing_step)

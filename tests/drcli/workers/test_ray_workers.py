@@ -9,7 +9,7 @@ import pytest
 from drcli.base.errors import NotAvailable, SettingsError, WorkerDied
 from drcli.config.loading import load_settings
 from drcli.runs.planned_job import planned_job
-from drcli.workers import ray_cluster
+from drcli.workers import ray_cluster, ray_extra
 from drcli.workers.ray_cluster import NodeLost, connected
 from drcli.workers.ray_host import WorkerHost
 from drcli.workers.ray_workers import MOST_DEATHS, MOST_NAMED, RayWorkers, join_arguments

@@ -31,19 +31,19 @@ def simulation(tmp_path, monkeypatch):
 
 
 def break_position(simulation):
-    simulation._cars._qpos[1, 0] = np.nan
+    simulation._cars._physics.qpos[1, 0] = np.nan
 
 
 def break_heading(simulation):
-    simulation._cars._qpos[1, 3:7] = np.nan
+    simulation._cars._physics.qpos[1, 3:7] = np.nan
 
 
 def break_speed(simulation):
-    simulation._cars._qvel[1, 0] = 1e12
+    simulation._cars._physics.qvel[1, 0] = 1e12
 
 
 def let_it_fly(simulation):
-    simulation._cars._qvel[1, 2] = 50.0
+    simulation._cars._physics.qvel[1, 2] = 50.0
 
 
 @pytest.mark.parametrize("fail", [break_position, break_heading, break_speed, let_it_fly])
@@ -85,7 +85,7 @@ def test_in_an_evaluation_the_car_is_put_back_and_goes_on(tmp_path, monkeypatch)
     )
     simulation.reset(np.array([0]), np.array([0.3]))
     simulation.step(np.zeros(1), np.ones(1))
-    simulation._cars._qpos[0, 0] = np.nan
+    simulation._cars._physics.qpos[0, 0] = np.nan
 
     row = simulation.step(np.zeros(1), np.ones(1))
 

@@ -1,0 +1,86 @@
+"""Chooses what moves the cars: MuJoCo on processor threads, or MuJoCo Warp on a GPU."""
+
+import importlib.util
+import math
+from typing import Literal, NamedTuple, Protocol
+
+import mujoco
+
+from drsim.arrays import Floats, Ints
+from drsim.car.mujoco_physics import MujocoPhysics
+from drsim.car.variation import Variation
+
+PhysicsChoice = Literal["auto", "mujoco", "warp", "warp-on-cpu"]
+"""What is wanted. The last is for tests: Warp on the processor is many times slower than MuJoCo."""
+
+WARP_FROM_CARS = math.inf
+"""Fewest cars for which `auto` takes MuJoCo Warp where there is a CUDA GPU. No number of cars is
+known from which it is faster: the table of docs/benchmarks.md is not measured on a GPU yet."""
+
+
+class Physics(Protocol):
+    """What moves n cars, all of which have one model.
+
+    `place` and `step` refresh `qpos` and `qvel`.
+    """
+
+    model: mujoco.MjModel
+    """The nominal car."""
+    qpos: Floats
+    """MuJoCo's positions. Shape (n, nq)."""
+    qvel: Floats
+    """MuJoCo's velocities. Shape (n, nv)."""
+
+    def vary(self, cars: Ints, variation: Variation) -> None:
+        """Change friction, mass, latency and torque of cars; `variation` is theirs. Shape (k,)."""
+
+    def place(self, cars: Ints, qpos: Floats) -> None:
+        """Put cars, shape (k,), at rest, with no request under way; `qpos` of shape (k, nq)."""
+
+    def step(self, ctrl: Floats, cars: Ints | None, substeps: int) -> None:
+        """Move these cars, or all, for some physics steps; `ctrl` is that of all, (n, nu)."""
+
+
+class ChosenPhysics(NamedTuple):
+    """What moves the cars.
+
+    Attributes:
+        engine: MuJoCo, or MuJoCo Warp.
+        note: Which, where it runs, and why, for a log; neither a capital nor a full stop.
+    """
+
+    engine: Physics
+    note: str
+
+
+def choose_physics(
+    wanted: PhysicsChoice,
+    model: mujoco.MjModel,
+    num_cars: int,
+    num_threads: int,
+) -> ChosenPhysics:
+    """What moves the cars: what is wanted, or MuJoCo where Warp cannot run, and why.
+
+    All stand at the origin. MuJoCo uses `num_threads`.
+    """
+    if wanted == "mujoco":
+        why = "as asked for"
+    elif wanted == "auto" and num_cars < WARP_FROM_CARS:
+        least = f"from {WARP_FROM_CARS:g} cars" if math.isfinite(WARP_FROM_CARS) else "never"
+        why = f"chosen by auto, which {least} takes MuJoCo Warp"
+    else:
+        missing = [n for n in ("warp", "mujoco_warp") if importlib.util.find_spec(n) is None]
+        if missing:
+            why = f"because MuJoCo Warp is not installed (no module {missing[0]})"
+        else:
+            from drsim.car.warp_physics import WarpError, WarpPhysics
+
+            try:
+                device = "cpu" if wanted == "warp-on-cpu" else None
+                warp = WarpPhysics(model, num_cars, device=device)
+                return ChosenPhysics(warp, f"MuJoCo Warp on {warp.device_name}")
+            except WarpError as error:
+                why = f"because {error}"
+    threads = f"{num_threads} thread" + "s" * (num_threads != 1)
+    mujoco_physics = MujocoPhysics(model, num_cars, num_threads)
+    return ChosenPhysics(mujoco_physics, f"MuJoCo on {threads}, {why}")
