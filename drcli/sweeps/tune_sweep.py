@@ -244,7 +244,6 @@ class TuneSweep:
         population = plan.early_stopping.method == "population"
         reached = sum(level <= trial.amount for level in self._levels[:-1])
         environment, _ = secret_environment.split(chosen(os.environ))
-        known = secret_environment.all_secrets()
         return TrialTask(
             trial=trial,
             budget=plan.budget,

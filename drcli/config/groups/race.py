@@ -302,9 +302,8 @@ class EpisodeSettings(Group, title="Training"):
     physics: Literal["auto", "mujoco", "warp"] = setting(
         "DR_PHYSICS",
         "auto",
-        "What moves the cars: MuJoCo on processor threads, or MuJoCo Warp on a CUDA GPU, which "
-        "needs drcli[gpu]; auto takes MuJoCo, as long as no number of cars is known to be faster "
-        "on a GPU.",
+        "What moves the cars: MuJoCo on processor threads, which auto takes, or MuJoCo Warp on a "
+        "CUDA GPU, which needs drcli[gpu] and pays from about 30 cars for each thread on.",
         file="system.env",
     )
     train_change_start_position: bool = setting(

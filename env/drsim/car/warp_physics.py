@@ -166,6 +166,8 @@ class WarpPhysics:
         on_gpu = self._device.is_cuda
         self._model = mjw.put_model(model)
         self._model.opt.deterministic = deterministic
+        # A car that slides at full lock reaches the limit now and then, also in MuJoCo.
+        self._model.opt.warn_overflow &= ~int(mjw.OverflowType.LS_ITERATIONS)
         # Each contact of a friction pyramid has two rows for each direction but the first.
         rows = MOST_CONTACTS * 2 * (int(model.pair_dim.max()) - 1)
         self._data = mjw.make_data(model, nworld=num_cars, nconmax=MOST_CONTACTS, njmax=rows)
@@ -200,6 +202,8 @@ class WarpPhysics:
             modules = [wp.get_module(f"mujoco_warp._src.{name}") for name in _MODULES]
             wp.force_load(self._device, modules=modules, max_workers=os.cpu_count())
         self._launch(1)  # compiles the rest, and fails here if it does
+        if on_gpu:
+            self._graph(1)
         self.place(np.arange(num_cars), np.repeat(model.qpos0[None], num_cars, axis=0))
 
     @property
