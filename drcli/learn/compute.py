@@ -84,6 +84,8 @@ def choose_compute(
     else:
         device, parts, units = "cpu", parts_of(batch_size, threads), bfloat16_units()
         where = f"{threads} threads, which compute {parts} parts of a minibatch at a time"
+        if parts == 1:
+            where = f"{threads} thread" + "s" * (threads != 1)
     usual = "bf16" if units else "fp32"
     name = wanted if wanted in FORMATS else before if before in FORMATS else usual
     if wanted in FORMATS:

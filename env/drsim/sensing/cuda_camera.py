@@ -60,10 +60,12 @@ class CudaCamera:
             self._lenses[:] = 0.0
             self._device_lenses = cuda.to_device(self._lenses)
             self._usual = cuda.to_device(shades), cuda.to_device(same)
-        except Exception as error:  # CUDA's errors have no common base but this one
-            raise OSError(f"{type(error).__name__}: {error}") from error
-        self._light: tuple[Singles, Bytes] | None = None
-        self._device_light = self._usual
+            self._light: tuple[Singles, Bytes] | None = None
+            self._device_light = self._usual
+            self._draw(1, self._usual, (camera.focal_px, 0.0))  # compiles the kernel
+            self.send()
+        except Exception as error:  # CUDA's and the compiler's errors have no other common base
+            raise OSError(" ".join(f"{type(error).__name__}: {error}".split())) from error
 
     def draw(self, eyes: Sequence[LensParts], cars: Ints, light: Light | None) -> None:
         """Begin to draw the frames of some cars, as `camera.draw_ground` does.
@@ -82,17 +84,20 @@ class CudaCamera:
             rows[:, 3:12] = mat[cars].reshape(count, 9)
             rows[:, 12] = cars * self._eyes + eye
         self._device_lenses.copy_to_device(self._lenses, stream=self._stream)
-        shades, palettes = self._usual if light is None else self._of(light)
+        shade = self._usual if light is None else self._of(light)
+        self._draw(count * len(eyes), shade, eyes[0][2:])
+
+    def _draw(self, count: int, shade: tuple[Any, Any], lens: tuple[float, float]) -> None:
+        """Draw what the first lenses see."""
         height, width = self.frames.shape[2:]
-        grid = (-(-height // cuda_raycast.ROWS), count * len(eyes))
+        grid = (-(-height // cuda_raycast.ROWS), count)
         cuda_raycast.draw[grid, max(width, 32), self._stream](
             self._pairs,
             self._levels,
             self._world,
-            shades,
-            palettes,
+            *shade,
             self._device_lenses,
-            eyes[0][2:],
+            lens,
             self._eyes,
             self._out,
         )

@@ -64,7 +64,10 @@ class Observations:
         self._lamps = Lamps(scene, num_cars)
         self._gpu = None
         if gpu:
-            from drsim.sensing.cuda_camera import CudaCamera  # loads CUDA
+            try:
+                from drsim.sensing.cuda_camera import CudaCamera  # loads CUDA
+            except (ImportError, AttributeError) as error:
+                raise OSError(f"numba cannot load CUDA: {error}") from error
 
             self._gpu = CudaCamera(scene, num_cars, eyes=sensors.eyes)
         self._renderer = FrameRenderer(

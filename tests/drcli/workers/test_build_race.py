@@ -1,7 +1,9 @@
 """Settings as the simulation understands them: races, disturbances, lights, and reward trials."""
 
 import logging
+import sys
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -266,3 +268,36 @@ def test_a_reward_function_is_tried_among_the_objects_of_its_race():
 
     assert {len(params["objects_location"]) for params in calls} == {4}
     assert {params["is_crashed"] for params in calls} == {True, False}
+
+
+def test_where_the_gpu_cannot_draw_the_processor_does_and_the_log_says_why(
+    settings, monkeypatch, caplog
+):
+    monkeypatch.setattr(build_race, "_logger", logging.getLogger("build_race"))
+    module = ModuleType("drsim.sensing.cuda_camera")
+    module.CudaCamera = _no_camera
+    monkeypatch.setitem(sys.modules, "drsim.sensing.cuda_camera", module)
+
+    simulation = build_simulation(
+        settings(),
+        "training",
+        METADATA,
+        load_track("reinvent_base"),
+        num_cars=1,
+        reward=lambda _: 1.0,
+        rules=EpisodeRules(),
+        num_threads=1,
+        seed=0,
+        gpu=True,
+    )
+    simulation.reset(np.array([0]), np.array([0.0]))
+    simulation.close()
+
+    assert simulation.device_frames is None
+    assert simulation.frames.any()
+    said = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert said == ["The processor draws the frames, because the GPU cannot: no driver"]
+
+
+def _no_camera(*_arguments, **_more):
+    raise OSError("no driver")
