@@ -51,7 +51,10 @@ class KilledNodes:
             self.killed += 1
             self._killed_s = time.monotonic()
         elif since_s >= LATER_S and len(self._nodes) < self._count:
-            self._nodes.append(self._cluster.add_node(num_cpus=1))
+            try:
+                self._nodes.append(self._cluster.add_node(num_cpus=1))
+            except Exception as error:  # Ray has no other kind for it
+                sys.stderr.write(f"A node did not start, which is tried again: {error}\n")
 
 
 def main() -> None:
@@ -108,9 +111,13 @@ def _train(
         stdout=out.open("wb"),
         stderr=subprocess.STDOUT,
     )
-    while training.poll() is None:
-        nodes.look()
-        time.sleep(0.5)
+    try:
+        while training.poll() is None:
+            nodes.look()
+            time.sleep(0.5)
+    finally:
+        training.terminate()
+        training.wait()
     said = out.read_text()
     took_s = time.monotonic() - began_s
     found = [line for line in said.splitlines() if line.startswith("{")]
