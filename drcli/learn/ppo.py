@@ -1,7 +1,6 @@
 """Proximal policy optimization with a clipped objective (Schulman et al., 2017, equation 7)."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -17,7 +16,6 @@ from drcli.learn.algorithm_config import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
 from drcli.learn.gradient_group import GradientGroup
-from drcli.learn.policy import Float64s
 from drcli.learn.rollout_buffer import Rollout, RolloutTensors
 from drcli.learn.update_result import (
     NonFiniteLossError,
@@ -39,7 +37,6 @@ class PPO:
 
     Attributes:
         lr_factor: Share of the hyperparameters' learning rate with which it learns.
-        off_policy: Whether rollouts may come from older weights than the present ones.
         critic_warmup: How many updates at most still improve the critic alone. A policy that comes
             without its critic would otherwise lose what it can do: the gradients of a critic that
             only guesses change the shared body, and its advantages are wrong.
@@ -54,15 +51,8 @@ class PPO:
         config: PPOConfig,
         compute: Compute,
         group: GradientGroup | None = None,
-        *,
-        off_policy: bool = False,
     ) -> None:
-        """Begin; every process of a `group` makes the same updates of the same rollouts.
-
-        With `off_policy`, rollouts may come from older weights than the newest: advantages are
-        those of V-trace, and the policy is kept near the present weights instead of the older ones.
-        """
-        self.off_policy = off_policy
+        """Begin; every process of a `group` makes the same updates of the same rollouts."""
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
@@ -148,56 +138,30 @@ class PPO:
             NonFiniteLossError: A return is NaN or infinite; nothing was changed.
         """
         config, device = self.config, self.compute.device
-        clip = np.inf if config.clip_advantage is None else config.clip_advantage
-        tensors = RolloutTensors.of(
-            rollout,
-            self.model.spec.stack,
-            self.model.body.block if self.compute.bf16 else 1,
-            device,
-        )
-        before = np.asarray(rollout.values, np.float64)
-        weights = np.ones(rollout.steps)
-        log_probs = tensors.log_probs
-        if self.off_policy:
-            log_probs, before = self._evaluated(tensors)
-            weights = (log_probs - tensors.log_probs).exp().clamp(max=1.0).double().cpu().numpy()
         advantages = gae(
             rollout.rewards,
-            before,
+            rollout.values,
             rollout.lengths,
             config.discount_factor,
             config.gae_lambda,
             rollout.last_values if config.bootstrap_cut else None,
-            weights if self.off_policy else None,
         )
-        values = torch.from_numpy(before).to(device)
-        targets = weights * advantages + before
+        values = torch.from_numpy(np.asarray(rollout.values, np.float64)).to(device)
+        targets = advantages + rollout.values
         returns = torch.from_numpy(targets).to(device)
         if not bool(torch.isfinite(returns).all()):
             raise NonFiniteLossError("A return is nan or infinite.")
         self.model.follow_returns(returns, values)
-        batch = replace(
-            tensors,
-            log_probs=log_probs,
+        clip = np.inf if config.clip_advantage is None else config.clip_advantage
+        batch = RolloutTensors.of(
+            rollout,
+            self.model.spec.stack,
+            self.model.body.block if self.compute.bf16 else 1,
             values=self.model.returns.units(values),
-            advantages=torch.from_numpy(
-                (weights * normalized(advantages).clip(-clip, clip)).astype(np.float32)
-            ).to(device),
+            advantages=normalized(advantages).clip(-clip, clip),
             returns=self.model.returns.units(returns),
         )
-        return batch, explained_variance(before, targets)
-
-    def _evaluated(self, batch: RolloutTensors) -> tuple[Tensor, Float64s]:
-        """What the present weights say: log-probabilities of the actions, and values."""
-        every = torch.arange(len(batch.actions), device=batch.actions.device)
-
-        def outputs_of(model: ActorCritic, part: slice) -> Tensor:
-            policy, value = model(batch.observation(every[part]))
-            log_probs = model.log_prob(policy, batch.actions[part])
-            return torch.stack([log_probs.double(), model.returns(value)], dim=1)
-
-        log_probs, values = self._parallel.evaluate(outputs_of, len(every)).unbind(1)
-        return log_probs.float(), values.cpu().numpy()
+        return batch, explained_variance(rollout.values, targets)
 
     def _loss(
         self, batch: RolloutTensors, rows: Tensor, beta: float, model: ActorCritic, part: slice

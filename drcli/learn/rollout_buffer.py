@@ -91,7 +91,7 @@ class RolloutTensors:
 
     `frame_rows` are the rows of the frames that are seen together at each step, of shape
     (t, stack). `values` and `returns`, which the critic should predict, are in the critic's own
-    units, and `advantages` are normalised; the update sets these three.
+    units, and `advantages` are normalised.
     """
 
     frames: Tensor
@@ -105,24 +105,34 @@ class RolloutTensors:
     returns: Tensor
 
     @staticmethod
-    def of(rollout: Rollout, stack: int, block: int, device: torch.device) -> "RolloutTensors":
-        """Put a rollout on a device.
+    def of(
+        rollout: Rollout,
+        stack: int,
+        block: int,
+        *,
+        values: Tensor,
+        advantages: Float64s,
+        returns: Tensor,
+    ) -> "RolloutTensors":
+        """Join a rollout with the results of an update, on their device.
 
         Args:
             rollout: What was driven.
             stack: Frames that are seen together.
             block: Side of the blocks into which frames are cut; see `encoders.in_blocks`.
-            device: Of the learner.
+            values: For the critic, see above.
+            advantages: Normalised.
+            returns: For the critic.
         """
 
         def tensor(column: NDArray[Any]) -> Tensor:
-            return torch.from_numpy(np.ascontiguousarray(column)).to(device)
+            return torch.from_numpy(np.ascontiguousarray(column)).to(returns.device)
 
         frames = torch.from_numpy(np.ascontiguousarray(rollout.frames))
         if block > 1:
             frames = in_blocks(frames, block)  # once, and not for each epoch
         with suppress(torch.OutOfMemoryError):
-            frames = frames.to(device)
+            frames = frames.to(returns.device)
         return RolloutTensors(
             frames=frames,
             frame_rows=tensor(rollout.stacked_rows(stack)),
@@ -130,9 +140,9 @@ class RolloutTensors:
             states=tensor(rollout.states),
             actions=tensor(rollout.actions),
             log_probs=tensor(rollout.log_probs),
-            values=torch.empty(0, device=device),
-            advantages=torch.empty(0, device=device),
-            returns=torch.empty(0, device=device),
+            values=values,
+            advantages=tensor(advantages.astype(np.float32)),
+            returns=returns,
         )
 
     def observation(self, rows: Tensor) -> Observation:
