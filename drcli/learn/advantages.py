@@ -16,7 +16,6 @@ def gae(
     gamma: float,
     lam: float,
     last_values: Float64s | None = None,
-    weights: Float64s | None = None,
 ) -> Float64s:
     """Generalized advantage estimation (Schulman et al., 2016, equation 16).
 
@@ -29,13 +28,9 @@ def gae(
         last_values: The value after each episode's last step. 0 when left out, for laps completed
             as well as for failures and cuts: this is the reference's rule, on which
             hyperparameters tuned there depend. Shape (e,).
-        weights: For steps of an older policy, `values` are the present critic's, and these are the
-            truncated ratios min(1, p / q) of each action's probability p under the present policy
-            and q under the older one. Then V(t) + w(t) * A(t) is the target of V-trace (Espeholt
-            et al., 2018, equation 1 and remark 2, with both limits 1). 1 when left out. Shape (t,).
 
     Returns:
-        A(t) = delta(t) + gamma * lam * w(t + 1) * A(t + 1), with
+        A(t) = delta(t) + gamma * lam * A(t + 1), with
         delta(t) = r(t) + gamma * V(t + 1) - V(t). Shape (t,).
     """
     advantages = np.empty(len(rewards))
@@ -46,10 +41,8 @@ def gae(
         for t in range(end - 1, end - length - 1, -1):
             value = float(values[t])
             delta = float(rewards[t]) + gamma * next_value - value
-            advantages[t] = delta + gamma * lam * next_advantage
-            next_advantage = float(advantages[t])
-            if weights is not None:
-                next_advantage *= float(weights[t])
+            next_advantage = delta + gamma * lam * next_advantage
+            advantages[t] = next_advantage
             next_value = value
         end -= length
     return advantages

@@ -26,9 +26,6 @@ SMALLEST_PART = 16
 FEWEST_CARS = 4
 """Cars of a part. Convolutions of fewer cars are hardly faster."""
 
-EVALUATED = 256
-"""Samples that are evaluated at a time without gradients."""
-
 LARGE = 2_000_000
 """Parameters from which on the optimizer uses threads inside operations. The shallow network's 5.8
 million gain 1.03 times the samples/s; the compact one's 0.6 million lose a tenth while
@@ -114,30 +111,6 @@ class DataParallel(Generic[M]):
         finally:
             torch.set_num_threads(before)
 
-    def evaluate(self, outputs_of: Callable[[M, slice], Tensor], samples: int) -> Tensor:
-        """What the network says of some samples, without gradients.
-
-        Args:
-            outputs_of: The outputs for a range of samples, a row for each. Several threads call it.
-            samples: Number of samples.
-
-        Returns:
-            The outputs of all samples.
-        """
-        self._cast_weights()
-        models = self._models[: max(1, min(len(self._models), samples))]
-
-        def evaluate(model: M, part: slice) -> Tensor:
-            ranges = _parts(part.stop - part.start, -(-(part.stop - part.start) // EVALUATED))
-            shifted = [slice(part.start + r.start, part.start + r.stop) for r in ranges]
-            with torch.no_grad():  # counts for one thread only
-                return torch.cat([outputs_of(model, each) for each in shifted])
-
-        parts = _parts(samples, len(models))
-        if self._pool is None:
-            return evaluate(models[0], parts[0])
-        return torch.cat(list(self._pool.map(evaluate, models, parts)))
-
     def backward(self, loss_of: LossOf[M], samples: int) -> Tensor:
         """Add the gradient of the mean loss to the network's parameters.
 
@@ -215,7 +188,9 @@ class DataParallel(Generic[M]):
             shifted = slice(samples.start + part.start, samples.start + part.stop)
             return _backward(model, loss_of, shifted, (length, weight), most)
 
-        self._cast_weights()
+        with torch.no_grad():
+            for own, cast in self._casts:
+                cast.copy_(own)
         models, most = self._models, self.most_samples
         for model in models:
             if model is not self._model:
@@ -233,11 +208,6 @@ class DataParallel(Generic[M]):
             statistics = torch.stack([task.result() for task in tasks]).sum(0)
         self._add_up(models)
         return statistics
-
-    @torch.no_grad()
-    def _cast_weights(self) -> None:
-        for own, cast in self._casts:
-            cast.copy_(own)
 
     @torch.no_grad()
     def _add_up(self, models: list[M]) -> None:

@@ -1,7 +1,6 @@
 """Proximal policy optimization with a clipped objective (Schulman et al., 2017, equation 7)."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,7 +17,6 @@ from drcli.learn.captured_step import CapturedStep
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
 from drcli.learn.gradient_group import GradientGroup
-from drcli.learn.policy import Float64s
 from drcli.learn.reused_memory import ReusedMemory
 from drcli.learn.rollout_buffer import Rollout, RolloutTensors
 from drcli.learn.update_result import (
@@ -45,7 +43,6 @@ class PPO:
 
     Attributes:
         lr_factor: Share of the hyperparameters' learning rate with which it learns.
-        off_policy: Whether rollouts may come from older weights than the present ones.
         critic_warmup: How many updates at most still improve the critic alone. A policy that comes
             without its critic would otherwise lose what it can do: the gradients of a critic that
             only guesses change the shared body, and its advantages are wrong.
@@ -60,15 +57,8 @@ class PPO:
         config: PPOConfig,
         compute: Compute,
         group: GradientGroup | None = None,
-        *,
-        off_policy: bool = False,
     ) -> None:
-        """Begin; every process of a `group` makes the same updates of the same rollouts.
-
-        With `off_policy`, rollouts may come from older weights than the newest: advantages are
-        those of V-trace, and the policy is kept near the present weights instead of the older ones.
-        """
-        self.off_policy = off_policy
+        """Begin; every process of a `group` makes the same updates of the same rollouts."""
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
@@ -183,67 +173,36 @@ class PPO:
             NonFiniteLossError: A return is NaN or infinite; nothing was changed.
         """
         config, device = self.config, self.compute.device
-        clip = np.inf if config.clip_advantage is None else config.clip_advantage
-        moves = 0 if self._memory is None else self._memory.moves
-        tensors = RolloutTensors.of(
-            rollout,
-            self.model.spec.stack,
-            self.model.body.block if self.compute.bf16 else 1,
-            device,
-            self._memory,
-        )
-        before = np.asarray(rollout.values, np.float64)
-        weights = np.ones(rollout.steps)
-        log_probs = tensors.log_probs
-        if self.off_policy:
-            log_probs, before = self._evaluated(tensors, rollout.steps)
-            log_ratio = log_probs - tensors.log_probs[: rollout.steps]
-            weights = log_ratio.exp().clamp(max=1.0).double().cpu().numpy()
-            log_probs = self._placed("log_probs", log_probs)
         advantages = gae(
             rollout.rewards,
-            before,
+            rollout.values,
             rollout.lengths,
             config.discount_factor,
             config.gae_lambda,
             rollout.last_values if config.bootstrap_cut else None,
-            weights if self.off_policy else None,
         )
-        values = torch.from_numpy(before).to(device)
-        targets = weights * advantages + before
+        values = torch.from_numpy(np.asarray(rollout.values, np.float64)).to(device)
+        targets = advantages + rollout.values
         returns = torch.from_numpy(targets).to(device)
         if not bool(torch.isfinite(returns).all()):
             raise NonFiniteLossError("A return is nan or infinite.")
         self.model.follow_returns(returns, values)
-        scaled = (weights * normalized(advantages).clip(-clip, clip)).astype(np.float32)
-        self._batch = replace(
-            tensors,
-            log_probs=log_probs,
-            values=self._placed("values", self.model.returns.units(values)),
-            advantages=self._placed("advantages", torch.from_numpy(scaled).to(device)),
-            returns=self._placed("returns", self.model.returns.units(returns)),
+        clip = np.inf if config.clip_advantage is None else config.clip_advantage
+        moves = 0 if self._memory is None else self._memory.moves
+        self._batch = RolloutTensors.of(
+            rollout,
+            self.model.spec.stack,
+            self.model.body.block if self.compute.bf16 else 1,
+            values=self.model.returns.units(values),
+            advantages=normalized(advantages).clip(-clip, clip),
+            returns=self.model.returns.units(returns),
+            memory=self._memory,
         )
         if self._memory is not None:
-            self._step.enabled = tensors.frames.is_cuda
+            self._step.enabled = self._batch.frames.is_cuda
             if self._memory.moves != moves:
                 self._step.forget()
-        return explained_variance(before, targets)
-
-    def _placed(self, name: str, column: Tensor) -> Tensor:
-        """A column of the update, where a graph finds it."""
-        return column if self._memory is None else self._memory.place(name, column)
-
-    def _evaluated(self, batch: RolloutTensors, steps: int) -> tuple[Tensor, Float64s]:
-        """What the present weights say: log-probabilities of the actions, and values."""
-        every = torch.arange(steps, device=batch.actions.device)
-
-        def outputs_of(model: ActorCritic, part: slice) -> Tensor:
-            policy, value = model(batch.observation(every[part]))
-            log_probs = model.log_prob(policy, batch.actions[part])
-            return torch.stack([log_probs.double(), model.returns(value)], dim=1)
-
-        log_probs, values = self._parallel.evaluate(outputs_of, len(every)).unbind(1)
-        return log_probs.float(), values.cpu().numpy()
+        return explained_variance(rollout.values, targets)
 
     def _loss(self, rows: Tensor, model: ActorCritic, part: slice) -> tuple[Tensor, Tensor]:
         """The loss of a part of a minibatch's rows, and its means of the numbers in `PPOStats`.

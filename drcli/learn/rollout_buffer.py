@@ -93,7 +93,7 @@ class RolloutTensors:
 
     `frame_rows` are the rows of the frames that are seen together at each step, of shape
     (t, stack). `values` and `returns`, which the critic should predict, are in the critic's own
-    units, and `advantages` are normalised; the update sets these three.
+    units, and `advantages` are normalised.
     """
 
     frames: Tensor
@@ -111,21 +111,26 @@ class RolloutTensors:
         rollout: Rollout,
         stack: int,
         block: int,
-        device: torch.device,
+        *,
+        values: Tensor,
+        advantages: Float64s,
+        returns: Tensor,
         memory: ReusedMemory | None = None,
     ) -> "RolloutTensors":
-        """Put a rollout on a device.
+        """Join a rollout with the results of an update, on their device.
 
         Args:
             rollout: What was driven.
             stack: Frames that are seen together.
             block: Side of the blocks into which frames are cut; see `encoders.in_blocks`.
-            device: Of the learner.
-            memory: Where the columns are put; None for new memory.
+            values: For the critic, see above.
+            advantages: Normalised.
+            returns: For the critic.
+            memory: Where the columns are put; None for new memory on the device of `returns`.
         """
 
         def place(name: str, column: Tensor) -> Tensor:
-            return column.to(device) if memory is None else memory.place(name, column)
+            return column.to(returns.device) if memory is None else memory.place(name, column)
 
         def tensor(name: str, column: NDArray[Any]) -> Tensor:
             return place(name, torch.from_numpy(np.ascontiguousarray(column)))
@@ -146,9 +151,9 @@ class RolloutTensors:
             states=tensor("states", rollout.states),
             actions=tensor("actions", rollout.actions),
             log_probs=tensor("log_probs", rollout.log_probs),
-            values=torch.empty(0, device=device),
-            advantages=torch.empty(0, device=device),
-            returns=torch.empty(0, device=device),
+            values=place("values", values),
+            advantages=tensor("advantages", advantages.astype(np.float32)),
+            returns=place("returns", returns),
         )
 
     def observation(self, rows: Tensor) -> Observation:

@@ -17,7 +17,7 @@ from drcli.learn.sac import SAC
 from drcli.learn.sac_networks import SACAgent
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.workers.cores import learning_threads, max_lag
+from drcli.workers.cores import learning_threads
 from drcli.workers.learner_group import LearnerGroup
 from drcli.workers.learner_messages import Build
 
@@ -31,19 +31,13 @@ def build_learner(
     parameters: Hyperparameters,
     compute: Compute,
     group: GradientGroup | None = None,
-    *,
-    off_policy: bool = False,
 ) -> Learner:
-    """The algorithm that model_metadata.json asks for, with fresh weights.
-
-    With `off_policy`, PPO corrects for rollouts of older weights, which SAC does in any case.
-    """
+    """The algorithm that model_metadata.json asks for, with fresh weights."""
     spec = policy_spec(metadata, parameters)
     if metadata.training_algorithm == "sac":
         agent = SACAgent(spec, parameters.sac_alpha)
         return SAC(agent, algorithm_config(SACConfig, parameters), compute, group)
-    config = algorithm_config(PPOConfig, parameters)
-    return PPO(ActorCritic(spec), config, compute, group, off_policy=off_policy)
+    return PPO(ActorCritic(spec), algorithm_config(PPOConfig, parameters), compute, group)
 
 
 def learner_of_training(
@@ -70,12 +64,11 @@ def learner_of_training(
     )
     where = f" in each of {size} processes" if size > 1 else ""
     _logger.info("Learning%s in %s", where, compute.reason)
-    # With one checkpoint, PPO's ratio alone does it (docs/learning.md).
-    off_policy = max_lag(train) > 1
-    if group is not None:
-        group.build(Build(metadata, parameters, compute, off_policy))
-    gradients = None if group is None else group.gradients
-    learner = build_learner(metadata, parameters, compute, gradients, off_policy=off_policy)
+    if group is None:
+        learner = build_learner(metadata, parameters, compute)
+    else:
+        group.build(Build(metadata, parameters, compute))
+        learner = build_learner(metadata, parameters, compute, group.gradients)
     learner.lr_factor = rollbacks.factor(learner.config.lr)
     if learner.lr_factor != 1.0:
         rate = learner.lr_factor * learner.config.lr

@@ -39,12 +39,11 @@ class Join:
 
 @dataclass(frozen=True)
 class Build:
-    """Build the learner of a training or of a stage; the fields are those of `build_learner`."""
+    """Build the learner of a training or of a stage."""
 
     metadata: ModelMetadata
     parameters: Hyperparameters
     compute: Compute
-    off_policy: bool = False
 
 
 @dataclass(frozen=True)

@@ -34,13 +34,7 @@ def take_part(messages: BinaryIO, group: GradientGroup) -> None:
         if isinstance(message, Build):
             compute = message.compute
             torch.set_num_threads(compute.threads)
-            learner = build_learner(
-                message.metadata,
-                message.parameters,
-                compute,
-                group,
-                off_policy=message.off_policy,
-            )
+            learner = build_learner(message.metadata, message.parameters, compute, group)
             continue
         assert learner is not None
         if isinstance(message, Update):

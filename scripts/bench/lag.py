@@ -1,7 +1,7 @@
 """What driving ahead of the learner costs: steps until a lap, by policy lag and number of workers.
 
-    python scripts/bench lag [--workers 1 2 4 8] [--lags 0 1 4] [--seeds 1 2 3] [--results FILE]
-        [--plain] [--learner 0.95] [--cap 60000] [--threads 1] [--precision fp32] [--json]
+    python scripts/bench lag [--workers 1 2 4 8] [--lags 0 1 2 4] [--seeds 1 2 3] [--results FILE]
+        [--learner 0.95] [--cap 60000] [--threads 1] [--precision fp32] [--json]
 
 One process drives and learns as the workers and the trainer do, in the order in which they would:
 a clock that is only counted says when each worker begins and ends its share of an iteration, and
@@ -11,8 +11,7 @@ a share of what eight workers need: from 1 on it is too slow for them, and all o
 far ahead as they may be.
 
 Every checkpoint drives five evaluation laps, and a training ends with the first one that completes
-three of them, or at --cap steps. With --plain, a lag above 1 is learned from with PPO's ratio
-alone, without V-trace. Steps are counted and no time, so other programs change nothing.
+three of them, or at --cap steps. Steps are counted and no time, so other programs change nothing.
 
 With --results each finished training is appended to a file, a JSON object a line, and one that
 stands there already is not repeated.
@@ -56,22 +55,14 @@ class Case:
     Attributes:
         workers: Simulation workers.
         lag: DR_TRAIN_MAX_LAG; 0 is DR_TRAIN_OVERLAP=off.
-        plain: Whether a lag above 1 is learned from without V-trace.
         learner: What the learner needs for a step, as a share of what eight workers need.
         seed: Of the training.
     """
 
     workers: int
     lag: int
-    plain: bool
     learner: float
     seed: int
-
-    @property
-    def name(self) -> str:
-        """All but workers and seed."""
-        how = "" if self.lag < 2 else ", PPO's ratio" if self.plain else ", V-trace"
-        return f"lag {self.lag}{how}"
 
 
 @dataclass(frozen=True)
@@ -107,8 +98,7 @@ class LaggedTraining:
         self._simulation = work.simulation(max(self._counts))
         self._evaluation = work.simulation(TRIALS)
         torch.manual_seed(case.seed)
-        off_policy = case.lag > 1 and not case.plain
-        self._ppo = PPO(ActorCritic(work.spec), work.config, work.compute, off_policy=off_policy)
+        self._ppo = PPO(ActorCritic(work.spec), work.config, work.compute)
         self._model = ActorCritic(work.spec).eval()
         compute_in(self._model, driving_format(work.compute.number_format))
         torch.set_num_threads(1)
@@ -190,8 +180,7 @@ def main() -> None:
     """Train, and report."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--workers", nargs="+", type=int, default=[1, 2, 4, 8])
-    parser.add_argument("--lags", nargs="+", type=int, default=[0, 1, 4])
-    parser.add_argument("--plain", action="store_true", help="PPO's ratio alone, without V-trace")
+    parser.add_argument("--lags", nargs="+", type=int, default=[0, 1, 2, 4])
     parser.add_argument("--learner", type=float, default=0.95, help="its time for a step")
     add_options(parser, cap=60_000)
     options = parser.parse_args()
@@ -201,18 +190,14 @@ def main() -> None:
     for seed in options.seeds:
         for workers in options.workers:
             for lag in options.lags:
-                case = Case(workers, lag, lag > 1 and options.plain, options.learner, seed)
+                case = Case(workers, lag, options.learner, seed)
                 if case not in done:
                     result = train(case, options)
                     append(options.results, result)
                     done[case] = asdict(result)
                 results.append(done[case])
-                print(
-                    case.name,
-                    f"{workers} workers, seed {seed}:",
-                    *done[case]["steps"],
-                    file=sys.stderr,
-                )
+                told = f"{workers} workers, lag {lag}, seed {seed}: {done[case]['steps']}"
+                print(told, file=sys.stderr)
     figures = report(results)
     for row in figures:
         print(json.dumps(row), file=sys.stderr)
@@ -240,14 +225,14 @@ def train(case: Case, options: argparse.Namespace) -> Result:
 
 def report(results: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Medians of the steps by lag, for each number of workers and for all."""
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
+    groups: dict[tuple[int, str], list[dict[str, Any]]] = defaultdict(list)
     for each in results:
-        name = Case(**each["case"]).name
-        groups[name, str(each["case"]["workers"])].append(each)
-        groups[name, "all"].append(each)
+        lag = each["case"]["lag"]
+        groups[lag, str(each["case"]["workers"])].append(each)
+        groups[lag, "all"].append(each)
     return [
         {
-            "case": name,
+            "lag": lag,
             "workers": workers,
             "trainings": len(each),
             "mean lag": round(statistics.fmean(one["mean_lag"] for one in each), 2),
@@ -258,7 +243,7 @@ def report(results: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
                 for k, laps in enumerate(LAPS)
             },
         }
-        for (name, workers), each in groups.items()
+        for (lag, workers), each in groups.items()
     ]
 
 

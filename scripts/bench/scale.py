@@ -319,7 +319,7 @@ def extrapolate(figures: dict[str, Any], most: int) -> dict[str, list[dict[str, 
         "100 episodes an iteration": replace(today, episodes=100),
         "as many episodes as workers, 100 at least": today,
         "the same, DR_TRAIN_MAX_LAG=2": replace(today, ahead=2),
-        "the same, and a look every 10 s": replace(today, ahead=2, look_s=10.0),
+        "the same, and a tenth of the looks": replace(today, ahead=2, look_s=10.0, look_share=0.3),
     }
     return {
         name: [

@@ -101,7 +101,7 @@ class TrainSettings(Group, title="Training"):
         1,
         "How many checkpoints older than the newest the weights may be that drove an iteration. "
         "More than 1 lets workers drive on while the trainer waits for the slowest of them.",
-        between=(1, 16),
+        between=(1, 4),
     )
     train_shares: Literal["auto", "equal"] = setting(
         "DR_TRAIN_SHARES",

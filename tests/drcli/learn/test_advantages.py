@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from drcli.learn.advantages import explained_variance, gae, normalized
 
@@ -62,18 +61,3 @@ def test_the_rest_of_a_cut_episode_counts_where_it_is_given():
 
     last = 2.0 + 0.9 * 4.0 - 0.25
     np.testing.assert_allclose(got, [1.0 + 0.9 * 0.25 - 0.5 + 0.45 * last, last], rtol=1e-6)
-
-
-def test_weights_of_older_steps_give_the_targets_of_v_trace():
-    draw = np.random.default_rng(3)
-    rewards, values, ratios = draw.normal(size=6), draw.normal(size=6), draw.uniform(0.2, 3.0, 6)
-    weights, gamma, lam = np.minimum(1.0, ratios), 0.9, 0.8
-
-    advantages = gae(rewards, values, np.array([6]), gamma, lam, weights=weights)
-
-    # Espeholt et al. (2018), equation 1, term by term.
-    after = np.append(values[1:], 0.0)
-    deltas = weights * (rewards + gamma * after - values)
-    for s in range(6):
-        terms = [gamma ** (t - s) * np.prod(lam * weights[s:t]) * deltas[t] for t in range(s, 6)]
-        assert values[s] + weights[s] * advantages[s] == pytest.approx(values[s] + sum(terms))

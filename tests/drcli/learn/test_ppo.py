@@ -311,32 +311,3 @@ def _preference(model: ActorCritic, frames: np.ndarray) -> float:
         policy, _ = model(_seen(frames))
     column = policy[:, 0] if model.spec.continuous else policy.softmax(-1)[:, 1]
     return float(column.mean())
-
-
-@pytest.mark.parametrize("continuous", [False, True])
-def test_steps_of_the_present_weights_are_learned_from_alike_off_policy(continuous):
-    weights = []
-    for off_policy in (False, True):
-        model = _model(continuous)
-        frames = np.random.default_rng(0).integers(0, 255, (32, 1, 120, 160), dtype=np.uint8)
-        rollout = _with(_rollout(model, frames), rewards=np.linspace(-1.0, 1.0, 32))
-        config = PPOConfig(batch_size=16, num_epochs=2)
-        PPO(model, config, CPU, off_policy=off_policy).update(rollout, 1)
-        weights.append(model.policy_head.weight.detach().clone())
-
-    torch.testing.assert_close(weights[0], weights[1], rtol=1e-3, atol=1e-5)
-
-
-@pytest.mark.parametrize("bf16", [False, True])
-def test_off_policy_the_clip_range_is_around_the_present_weights(bf16):
-    frames = np.random.default_rng(0).integers(0, 255, (64, 1, 120, 160), dtype=np.uint8)
-    compute = replace(CPU, bf16=bf16, threads=2, parts=2)
-    clipped = []
-    for off_policy in (False, True):
-        model = _model(continuous=False)
-        rollout = _rollout(model, frames)
-        older = replace(rollout, log_probs=rollout.log_probs - np.float32(0.5))
-        ppo = PPO(model, PPOConfig(batch_size=64, num_epochs=1), compute, off_policy=off_policy)
-        clipped.append(ppo.update(older, 1)[0].clipfrac)
-
-    assert clipped == [1.0, 0.0]

@@ -445,12 +445,12 @@ def test_rollouts_come_from_the_newest_checkpoint_or_one_of_those_before(memory)
 
 
 def test_more_of_the_newest_checkpoints_stay_where_more_may_have_driven(memory):
-    store = CheckpointStore(memory, "model", keep=KEEP + 3)
+    store = CheckpointStore(memory, "model", keep=KEEP + 2)
     for number in range(12):
         store.save(number, 100 * number, b"weights")
 
     drivers = store.drivers(CheckpointName(11, 1100), 0)
-    assert drivers[-KEEP - 3 :] == [f"{n}_Step-{n}00.ckpt" for n in range(12 - KEEP - 3, 12)]
+    assert drivers[-KEEP - 2 :] == [f"{n}_Step-{n}00.ckpt" for n in range(12 - KEEP - 2, 12)]
 
 
 def test_a_first_checkpoint_that_was_only_begun_is_none(memory):

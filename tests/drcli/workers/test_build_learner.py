@@ -10,8 +10,6 @@ import pytest
 import torch
 from safetensors.torch import save
 
-from drcli.config.loading import load_settings
-from drcli.exchange.rollback_record import NO_ROLLBACKS
 from drcli.formats.build_network import STATE_DIMS, policy_spec
 from drcli.learn.algorithm_config import PPOConfig, SACConfig
 from drcli.learn.compute import Compute
@@ -19,7 +17,7 @@ from drcli.learn.ppo import PPO
 from drcli.learn.sac import SAC
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
-from drcli.workers.build_learner import algorithm_config, build_learner, learner_of_training
+from drcli.workers.build_learner import algorithm_config, build_learner
 from drcli.workers.build_race import sensors_of_model
 from drcli.workers.restore_learner import restore_optimizer
 from drsim.episode.privileged_features import PRIVILEGED_DIMS
@@ -152,14 +150,3 @@ def test_the_trainer_does_not_load_the_simulator():
     code = "import sys, drcli.workers.trainer; sys.exit('drsim' in sys.modules)"
 
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-@pytest.mark.parametrize(("lag", "corrects"), [(1, False), (2, True)])
-def test_more_than_one_checkpoint_of_lag_is_corrected_for(tmp_path, lag, corrects):
-    (tmp_path / "run.env").write_text(f"DR_TRAIN_OVERLAP=on\nDR_TRAIN_MAX_LAG={lag}\n")
-    train = load_settings(tmp_path, environ={}).run.train
-
-    learner = learner_of_training(train, metadata(), Hyperparameters(), NO_ROLLBACKS, "float32")
-
-    assert isinstance(learner, PPO)
-    assert learner.off_policy is corrects
