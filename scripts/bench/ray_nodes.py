@@ -19,6 +19,9 @@ from typing import Any
 
 from machine import facts
 
+from drcli.config.loading import load_settings
+from drcli.store.server import server
+
 ROOT = Path(__file__).resolve().parents[2]
 PREFIX = "ray-nodes"
 
@@ -118,6 +121,7 @@ def _train(
     finally:
         training.terminate()
         training.wait()
+        server.stop(load_settings(folder).storage)
     said = out.read_text()
     took_s = time.monotonic() - began_s
     found = [line for line in said.splitlines() if line.startswith("{")]
