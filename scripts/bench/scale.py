@@ -89,7 +89,7 @@ def main() -> None:
     parser.add_argument("--figures", type=Path, default=FIGURES, help="file of the figures")
     parser.add_argument("--workers", type=int, nargs="+", default=WORKERS)
     parser.add_argument("--seconds", type=float, default=60.0, help="of each measurement")
-    parser.add_argument("--most", type=int, default=10_000, help="workers of the curves")
+    parser.add_argument("--most", type=int, default=1000, help="workers of the curves")
     parser.add_argument("--pictures", type=Path, help="folder for the curves")
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args()
@@ -97,7 +97,7 @@ def main() -> None:
     if chosen.measure:
         figures |= measure(chosen.workers, chosen.seconds)
     if chosen.fakes:
-        figures["fakes"] = fakes(chosen.workers)
+        figures |= {"fakes": fakes(chosen.workers), "fakes_machine": facts()}
     if chosen.measure or chosen.fakes:
         chosen.figures.write_text(json.dumps(figures, indent=1) + "\n")
     checked = {
