@@ -7,7 +7,10 @@ import signal
 import psutil
 import pytest
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+PATIENCE_S = 240.0
+"""For processes of Ray, each of which takes seconds to start."""
 
 pytest.importorskip("ray", reason="the extra ray is not installed")
 
@@ -25,7 +28,7 @@ def test_ray_replaces_a_worker_that_was_killed_and_leaves_nothing_behind(by_ray)
     by_ray.hyperparameters["term_cond_max_episodes"] = 20
     by_ray.write_custom_files()
     training = by_ray.start("start-training", "--json", "--foreground")
-    by_ray.wait_for(lambda: by_ray.iterations() >= 2, "the first iterations")
+    by_ray.wait_for(lambda: by_ray.iterations() >= 2, "the first iterations", PATIENCE_S)
     supervisor = psutil.Process(training.pid)
     hosts = [each for each in supervisor.children(recursive=True) if _drives(each)]
     os.kill(hosts[0].ppid(), signal.SIGKILL)  # the actor: its worker ends with it
@@ -62,13 +65,15 @@ def test_a_trainer_whose_node_is_gone_goes_on_on_another_one_and_nothing_is_lost
     with (by_ray.folder / "system.env").open("a") as file:
         file.write(f"DR_RAY_ADDRESS={cluster.address}\nDR_RAY_TRAINER=gpu\n")
     training = by_ray.start("start-training", "--json", "--foreground")
-    by_ray.wait_for(lambda: by_ray.iterations() >= 2, "the first iterations")
+    by_ray.wait_for(lambda: by_ray.iterations() >= 2, "the first iterations", PATIENCE_S)
     trainer = _trainer_on_a_node()
     assert trainer.environ()["CUDA_VISIBLE_DEVICES"] != ""
 
     cluster.remove_node(_node_of(trainer, cluster), allow_graceful=False)
     done = by_ray.iterations()
-    by_ray.wait_for(lambda: by_ray.iterations() >= done + 3, "iterations of another trainer")
+    by_ray.wait_for(
+        lambda: by_ray.iterations() >= done + 3, "iterations of another trainer", PATIENCE_S
+    )
     [shown] = [worker for worker in by_ray.status()["workers"] if worker["name"] == "trainer"]
     by_ray.run("stop-training")
     ended = by_ray.end_of(training)
