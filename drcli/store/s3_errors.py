@@ -5,6 +5,7 @@ import shutil
 import time
 from dataclasses import dataclass
 from email.utils import parsedate_to_datetime
+from typing import Any
 
 from drcli.base.errors import DiskFull, NoAnswer, StorageError
 from drcli.store.bucket import ObjectMissing
@@ -283,7 +284,7 @@ def _is_of_clock(error: Exception) -> bool:
     code, status = _answer(error)
     if code in _CLOCK_CODES or status not in (400, 403):
         return code in _CLOCK_CODES
-    headers = getattr(error, "response", {}).get("ResponseMetadata", {}).get("HTTPHeaders", {})
+    headers = _response(error).get("ResponseMetadata", {}).get("HTTPHeaders", {})
     try:
         now = parsedate_to_datetime(headers["date"])
     except (KeyError, ValueError):
@@ -297,33 +298,39 @@ def _other_region(error: Exception) -> str | None:
     malformed = code == "AuthorizationHeaderMalformed" and "region" in _said(error)
     if code not in _REGION_CODES and status != 301 and not malformed:
         return None
-    response = getattr(error, "response", {})
+    response = _response(error)
     headers = response.get("ResponseMetadata", {}).get("HTTPHeaders", {})
     expected = re.search(r"expecting '([a-z0-9-]+)'", _said(error))
     named = response.get("Error", {}).get("Region") or headers.get("x-amz-bucket-region")
     return str(named or (expected[1] if expected else ""))
 
 
+def _response(error: Exception) -> dict[str, Any]:
+    """The answer of the server to which a ClientError belongs; empty for other exceptions."""
+    found = getattr(error, "response", None)
+    return found if isinstance(found, dict) else {}  # lost connections have a `response`, too: None
+
+
 def _said(error: Exception) -> str:
     """The server's own text of a ClientError."""
-    text = getattr(error, "response", {}).get("Error", {}).get("Message") or ""
+    text = _response(error).get("Error", {}).get("Message") or ""
     return " ".join(str(text).split())
 
 
 def error_code(error: Exception) -> str:
     """The error code in an answer of a server; empty for other exceptions."""
-    return str(getattr(error, "response", {}).get("Error", {}).get("Code", ""))
+    return str(_response(error).get("Error", {}).get("Code", ""))
 
 
 def error_text(error: Exception) -> str:
     """The sentence in an answer of a server, on one line; else that of the exception."""
-    found = getattr(error, "response", {}).get("Error", {}).get("Message") or error
+    found = _response(error).get("Error", {}).get("Message") or error
     return " ".join(str(found).split()).rstrip(".")
 
 
 def _answer(error: Exception) -> tuple[str, int]:
     """Error code and HTTP status of a ClientError; 0 without a status."""
-    metadata = getattr(error, "response", {}).get("ResponseMetadata", {})
+    metadata = _response(error).get("ResponseMetadata", {})
     return error_code(error), int(metadata.get("HTTPStatusCode", 0))
 
 

@@ -99,7 +99,7 @@ def test_checkpoints_are_numbers_the_newest_first(trained, words):
 
 
 def test_settings_are_offered_by_name_and_known_ones_with_values(working_folder, words):
-    assert words("dr-config set DR_WOR") == ["DR_WORKERS=", "DR_WORLD_NAME="]
+    assert words("dr-config set DR_WOR") == ["DR_WORKERS=", "DR_WORKER_DEVICE=", "DR_WORLD_NAME="]
     assert words("dr-config set DR_RACE_TYPE=H") == [
         "DR_RACE_TYPE=HEAD_TO_BOT",
         "DR_RACE_TYPE=HEAD_TO_MODEL",
