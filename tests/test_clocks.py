@@ -13,6 +13,7 @@ AGES = {
     "runs/tidy.py": "the age of files and objects, whose times are times of day",
     "workers/live_figures.py": "times of day of what happened before, counted back from now",
     "store/lease.py": "the age of a lease where the server tells no time",
+    "store/s3_errors.py": "the difference between the clocks of this machine and the server",
 }
 """Where nothing but the time of day is known."""
 

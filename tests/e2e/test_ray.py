@@ -74,14 +74,14 @@ def test_a_trainer_whose_node_is_gone_goes_on_on_another_one_and_nothing_is_lost
     by_ray.wait_for(
         lambda: by_ray.iterations() >= done + 3, "iterations of another trainer", PATIENCE_S
     )
-    [shown] = [worker for worker in by_ray.status()["workers"] if worker["name"] == "trainer"]
+    by_ray.wait_for(lambda: _shown(by_ray)["health"]["progress_age_s"] is not None, "its pulse")
+    shown = _shown(by_ray)
     by_ray.run("stop-training")
     ended = by_ray.end_of(training)
 
     assert ended.returncode == 143, ended.stderr
     assert shown["alive"]
     assert shown["restarts"] >= 1
-    assert shown["health"]["progress_age_s"] is not None
     report = json.loads(ended.stdout.splitlines()[-1])
     numbers = [record["iteration"] for record in report["history"]]
     assert numbers == list(range(len(numbers)))
@@ -89,6 +89,12 @@ def test_a_trainer_whose_node_is_gone_goes_on_on_another_one_and_nothing_is_lost
     assert words.count("The trainer runs on") == 2
     assert all(f"Metrics> iteration={number} " in words for number in (numbers[0], numbers[-1]))
     assert _trainer_on_a_node() is None
+
+
+def _shown(workspace) -> dict:
+    """The trainer in the status."""
+    [shown] = [worker for worker in workspace.status()["workers"] if worker["name"] == "trainer"]
+    return shown
 
 
 def _trainer_on_a_node() -> "psutil.Process | None":

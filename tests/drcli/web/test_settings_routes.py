@@ -123,7 +123,7 @@ def test_the_form_tells_values_their_places_and_limits(client, made):
     assert found["DR_WORLD_NAME"]["source"].startswith("run.env line ")
     assert found["DR_MAX_COST"]["source"] == "default"
     assert found["DR_RACE_TYPE"]["choices"][0] == "TIME_TRIAL"
-    assert (found["DR_WORKERS"]["low"], found["DR_WORKERS"]["high"]) == (0, 10)
+    assert (found["DR_WORKERS"]["low"], found["DR_WORKERS"]["high"]) == (0, 1000)
 
 
 def test_secrets_are_not_shown(client, made):
@@ -164,7 +164,7 @@ def test_a_wrong_value_is_refused_with_its_key(client, made):
 def test_a_check_writes_nothing(client, made):
     before = (made / "run.env").read_bytes()
 
-    wrong = client.post("/api/settings/check", json={"values": {"DR_WORKERS": "99"}}).json()
+    wrong = client.post("/api/settings/check", json={"values": {"DR_WORKERS": "9999"}}).json()
     right = client.post("/api/settings/check", json={"values": {"DR_WORLD_NAME": "bean"}}).json()
 
     assert wrong["problems"][0]["key"] == "DR_WORKERS"

@@ -130,9 +130,7 @@ def offline(working_folder, monkeypatch, sick):
         working_folder, monkeypatch, DR_TRAIN_MAX_ITERATIONS=ITERATIONS, DR_TRAIN_MAX_ROLLBACKS=2
     )
 
-    def collect(
-        self: Collector, iteration: int, checkpoints: Any, _workers: Any, _stop: Any
-    ) -> Collected:
+    def collect(self: Collector, iteration: int, checkpoints: Any, *_more: Any) -> Collected:
         return Collected(MadeUp(), [50.0], [1.0], [], 1.0, 0.1, checkpoints[-1], None)
 
     monkeypatch.setattr(Collector, "collect", collect)
@@ -206,9 +204,7 @@ def test_a_collapse_goes_back_to_the_best_checkpoint(offline, sick, monkeypatch)
     sick[0][0] = 2.0
     driven: list[int] = []
 
-    def collect(
-        self: Any, iteration: int, checkpoints: Any, _workers: Any, _stop: Any
-    ) -> Collected:
+    def collect(self: Any, iteration: int, checkpoints: Any, *_more: Any) -> Collected:
         driven.append(iteration)
         evaluates = None
         if driven == [0, 1, 2]:
