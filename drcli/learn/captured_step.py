@@ -80,7 +80,8 @@ class CapturedStep:
         )
         graph = torch.cuda.CUDAGraph()
         try:
-            with torch.cuda.graph(graph):
+            # Other threads may use the GPU meanwhile, as to save the optimizer's state.
+            with torch.cuda.graph(graph, capture_error_mode="thread_local"):
                 self._result = self._step(*self._arguments)
         except RuntimeError as error:
             torch.cuda.synchronize()
