@@ -4,8 +4,10 @@ import importlib
 import io
 import os
 import re
+import shlex
 import signal
 import socket
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from typing import Any, Generic, TypeVar
@@ -90,6 +92,7 @@ def connect(address: str, cloud: str) -> Any:
             log_to_driver=False,
             configure_logging=False,
             namespace="drcli",
+            runtime_env=_environment() if found == "local" else None,
         )
     except (ConnectionError, ValueError, RuntimeError) as error:
         raise _no_answer(address or "RAY_ADDRESS", str(error).splitlines()[0]) from None
@@ -104,6 +107,15 @@ def connect(address: str, cloud: str) -> Any:
             remedy="Use a bucket that all nodes reach: DR_CLOUD=aws or remote.",
         )
     return ray
+
+
+def _environment() -> dict[str, str] | None:
+    """What Ray has to know about the processes that it starts on this machine.
+
+    It gives the path of the interpreter to a shell as it is, so one with a blank needs quotes.
+    """
+    quoted = shlex.quote(sys.executable)
+    return None if quoted == sys.executable else {"py_executable": quoted}
 
 
 def _refuse_silent_address(address: str) -> None:

@@ -189,3 +189,22 @@ def test_without_an_address_ray_starts_here_whatever_else_runs(
 
     assert ray_cluster.connect(given, "local") is ray
     assert seen["address"] == address
+
+
+@pytest.mark.parametrize(
+    ("path", "environment"),
+    [("/a/python", None), ("/a b/python", {"py_executable": "'/a b/python'"})],
+)
+def test_an_interpreter_with_a_blank_in_its_path_is_quoted_for_the_shell_of_ray(
+    monkeypatch, path, environment
+):
+    seen = {}
+    ray = SimpleNamespace(init=lambda **values: seen.update(values), nodes=lambda: [])
+    monkeypatch.setattr(ray_cluster, "require_ray", lambda: None)
+    monkeypatch.setitem(sys.modules, "ray", ray)
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    monkeypatch.setattr(sys, "executable", path)
+
+    ray_cluster.connect("", "local")
+
+    assert seen["runtime_env"] == environment
