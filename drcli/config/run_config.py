@@ -21,9 +21,9 @@ from drcli.config.groups.race import (
     EpisodeSettings,
     EvaluationSettings,
     RaceSettings,
-    TrainSettings,
 )
 from drcli.config.groups.realism import OwnCarSettings, RealismSettings
+from drcli.config.groups.train_settings import TrainSettings
 from drcli.config.groups.unattended import (
     CostSettings,
     InterruptionSettings,

@@ -28,7 +28,6 @@ from drcli.config.groups.race import (
     EpisodeSettings,
     EvaluationSettings,
     RaceSettings,
-    TrainSettings,
 )
 from drcli.config.groups.realism import OwnCarSettings, RealismSettings
 from drcli.config.groups.storage import BucketSettings, KeySettings
@@ -39,6 +38,7 @@ from drcli.config.groups.system import (
     ScreenSettings,
     ServiceSettings,
 )
+from drcli.config.groups.train_settings import TrainSettings
 from drcli.config.groups.unattended import (
     CostSettings,
     InterruptionSettings,

@@ -60,6 +60,7 @@ def scheduler_of(
             custom_explore_fn=Explorer(vary, plan.seed, copies),
             log_config=False,
         )
+    # Types are ignored here and below because Ray's constructors have none.
     return FIFOScheduler()  # type: ignore[no-untyped-call]
 
 

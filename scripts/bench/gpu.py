@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import torch
 from learn_peers import plain_body
+from learners import made_up_rollout
 from machine import facts, print_json
 from torch import nn
 
@@ -151,7 +152,7 @@ class DriveOnce:
 
 def measure_learner(network: str, batch_size: int, steps: int, rounds: int) -> Figures:
     """Samples/s of updates of 3 epochs."""
-    rollout = _rollout(steps)
+    rollout = made_up_rollout(steps, len(ACTIONS))
     gpu = torch.device("cuda")
     threads = cores()
     computes = {
@@ -257,22 +258,6 @@ def measured(
         low, high = min(rates[name]), max(rates[name])
         print(f"  {name:28} {rate:12,.0f} {unit} ({low:,.0f} to {high:,.0f}), {rate / first:.2f}")
     return {f"{title}, {name}": rate for name, rate in medians.items()}
-
-
-def _rollout(steps: int) -> Rollout:
-    draw = np.random.default_rng(1)
-    return Rollout(
-        frames=draw.integers(0, 256, (steps, 1, 120, 160), dtype=np.uint8),
-        actions=draw.integers(0, len(ACTIONS), steps),
-        log_probs=np.full(steps, -np.log(len(ACTIONS)), np.float32),
-        values=draw.normal(size=steps),
-        rewards=draw.uniform(0.0, 1.0, steps),
-        lengths=np.full(1, steps),
-        last_values=np.zeros(1),
-        cut=np.zeros(1, np.bool_),
-        scans=np.zeros((steps, 0), np.float32),
-        states=np.zeros((steps, 0), np.float32),
-    )
 
 
 if __name__ == "__main__":

@@ -41,7 +41,7 @@ def main() -> None:
     change = {"batch_size": options.batch_size}
     metadata = ModelMetadata.from_bytes(work.files["model_metadata.json"])
     parameters = work.parameters.model_copy(update=change)
-    rollout = _rollout(options.steps, work.spec.num_actions)
+    rollout = made_up_rollout(options.steps, work.spec.num_actions)
     each = max(1, threads // options.learners)
     alone_in = choose_compute(options.precision, options.batch_size, threads)
     shared_in = choose_compute(options.precision, options.batch_size // options.learners, each)
@@ -104,7 +104,8 @@ def _update(learner: Learner, rollout: Rollout, group: LearnerGroup | None) -> f
     return time.perf_counter() - began
 
 
-def _rollout(steps: int, actions: int) -> Rollout:
+def made_up_rollout(steps: int, actions: int) -> Rollout:
+    """One episode of noise."""
     draw = np.random.default_rng(1)
     return Rollout(
         frames=draw.integers(0, 256, (steps, 1, 120, 160), dtype=np.uint8),

@@ -107,6 +107,7 @@ class WarpPhysics:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Build a new batch in the same state."""
+        # The type is ignored because a subclass could take other arguments; there is none.
         self.__init__(**state["orders"])  # type: ignore[misc]
         self._varied = state["varied"]
         self._varied_changed = True

@@ -28,8 +28,8 @@ Single = np.float32
 F = TypeVar("F", bound=Callable[..., Any])
 
 cuda: Any = numba.cuda  # numba sets its names at run time
-# A few cars are few blocks; numba would warn at every launch.
-numba.config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # type: ignore[attr-defined]
+_numba_config: Any = numba.config
+_numba_config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # few cars are few blocks
 
 
 def _on_gpu(function: F) -> F:

@@ -12,10 +12,10 @@ from drcli.learn.gpu_policy import GpuPolicy
 from drcli.learn.policy import Observation, PolicySpec, decide
 from drcli.learn.ppo import PPO
 from drcli.learn.reused_memory import ReusedMemory
-from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.sac import SAC
 from drcli.learn.sac_networks import SACAgent
 from drcli.learn.update_result import NonFiniteLossError, require_finite_losses
+from made_up_rollout import made_up_rollout
 
 CPU = torch.device("cpu")
 needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs an NVIDIA GPU")
@@ -181,19 +181,4 @@ def _ppo(compute):
 
 
 def _rollout(seed, *, continuous=False):
-    draw = np.random.default_rng(seed)
-    actions = draw.integers(0, 4, STEPS)
-    if continuous:
-        actions = draw.uniform(-1.0, 1.0, (STEPS, 2)).astype(np.float32)
-    return Rollout(
-        frames=draw.integers(0, 256, (STEPS, 1, 120, 160), dtype=np.uint8),
-        actions=actions,
-        log_probs=np.full(STEPS, np.log(0.25), np.float32),
-        values=draw.normal(size=STEPS),
-        rewards=draw.uniform(0.0, 1.0, STEPS),
-        lengths=np.full(4, STEPS // 4),
-        last_values=np.zeros(4),
-        cut=np.zeros(4, np.bool_),
-        scans=np.zeros((STEPS, 0), np.float32),
-        states=np.zeros((STEPS, 0), np.float32),
-    )
+    return made_up_rollout(STEPS, 4, seed, continuous=continuous)

@@ -204,21 +204,27 @@ def test_the_car_of_the_settings_drives(settings, car, job):
     assert moved_m == pytest.approx(expected.origin_xy[0, 0], abs=1e-3)
 
 
-def test_the_log_says_what_moves_the_cars(settings, monkeypatch, caplog):
-    monkeypatch.setattr(build_race, "_logger", logging.getLogger("build_race"))
-    caplog.set_level("INFO", "build_race")
-
-    build_simulation(
-        settings("DR_PHYSICS=mujoco"),
+def built(race, *, num_cars=1, gpu=False):
+    """A simulation of a training with these settings."""
+    return build_simulation(
+        race,
         "training",
         METADATA,
         load_track("reinvent_base"),
-        num_cars=2,
+        num_cars=num_cars,
         reward=lambda _: 1.0,
         rules=EpisodeRules(),
         num_threads=1,
         seed=0,
-    ).close()
+        gpu=gpu,
+    )
+
+
+def test_the_log_says_what_moves_the_cars(settings, monkeypatch, caplog):
+    monkeypatch.setattr(build_race, "_logger", logging.getLogger("build_race"))
+    caplog.set_level("INFO", "build_race")
+
+    built(settings("DR_PHYSICS=mujoco"), num_cars=2).close()
 
     said = [record.getMessage() for record in caplog.records]
     assert said == ["2 cars are moved by MuJoCo on 1 thread, as asked for (DR_PHYSICS=mujoco)"]
@@ -278,18 +284,7 @@ def test_where_the_gpu_cannot_draw_the_processor_does_and_the_log_says_why(
     module.CudaCamera = _no_camera
     monkeypatch.setitem(sys.modules, "drsim.sensing.cuda_camera", module)
 
-    simulation = build_simulation(
-        settings(),
-        "training",
-        METADATA,
-        load_track("reinvent_base"),
-        num_cars=1,
-        reward=lambda _: 1.0,
-        rules=EpisodeRules(),
-        num_threads=1,
-        seed=0,
-        gpu=True,
-    )
+    simulation = built(settings(), gpu=True)
     simulation.reset(np.array([0]), np.array([0.0]))
     simulation.close()
 

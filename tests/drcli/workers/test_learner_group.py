@@ -10,7 +10,6 @@ import torch
 from drcli.base.errors import SettingsError
 from drcli.learn.compute import Compute
 from drcli.learn.gradient_group import LearnerLostError
-from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.update_result import NonFiniteLossError
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
@@ -18,6 +17,7 @@ from drcli.workers import gradient_memory
 from drcli.workers.build_learner import build_learner
 from drcli.workers.learner_group import LearnerGroup, learner_group
 from drcli.workers.learner_messages import Build
+from made_up_rollout import made_up_rollout
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 STEPS = 24
@@ -163,19 +163,4 @@ def _metadata(algorithm="clipped_ppo"):
 
 
 def _rollout(seed=0, *, continuous=False):
-    draw = np.random.default_rng(seed)
-    actions = draw.integers(0, 2, STEPS)
-    if continuous:
-        actions = draw.uniform(-1.0, 1.0, (STEPS, 2)).astype(np.float32)
-    return Rollout(
-        frames=draw.integers(0, 256, (STEPS, 1, 120, 160), dtype=np.uint8),
-        actions=actions,
-        log_probs=np.full(STEPS, np.log(0.5), np.float32),
-        values=draw.normal(size=STEPS),
-        rewards=draw.uniform(0.0, 1.0, STEPS),
-        lengths=np.full(4, STEPS // 4),
-        last_values=np.zeros(4),
-        cut=np.zeros(4, np.bool_),
-        scans=np.zeros((STEPS, 0), np.float32),
-        states=np.zeros((STEPS, 0), np.float32),
-    )
+    return made_up_rollout(STEPS, 2, seed, continuous=continuous)
