@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import torch
 
 from drcli.base.errors import SettingsError, WorkerDied
+from drcli.learn.compute import gpu_count
 from drcli.learn.gradient_group import GradientGroup, LearnerLostError
 from drcli.learn.learner import Learner
 from drcli.learn.rollout_buffer import Rollout
@@ -58,7 +59,7 @@ class LearnerGroup:
             SettingsError: There are fewer GPUs than processes.
             WorkerDied: A process has not started.
         """
-        gpus = torch.cuda.device_count() if torch.cuda.is_available() else size
+        gpus = gpu_count() or size
         if gpus < size:
             raise SettingsError(
                 f"DR_TRAIN_LEARNERS in system.env is {size}, but the trainer has "
