@@ -1,7 +1,7 @@
 """Repeats a gradient step on a GPU as one CUDA graph.
 
-A gradient step of a small network is some 150 kernels, each of which a GPU computes in less time
-than Python needs to start it. A graph starts all of them at once.
+A gradient step of the shallow network is 115 operations in float32 and 135 in bfloat16. A GPU
+computes most of them in less time than Python needs to start them. A graph starts all at once.
 """
 
 from collections.abc import Callable
