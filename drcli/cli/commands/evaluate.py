@@ -98,7 +98,7 @@ def evaluate(
     reverse: options.Reverse = None,
     max_lap_seconds: options.MaxLapSeconds = None,
     average_laps: options.AverageLaps = None,
-    seed: options.Seed = None,
+    seed: options.StartSeed = None,
     laps: options.Laps = None,
     against: options.Against = None,
     video: Annotated[
