@@ -372,7 +372,7 @@ def _lay_down_video(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _lay_down_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let several evaluations answer: with a table, or with the grid or laps that were asked for."""
+    """Let several evaluations answer with a table, or with the grid or laps that are asked for."""
     cells = [
         RobustCell("none", "none", 4, 4, 100.0, 13.2),
         RobustCell("steering trim", "+8 deg", 4, 0, 20.0, None, "Off track"),
