@@ -110,7 +110,9 @@ def _summary(report: "LapsReport") -> str:
     words = (
         f"{report.clean} of {report.driven} {laps} clean ({low} to {high} % with 95 % confidence)"
     )
-    if report.median_s is not None:
+    if report.clean == 1:
+        words += f", {report.fastest_s:.2f} s"
+    elif report.clean:
         words += (
             f", median {report.median_s:.2f} s, 90 % within {report.p90_s:.2f} s, "
             f"slowest {report.slowest_s:.2f} s, best {report.fastest_s:.2f} s"
