@@ -51,7 +51,7 @@ ERROR_TEXTS: tuple[ErrorText, ...] = (
         "Unable to finish 1 lap",
         "the race's evaluation saw no complete lap: the model does not drive reliably, or only on "
         "the track it was trained on",
-        "evaluate more laps (`DR_EVAL_NUMBER_OF_TRIALS=10`) and on the other track "
+        "evaluate more laps (`dr-evaluate --laps 40`) and on the other track "
         "(`DR_WORLD_NAME=... dr-evaluate`); choose `best` by more laps "
         "(`DR_TRAIN_EVAL_LAPS=40`), or train with disturbances: "
         "[simulation.md](simulation.md)",
