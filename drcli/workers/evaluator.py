@@ -266,11 +266,11 @@ def _recorded(episode: Episode, plan: Plan | None) -> TrialMetrics:
     record = TrialMetrics.of(episode)
     if plan is None:
         return record
-    return replace(
+    return replace(  # to the last digit, so that it can be driven again
         record,
-        start_position=round(plan.start_fraction, 5),
-        start_offset_m=round(plan.offset_m, 4),
-        start_angle_deg=round(plan.angle_deg, 3),
+        start_position=plan.start_fraction,
+        start_offset_m=plan.offset_m,
+        start_angle_deg=plan.angle_deg,
     )
 
 
