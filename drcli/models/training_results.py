@@ -8,8 +8,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
-from drcli.base.problems import ProblemsError
 from drcli.base.json_record import RecordError
+from drcli.base.problems import ProblemsError
 from drcli.config.settings import catalogue
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.frozen_curriculum import FrozenCurriculum
@@ -19,7 +19,7 @@ from drcli.exchange.scores import Scores
 from drcli.exchange.training_record import RecordedStart, TrainingRecord, TrainingResults
 from drcli.modelfiles.curriculum_file import CurriculumFile
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing
+from drcli.store.bucket import ObjectInfo, ObjectMissing
 from drcli.store.history import HistoryReader
 from drcli.store.repair import Model, readable_history, readable_scores
 from drcli.store.training_records import at_once

@@ -102,4 +102,4 @@ def _checkpoint(entry: "CheckpointEntry | None") -> str:
     if entry is None:
         return "-"
     number = entry.name.partition("_")[0]
-    return number if entry.metric is None else f"{number} ({entry.metric:.4g})"
+    return f"{number} ({entry.score})" if entry.score else number

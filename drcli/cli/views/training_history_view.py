@@ -221,11 +221,13 @@ def _start(start: "RecordedStart") -> str:
 
 
 def _best(found: "TrainingDetails") -> str:
+    from drcli.models.model_list import score_text
+
     each = found.training
     if not each.best_checkpoint:
         return ""
-    score = "" if each.best_score is None else f", {found.record.metric} {each.best_score:.4g}"
-    return f"{each.best_checkpoint}{score}"
+    score = score_text(found.record.metric, each.best_score)
+    return f"{each.best_checkpoint}, {score}" if score else each.best_checkpoint
 
 
 def _laps(found: "TrainingDetails") -> str:
