@@ -91,18 +91,19 @@ def table(records: "list[IterationRecord]", rows: int, columns: int) -> Table:
 
 
 def curves(records: "list[IterationRecord]", columns: int) -> list[Text]:
-    """Mean progress, clean share of evaluations and mean reward, each in a line, for a terminal that wide."""
+    """Mean progress, evaluations and mean reward, each in a line, for a terminal that wide."""
     width = max(LEAST_CURVE_COLUMNS, min(CURVE_COLUMNS, columns - BESIDE_CURVE))
     progress = sparkline.curve([record.mean_progress for record in records], width, top=100.0)
     reward = sparkline.curve([record.mean_reward for record in records], width)
     sampled = [record.evaluation for record in records]
+    shares = [None if laps is None else laps.clean / laps.driven for laps in sampled]
     newest = next((laps for laps in reversed(sampled) if laps is not None), None)
     last = records[-1] if records else None
     lines = (
         ("progress", progress, "green", f"{last.mean_progress:.1f} %" if last else ""),
         (
             "eval",
-            sparkline.marks([laps and laps.clean / laps.driven for laps in sampled], width),
+            sparkline.marks(shares, width),
             "bold",
             f"{newest.clean} of {newest.driven} clean" if newest is not None else "",
         ),
