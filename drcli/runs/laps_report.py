@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from drcli.exchange.laps import paired_p
 from drcli.exchange.trace import STEP_S

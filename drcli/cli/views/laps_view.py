@@ -106,7 +106,9 @@ def _span(first: int, last: int, one: str, more: str, unit: str = "") -> str:
 def _summary(report: "LapsReport") -> str:
     low, high = (round(100.0 * share) for share in report.clean_interval)
     laps = "lap" if report.driven == 1 else "laps"
-    words = f"{report.clean} of {report.driven} {laps} clean ({low} to {high} % with 95 % confidence)"
+    words = (
+        f"{report.clean} of {report.driven} {laps} clean ({low} to {high} % with 95 % confidence)"
+    )
     if report.median_s is not None:
         words += (
             f", median {report.median_s:.2f} s, 90 % within {report.p90_s:.2f} s, "
