@@ -12,6 +12,7 @@ from drcli.base.json_record import RecordError
 from drcli.base.problems import ProblemsError
 from drcli.config.settings import catalogue
 from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.episode_metrics import is_clean
 from drcli.exchange.frozen_curriculum import FrozenCurriculum
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.race_recording import RaceRecording
@@ -32,15 +33,6 @@ MOST_EVALUATIONS = 100
 DR_WORLD_NAME = "DR_WORLD_NAME"
 
 STAMP_DIGITS = 14
-
-VIOLATION_COUNTS = (
-    "reset_count",
-    "off_track_count",
-    "crash_count",
-    "immobilized_count",
-    "reversed_count",
-)
-"""Of a trial in a metrics file; a clean lap has none."""
 
 
 def read_results(
@@ -227,14 +219,10 @@ def _trials(model: Model, key: str) -> _Trials:
         metrics = file.get("metrics") if isinstance(file, dict) else None
         trials = [trial for trial in metrics or [] if isinstance(trial, dict)]
         finished = [(trial, lap_s) for trial in trials if (lap_s := _lap_s(trial)) is not None]
-        clean = min((lap_s for trial, lap_s in finished if _is_clean(trial)), default=None)
+        clean = min((lap_s for trial, lap_s in finished if is_clean(trial)), default=None)
         world = "" if clean is None else _world_of(model, key)
         return _Trials(len(trials), [lap_s for _, lap_s in finished], clean, world)
     return _Trials()
-
-
-def _is_clean(trial: dict[str, Any]) -> bool:
-    return not any(trial.get(count) for count in VIOLATION_COUNTS)
 
 
 def _world_of(model: Model, key: str) -> str:

@@ -9,7 +9,9 @@ from typing import Any, Literal
 
 from drcli.base.errors import DrError, SettingsError
 from drcli.config.bucket_config import ModelConfig
+from drcli.exchange.episode_metrics import is_clean
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.laps import counted_resets
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectInfo
 from drcli.store.model_traces import models_in
@@ -66,8 +68,10 @@ class StoredTrace:
         modified: Unix seconds at which it was written.
         mean_reward: Of its episodes, of all workers together; null where it is not known.
         mean_progress: The same in percent of a lap.
-        full_laps: Episodes that completed a lap; null where it is not known.
-        best_lap_s: The fastest of them; null without one.
+        full_laps: Episodes that completed a lap, with or without resets; null where it is not
+            known.
+        best_lap_s: The fastest clean one; null without one.
+        laps_text: Clean laps, resets and the best lap, for people; empty where it is not known.
     """
 
     name: str
@@ -81,6 +85,7 @@ class StoredTrace:
     mean_progress: float | None = None
     full_laps: int | None = None
     best_lap_s: float | None = None
+    laps_text: str = ""
 
 
 @dataclass(frozen=True)
@@ -212,6 +217,7 @@ def _with_record(trace: StoredTrace, record: IterationRecord | None) -> StoredTr
         mean_progress=_known(record.mean_progress),
         full_laps=record.full_laps,
         best_lap_s=record.best_lap_s,
+        laps_text=_laps_text(record.full_laps, record.episodes, record.best_lap_s),
     )
 
 
@@ -233,18 +239,25 @@ def _evaluation_numbers(
         try:
             trials = json.loads(bucket.get(key))["metrics"]
             progress = [float(trial["completion_percentage"]) for trial in trials]
-            laps = [
-                float(trial["elapsed_time_in_milliseconds"]) / 1000.0
-                for trial, done in zip(trials, progress, strict=True)
-                if done >= 100.0
-            ]
+            times = [float(trial["elapsed_time_in_milliseconds"]) / 1000.0 for trial in trials]
+            finished = [k for k, done in enumerate(progress) if done >= 100.0]
+            clean = [times[k] for k in finished if is_clean(trials[k])]
+            resets = sum(int(trial.get("reset_count") or 0) for trial in trials)
         except (ValueError, KeyError, TypeError, RecursionError):
             notes.append(f"s3://{bucket.name}/{key} is damaged: it has no readable trials.")
             continue
         if progress:
             found[stamp] = {
                 "mean_progress": sum(progress) / len(progress),
-                "full_laps": len(laps),
-                "best_lap_s": min(laps, default=None),
+                "full_laps": len(finished),
+                "best_lap_s": min(clean, default=None),
+                "laps_text": _laps_text(len(clean), len(trials), min(clean, default=None), resets),
             }
     return found
+
+
+def _laps_text(clean: int, episodes: int, best_lap_s: float | None, resets: int = 0) -> str:
+    text = f"{clean} of {episodes} laps clean"
+    if resets:
+        text += f" ({counted_resets(resets)})"
+    return text if best_lap_s is None else f"{text}, best {best_lap_s:.2f} s"

@@ -150,5 +150,5 @@ def laps_in_pair(laps: Sequence[DrivenLap]) -> str:
         return "no complete lap"
     count, clean = len(complete), sum(lap.clean for lap in complete)
     word = f"lap{'s' * (count != 1)}"
-    laps = f"{count} clean {word}" if clean == count else f"{count} {word} ({clean} clean)"
-    return f"{laps} in {time_of(complete)}"
+    driven = f"{count} clean {word}" if clean == count else f"{count} {word} ({clean} clean)"
+    return f"{driven} in {time_of(complete)}"
