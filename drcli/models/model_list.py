@@ -23,17 +23,20 @@ class CheckpointEntry:
         name: Name of the checkpoint, such as `12_Step-7824.ckpt`.
         metric: Mean score of its evaluation episodes; None before the first evaluation.
         score: The same with its unit: percent, seconds or reward; empty without one.
+        laps: Its evaluation laps in words; empty if they are unknown.
     """
 
     name: str
     metric: float | None
     score: str = ""
+    laps: str = ""
 
     @staticmethod
     def of(score: Score, metric: str) -> "CheckpointEntry":
         """The entry of a checkpoint in a model's index; see `score_text` for the metric."""
-        value = score.avg_eval_metric
-        return CheckpointEntry(score.name, value, score_text(metric, value))
+        value, episodes = score.avg_eval_metric, score.episodes
+        laps = "" if episodes is None else str(episodes.laps)
+        return CheckpointEntry(score.name, value, score_text(metric, value), laps)
 
 
 def score_text(metric: str, value: float | None) -> str:

@@ -9,6 +9,7 @@ from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError
 from drcli.base.process_identity import exists
 from drcli.config.run_config import RunConfig
+from drcli.exchange.checkpoint import checkpoint_name
 from drcli.exchange.daily_spending import DayBudget
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.joined_worker import MemberRecord
@@ -19,6 +20,7 @@ from drcli.exchange.reward_error_record import RewardCounts, sum_of
 from drcli.exchange.rollback_record import Rollback
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
 from drcli.exchange.run_state import ActivityRecord
+from drcli.exchange.scores import Score
 from drcli.exchange.spending import Spending
 from drcli.exchange.stage import StageMark
 from drcli.exchange.watch_record import WatchRecord
@@ -262,7 +264,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     # The bucket of the start: the settings may name another one now.
     bucket = open_running_bucket(record.storage_at_start(config.storage, config.directory))
     history: list[IterationRecord] = []
-    best = last = None
+    best = last = best_laps = None
     damaged: list[str] = []
     said: dict[str, ActivityRecord] = {}
     failed: RewardCounts | None = None
@@ -279,6 +281,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             if scores is not None:
                 best = CheckpointEntry.of(scores.best_checkpoint, model.metric)
                 last = CheckpointEntry.of(scores.last_checkpoint, model.metric)
+                best_laps = _laps_of(history, scores.best_checkpoint)
             counted = read_reward_errors(bucket, record.prefix)
             if counted:
                 failed = sum_of(each.total for each in counted)
@@ -337,7 +340,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         history=history,
         best=best,
         last=last,
-        best_laps=_laps_of(history, best),
+        best_laps=best_laps,
         newest_laps=_newest_laps(history),
         warning="; ".join(alarm.text for alarm in found),
         advice=[alarm.remedy for alarm in found],
@@ -365,13 +368,13 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     )
 
 
-def _laps_of(
-    history: Sequence[IterationRecord], checkpoint: CheckpointEntry | None
-) -> CheckpointLaps | None:
-    """All evaluation laps of a checkpoint."""
-    number = 0 if checkpoint is None else int(checkpoint.name.partition("_")[0])
-    own = (record.all_laps for record in history if checkpoint and record.iteration == number)
-    return CheckpointLaps.of(number, next(own, None))
+def _laps_of(history: Sequence[IterationRecord], score: Score) -> CheckpointLaps | None:
+    """All evaluation laps of a checkpoint on the training track."""
+    number = checkpoint_name(score.name).number
+    known = next((each.all_laps for each in history if each.iteration == number), None)
+    if known is None and score.episodes is not None:
+        known = score.episodes.laps  # the learning curve has no record of its iteration yet
+    return CheckpointLaps.of(number, known)
 
 
 def _newest_laps(history: Sequence[IterationRecord]) -> CheckpointLaps | None:

@@ -102,4 +102,5 @@ def _checkpoint(entry: "CheckpointEntry | None") -> str:
     if entry is None:
         return "-"
     number = entry.name.partition("_")[0]
-    return f"{number} ({entry.score})" if entry.score else number
+    told = entry.laps if entry.laps and not entry.score.startswith("reward") else entry.score
+    return f"{number} ({told})" if told else number

@@ -10,10 +10,19 @@ const label = (each) =>
     each.world,
     each.reverse ? "reverse" : "",
     each.checkpoint ? `checkpoint ${each.checkpoint.split("_")[0]}` : "",
-    each.best_lap_s == null ? "no lap" : lapTime(each.best_lap_s),
+    `${each.clean_laps} of ${each.trials.length} clean`,
+    each.best_lap_s == null ? "" : lapTime(each.best_lap_s),
   ]
     .filter(Boolean)
     .join(" · ");
+/** How a trial ended; a finished lap may have resets and penalties. */
+const ended = (trial) =>
+  trial.clean ? "clean lap" : trial.status === "Lap complete" ? "finished" : trial.status;
+/** The time of a trial, and what of it is penalty. */
+const timeText = (trial) =>
+  trial.penalty_s
+    ? `${lapTime(trial.lap_s)} = ${lapTime(trial.lap_s - trial.penalty_s)} driven + ${number(trial.penalty_s, 2)} penalty`
+    : lapTime(trial.lap_s);
 const sum = (each, name) => each.trials.reduce((total, trial) => total + trial[name], 0);
 
 export function evaluationPart(prefix, { signal, evaluate }) {
@@ -97,9 +106,9 @@ export function evaluationPart(prefix, { signal, evaluate }) {
       penalty == null || !count ? String(count) : `${count} (+${number(count * penalty, 1)} s)`;
     const rows = one.trials.map((trial) => [
       String(trial.trial),
-      lapTime(trial.lap_s),
+      timeText(trial),
       `${number(trial.progress)} %`,
-      trial.status,
+      ended(trial),
       with_(trial.off_track, off),
       with_(trial.crashes, hit),
       String(trial.resets),
@@ -112,9 +121,7 @@ export function evaluationPart(prefix, { signal, evaluate }) {
           one.world && `Track ${one.world}${one.reverse ? ", in reverse" : ""}`,
           one.race_type && one.race_type.toLowerCase().replaceAll("_", " "),
           one.checkpoint && `checkpoint ${one.checkpoint}`,
-          `${one.complete_laps} of ${one.trials.length} laps completed`,
-          one.best_lap_s != null &&
-            `best ${lapTime(one.best_lap_s)}, mean ${lapTime(one.mean_lap_s)}`,
+          one.summary,
         ]
           .filter(Boolean)
           .join("; "),
@@ -122,7 +129,7 @@ export function evaluationPart(prefix, { signal, evaluate }) {
       ),
       table(
         "Trials",
-        ["Trial", "Time", "Completed", "Status", "Off-tracks", "Crashes", "Resets"],
+        ["Trial", "Time", "Completed", "Ended", "Off-tracks", "Crashes", "Resets"],
         rows,
       ),
       h(
@@ -141,9 +148,10 @@ export function evaluationPart(prefix, { signal, evaluate }) {
       ["Track", (each) => each.world || "–"],
       ["Direction", (each) => (each.reverse == null ? "–" : each.reverse ? "reverse" : "as built")],
       ["Checkpoint", (each) => each.checkpoint || "–"],
-      ["Completed laps", (each) => `${each.complete_laps} of ${each.trials.length}`],
-      ["Best lap", (each) => lapTime(each.best_lap_s), (each) => each.best_lap_s],
-      ["Mean lap", (each) => lapTime(each.mean_lap_s), (each) => each.mean_lap_s],
+      ["Clean laps", (each) => `${each.clean_laps} of ${each.trials.length}`],
+      ["Finished laps", (each) => `${each.complete_laps} of ${each.trials.length}`],
+      ["Best clean lap", (each) => lapTime(each.best_lap_s), (each) => each.best_lap_s],
+      ["Mean of finished laps", (each) => lapTime(each.mean_lap_s), (each) => each.mean_lap_s],
       ["Off-tracks", (each) => String(sum(each, "off_track"))],
       ["Crashes", (each) => String(sum(each, "crashes"))],
       ["Resets", (each) => String(sum(each, "resets"))],
@@ -159,7 +167,7 @@ export function evaluationPart(prefix, { signal, evaluate }) {
       (_, k) => [
         String(k + 1),
         ...[one, other].map((each) =>
-          each.trials[k] ? `${lapTime(each.trials[k].lap_s)} ${each.trials[k].status}` : "–",
+          each.trials[k] ? `${timeText(each.trials[k])}, ${ended(each.trials[k])}` : "–",
         ),
       ],
     );

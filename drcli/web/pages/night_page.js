@@ -319,7 +319,7 @@ export function show(main, [id], { signal }) {
             "p",
             { class: "night-driver-facts" },
             found
-              ? `Lap ${Math.min(laps, found.laps + 1)} of ${laps}, ${number(Math.max(0, found.progress))} %, ${number(found.lap_s, 1, "s")}`
+              ? `Lap ${Math.min(laps, found.laps + 1)} of ${laps}, ${number(Math.max(0, found.progress))} %, ${number(found.lap_s, 1, "s")}${found.resets ? `, ${found.resets} ${found.resets === 1 ? "reset" : "resets"}` : ""}`
               : sinceText(driving.began_at),
           ),
         );
