@@ -164,7 +164,11 @@ def derived_training(model: Model, start: TrainingStart | None = None) -> Traini
         metric=_setting(settings, _METRIC) or "",
         derived=True,
         **described_by(texts),
-        **{field: _setting(settings, name) for field, name in _DEFAULT.items() if settings},
+        **{
+            field: _setting(settings, name)
+            for field, name in _DEFAULT.items()
+            if settings is not None
+        },
     )
     if not record.world:
         record = replace(record, **of_parameter_file(bucket, prefix))

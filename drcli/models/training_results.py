@@ -118,7 +118,7 @@ def on_track(
     """
     starts = record.starts
     worlds = [_world(start) or record.world for start in starts]
-    if set(worlds) <= {record.world}:
+    if not record.world or set(worlds) <= {record.world}:
         begins: list[tuple[int, str]] = [(0, record.world)]
     else:
         begins = [
@@ -132,7 +132,7 @@ def on_track(
         world = next((world for first, world in reversed(begins) if each.iteration >= first), "")
         if each.stage:
             world = (worlds_of_stages or {}).get(each.stage, "")
-        if world == record.world:
+        if world == record.world or not record.world:
             found.add(each.iteration)
     return found
 

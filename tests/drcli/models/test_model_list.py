@@ -32,7 +32,7 @@ def test_a_model_has_its_checkpoints_size_and_time(bucket):
 
     own = [o for o in bucket.list("team/model-1/") if "/inside/" not in o.key]
     assert model.checkpoints == 2
-    assert model.best == CheckpointEntry("3_Step-300.ckpt", 90.0, "score 90")
+    assert model.best == CheckpointEntry("3_Step-300.ckpt", 90.0, "score 90", "0 of 1 lap clean")
     assert model.last == CheckpointEntry("5_Step-500.ckpt", 50.0, "score 50")
     assert (model.objects, model.size_bytes) == (len(own), sum(o.size_bytes for o in own))
     assert model.modified == max(o.modified for o in own).isoformat(timespec="seconds")
