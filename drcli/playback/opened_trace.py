@@ -170,7 +170,7 @@ def _summary(lap: RecordedLap, track: Track | None) -> dict[str, Any]:
         "resets": int(lap.resets[-1]),
         "penalty_s": lap.penalty_s,
         "clean": lap.clean,
-        "text": f"{lap.end}: {lap.time}" if lap.completed else lap.end,
+        "text": lap.told,
         "status": lap.status[-1],
         "start_m": start_m,
         "start_percent": None

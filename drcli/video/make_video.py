@@ -308,5 +308,5 @@ def _filmed(lap: RecordedLap) -> FilmedEpisode:
         int(lap.resets[-1]),
         round(lap.penalty_s, 3),
         lap.clean,
-        f"{lap.end}: {lap.time}" if lap.completed else lap.end,
+        lap.told,
     )

@@ -99,13 +99,16 @@ class RecordedLap:
         return self.completed and not self.resets[-1] and not self.penalty_s
 
     @property
-    def time(self) -> str:
-        """Such as "7.80 s", or "12.80 s = 7.80 driven + 5.00 penalty, 1 reset"."""
-        return lap_time(self.duration_s, self.penalty_s, int(self.resets[-1]))
+    def told(self) -> str:
+        """How it ended, such as "Finished: 12.80 s = 7.80 driven + 5.00 penalty, 1 reset"."""
+        if not self.completed:
+            return self.end
+        time = lap_time(self.duration_s, self.penalty_s, int(self.resets[-1]))
+        return f"{'Clean lap' if self.clean else 'Finished'}: {time}"
 
     @property
     def end(self) -> str:
-        """How it ended, for people: "Clean lap", "Finished, 1 reset", "Off track", ..."""
+        """The same in as few words as a film has room for: "Clean lap", "Finished, 1 reset"."""
         if self.clean:
             return "Clean lap"
         if self.completed:
