@@ -57,15 +57,16 @@ def is_better(score: Score, best: Score, metric: str, most_s: float | None = Non
 
     With DR_TRAIN_BEST_MODEL_METRIC "reward", the higher mean reward is better. Otherwise, and
     between equal rewards: the higher lower bound of the share of clean laps, up to `RELIABLE`;
-    then the lower median time of clean laps; without any, the higher mean progress. Where
-    everything is equal, the later one is better. One that was never evaluated is the worst.
+    then the same of laps within `most_s`; then the lower median time of clean laps, or without any
+    the higher mean progress. Where everything is equal, the later one is better. One that was never
+    evaluated is the worst.
 
     Args:
         score: Of the later one.
         best: Of the other.
         metric: DR_TRAIN_BEST_MODEL_METRIC.
-        most_s: The lap time of --until-lap-time, if there is one: the bound of laps as fast as
-            that comes first.
+        most_s: The lap time of --until-lap-time, if there is one, simulated seconds: the checkpoint
+            that reaches it is the best.
     """
     if best.avg_eval_metric is None or score.avg_eval_metric is None:
         return best.avg_eval_metric is None
@@ -95,7 +96,7 @@ def is_hopeful(
 def _rank(episodes: EvaluationEpisodes, most_s: float | None) -> tuple[float, ...]:
     """What is compared of two checkpoints, the higher the better."""
     laps = episodes.laps
-    bounds = [min(RELIABLE, each.interval[0]) for each in (laps.within(most_s), laps)]
+    bounds = [min(RELIABLE, each.interval[0]) for each in (laps, laps.within(most_s))]
     median_s = laps.median_s
     return *bounds, episodes.mean_progress if median_s is None else -median_s
 

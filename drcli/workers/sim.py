@@ -184,6 +184,8 @@ class SimWorker:
             self._results.close()
             raise
         finally:
+            if self._simulation.trials:
+                _logger.info("Evaluations took %s.", self._budget)
             self._activity.close()
             self._wakeup.close()
         self._results.close()
