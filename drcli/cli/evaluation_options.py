@@ -59,16 +59,20 @@ MaxLapSeconds = Annotated[
 AverageLaps = Annotated[
     str | None, _option("--average-laps", "N", "Report the best average of N laps in a row.")
 ]
-Seed = Annotated[
+
+
+def _seed(text: str) -> Any:
+    return typer.Option(
+        "--seed", metavar="S", min=0, max=2**32 - 1, help=text, rich_help_panel=_PANEL
+    )
+
+
+Seed = Annotated[int | None, _seed("Seed, to repeat an evaluation exactly.")]
+StartSeed = Annotated[
     int | None,
-    typer.Option(
-        "--seed",
-        metavar="S",
-        min=0,
-        max=2**32 - 1,
-        help="Seed of the starts of --laps, and of all that the settings draw, such as traffic and "
-        "disturbances. Trials of which nothing is drawn are the same with every seed.",
-        rich_help_panel=_PANEL,
+    _seed(
+        "Seed of the starts of --laps, and of all that the settings draw, such as traffic and "
+        "disturbances; trials of which nothing is drawn are the same with every seed."
     ),
 ]
 Laps = Annotated[

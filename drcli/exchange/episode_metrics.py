@@ -192,6 +192,12 @@ class TrialMetrics(JsonRecord):
             end_waypoint=episode.rows[-1].closest_waypoint,
         )
 
+    @property
+    def clean(self) -> bool:
+        """Whether the lap was completed without reset and penalty."""
+        finished = self.episode_status == STATUS_LABELS["lap_complete"]
+        return finished and not self.reset_count and not self.penalty_in_milliseconds
+
     def to_json(self) -> dict[str, Any]:
         """The record as a JSON object, without what is not known."""
         fields = _whole_as_int(super().to_json())

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from drcli.base.errors import DrError, SettingsError
+from drcli.base.json_record import RecordError
 from drcli.config.bucket_config import ModelConfig
-from drcli.exchange.episode_metrics import is_clean
+from drcli.exchange.episode_metrics import TrialMetrics
 from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.laps import counted_resets
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectInfo
 from drcli.store.model_traces import models_in
@@ -68,10 +68,10 @@ class StoredTrace:
         modified: Unix seconds at which it was written.
         mean_reward: Of its episodes, of all workers together; null where it is not known.
         mean_progress: The same in percent of a lap.
-        full_laps: Episodes that completed a lap, with or without resets; null where it is not
-            known.
-        best_lap_s: The fastest clean one; null without one.
-        laps_text: Clean laps, resets and the best lap, for people; empty where it is not known.
+        full_laps: Episodes that completed a lap; null where it is not known.
+        best_lap_s: The fastest clean one of them; null without one.
+        clean_laps: Of an evaluation: laps without reset and penalty.
+        resets: Of an evaluation: how often the car was put back on the track.
     """
 
     name: str
@@ -85,7 +85,8 @@ class StoredTrace:
     mean_progress: float | None = None
     full_laps: int | None = None
     best_lap_s: float | None = None
-    laps_text: str = ""
+    clean_laps: int | None = None
+    resets: int | None = None
 
 
 @dataclass(frozen=True)
@@ -217,7 +218,6 @@ def _with_record(trace: StoredTrace, record: IterationRecord | None) -> StoredTr
         mean_progress=_known(record.mean_progress),
         full_laps=record.full_laps,
         best_lap_s=record.best_lap_s,
-        laps_text=_laps_text(record.full_laps, record.episodes, record.best_lap_s),
     )
 
 
@@ -238,26 +238,17 @@ def _evaluation_numbers(
             continue
         try:
             trials = json.loads(bucket.get(key))["metrics"]
-            progress = [float(trial["completion_percentage"]) for trial in trials]
-            times = [float(trial["elapsed_time_in_milliseconds"]) / 1000.0 for trial in trials]
-            finished = [k for k, done in enumerate(progress) if done >= 100.0]
-            clean = [times[k] for k in finished if is_clean(trials[k])]
-            resets = sum(int(trial.get("reset_count") or 0) for trial in trials)
-        except (ValueError, KeyError, TypeError, RecursionError):
+            read = [TrialMetrics.from_json(trial) for trial in trials]
+        except (ValueError, KeyError, TypeError, RecursionError, RecordError):
             notes.append(f"s3://{bucket.name}/{key} is damaged: it has no readable trials.")
             continue
-        if progress:
+        if read:
+            clean_s = [t.elapsed_time_in_milliseconds / 1000.0 for t in read if t.clean]
             found[stamp] = {
-                "mean_progress": sum(progress) / len(progress),
-                "full_laps": len(finished),
-                "best_lap_s": min(clean, default=None),
-                "laps_text": _laps_text(len(clean), len(trials), min(clean, default=None), resets),
+                "mean_progress": sum(trial.completion_percentage for trial in read) / len(read),
+                "full_laps": sum(trial.completion_percentage >= 100.0 for trial in read),
+                "best_lap_s": min(clean_s, default=None),
+                "clean_laps": len(clean_s),
+                "resets": sum(trial.reset_count for trial in read),
             }
     return found
-
-
-def _laps_text(clean: int, episodes: int, best_lap_s: float | None, resets: int = 0) -> str:
-    text = f"{clean} of {episodes} laps clean"
-    if resets:
-        text += f" ({counted_resets(resets)})"
-    return text if best_lap_s is None else f"{text}, best {best_lap_s:.2f} s"

@@ -47,8 +47,8 @@ class TrialReport:
 
     def __post_init__(self) -> None:
         """Decide whether the lap is clean."""
-        broken = self.off_track or self.crashes or self.resets or self.penalty_s
-        object.__setattr__(self, "clean", self.finished and not broken)
+        clean = self.finished and not self.resets and not self.penalty_s
+        object.__setattr__(self, "clean", clean)
 
     @property
     def finished(self) -> bool:

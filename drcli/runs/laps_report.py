@@ -11,6 +11,9 @@ from drcli.runs.evaluation_report import TrialReport, laps_of
 SIGNIFICANT = 0.05
 """A difference with a smaller p-value is called more than chance."""
 
+FEWEST_PAIRS = 6
+"""With fewer pairs of lap times, no difference can be more than chance."""
+
 APART_PERCENT = 4.0
 """Ends of laps that are further apart, in percent of the lap, are different places."""
 
@@ -194,8 +197,7 @@ def compare(first: LapsReport, second: LapsReport) -> Comparison:
     if first.prefix == second.prefix:
         names = first.checkpoint, second.checkpoint
     verdict = _clean_verdict(first, second, names, clean_p)
-    if faster_s is not None and time_p is not None:
-        verdict += " " + _time_verdict(faster_s, len(both), names, time_p)
+    verdict += " " + _time_verdict(faster_s or 0.0, len(both), names, time_p or 1.0)
     return Comparison(
         clean_only_first=sum(one.clean and not other.clean for one, other in pairs),
         clean_only_second=sum(other.clean and not one.clean for one, other in pairs),
@@ -218,7 +220,9 @@ def _clean_verdict(
 
 
 def _time_verdict(faster_s: float, starts: int, names: tuple[str, str], time_p: float) -> str:
-    where = f"from the {starts} starts where both were clean" if starts > 1 else "from one start"
+    if starts < FEWEST_PAIRS:
+        return "Their times cannot be compared: from too few starts both drove a clean lap."
+    where = f"from the {starts} starts where both were clean"
     if faster_s == 0.0:
         return f"Both are equally fast {where}."
     better = names[0] if faster_s > 0.0 else names[1]

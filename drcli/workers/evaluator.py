@@ -74,7 +74,7 @@ MOST_CARS = 64
 """Cars that drive at a time: more make a step not faster, and take memory."""
 
 FRESH_SEEDS = 1 << 32
-"""Added to the seed of fresh laps: no training has chosen a checkpoint by laps from these starts."""
+"""Added to the seed of fresh laps: no training chose a checkpoint by laps from these starts."""
 
 MOST_ENGINE_THREADS = 2
 """Of an engine that is not PyTorch: more do not help a few pictures at a time."""
@@ -178,6 +178,8 @@ def evaluate(
         )
     track = directed(load_world(race), reverse=s.eval_reverse_direction)
     lap_steps = math.ceil(s.eval_max_lap_seconds * CONTROL_HZ)
+    continuous = s.eval_is_continuous and not fresh_laps
+    laps = s.eval_number_of_trials if continuous else 1
     notes: list[str] = []
     if fresh_laps:
         starts = fresh_starts(track, fresh_laps, FRESH_SEEDS + job.seed)
@@ -185,10 +187,8 @@ def evaluate(
         lap_steps = min(lap_steps, longest_episode(track, racers[0].actions))
     else:
         start, notes = start_of(s, track)
-        races = 1 if s.eval_is_continuous else s.eval_number_of_trials
+        races = 1 if continuous else s.eval_number_of_trials
         starts = [replace(start, number=trial) for trial in range(races)]
-    continuous = s.eval_is_continuous and not fresh_laps
-    laps = s.eval_number_of_trials if continuous else 1
     plans = [replace(plan, racer=racer) for plan in starts for racer in range(len(racers))]
     num_cars = min(len(plans), MOST_CARS) if fresh_laps else len(plans)
     reward = (

@@ -22,6 +22,7 @@ STARTER = "start-evaluation"
 ENGINES = ", ".join(get_args(Runtime))
 KINDS = ".pb, .onnx, .xml, .tflite or a car's .tar.gz"
 
+LAPS = ("dr-evaluate --laps 40", "see how it drives from other starts")
 LOG = ("dr-logs evaluation -a", "show its whole log")
 RESUME = ("dr-start-training --resume", "continue training")
 STATUS = ("dr-status", "show how the training went")
@@ -98,7 +99,7 @@ def evaluate(
     reverse: options.Reverse = None,
     max_lap_seconds: options.MaxLapSeconds = None,
     average_laps: options.AverageLaps = None,
-    seed: options.Seed = None,
+    seed: options.StartSeed = None,
     laps: options.Laps = None,
     against: options.Against = None,
     video: Annotated[
@@ -238,7 +239,7 @@ def evaluate(
     console.emit(report, evaluation_view.evaluation(report), as_json=as_json)
     if not quiet:
         resume = [] if stopping.is_running(loaded.run) else [RESUME]
-        console.suggest([LOG, *resume, STATUS])
+        console.suggest([LAPS, LOG, *resume, STATUS])
 
 
 def _check_modes(

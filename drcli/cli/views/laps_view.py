@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
@@ -63,7 +64,7 @@ def _histogram(report: "LapsReport", edges: Sequence[float], bar: int) -> Rows:
     times_s = [lap.lap_s for lap in report.laps if lap.clean]
     counts = [
         (f"{low:.1f} to {high:.1f} s", sum(low <= time_s + 1e-9 < high for time_s in times_s))
-        for low, high in zip(edges, edges[1:], strict=False)
+        for low, high in pairwise(edges)
     ]
     others = Counter(lap.status.lower() for lap in report.laps if not lap.clean)
     counts += others.most_common()
@@ -109,7 +110,9 @@ def _summary(report: "LapsReport") -> str:
     words = (
         f"{report.clean} of {report.driven} {laps} clean ({low} to {high} % with 95 % confidence)"
     )
-    if report.median_s is not None:
+    if report.clean == 1:
+        words += f", {report.fastest_s:.2f} s"
+    elif report.clean:
         words += (
             f", median {report.median_s:.2f} s, 90 % within {report.p90_s:.2f} s, "
             f"slowest {report.slowest_s:.2f} s, best {report.fastest_s:.2f} s"

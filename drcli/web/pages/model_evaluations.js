@@ -10,18 +10,15 @@ const label = (each) =>
     each.world,
     each.reverse ? "reverse" : "",
     each.checkpoint ? `checkpoint ${each.checkpoint.split("_")[0]}` : "",
-    `${each.clean_laps} of ${each.trials.length} clean`,
+    `${each.clean_laps} of ${each.trials.length} laps clean`,
     each.best_lap_s == null ? "" : lapTime(each.best_lap_s),
   ]
     .filter(Boolean)
     .join(" · ");
-/** How a trial ended; a finished lap may have resets and penalties. */
-const ended = (trial) =>
-  trial.clean ? "clean lap" : trial.status === "Lap complete" ? "finished" : trial.status;
-/** The time of a trial, and what of it is penalty. */
-const timeText = (trial) =>
+/** Such as "0:12.800 = 0:07.800 driven + 5.0 s penalty". */
+const timeWithPenalty = (trial) =>
   trial.penalty_s
-    ? `${lapTime(trial.lap_s)} = ${lapTime(trial.lap_s - trial.penalty_s)} driven + ${number(trial.penalty_s, 2)} penalty`
+    ? `${lapTime(trial.lap_s)} = ${lapTime(trial.lap_s - trial.penalty_s)} driven + ${number(trial.penalty_s, 1, "s")} penalty`
     : lapTime(trial.lap_s);
 const sum = (each, name) => each.trials.reduce((total, trial) => total + trial[name], 0);
 
@@ -102,15 +99,13 @@ export function evaluationPart(prefix, { signal, evaluate }) {
     if (one.problem) return h("div", { class: "problem" }, h("p", {}, one.problem));
     const off = one.off_track_penalty_s,
       hit = one.collision_penalty_s;
-    const with_ = (count, penalty) =>
-      penalty == null || !count ? String(count) : `${count} (+${number(count * penalty, 1)} s)`;
     const rows = one.trials.map((trial) => [
       String(trial.trial),
-      timeText(trial),
+      timeWithPenalty(trial),
       `${number(trial.progress)} %`,
-      ended(trial),
-      with_(trial.off_track, off),
-      with_(trial.crashes, hit),
+      trial.clean ? "Clean lap" : trial.status === "Lap complete" ? "Finished" : trial.status,
+      String(trial.off_track),
+      String(trial.crashes),
       String(trial.resets),
     ]);
     return [
@@ -129,7 +124,7 @@ export function evaluationPart(prefix, { signal, evaluate }) {
       ),
       table(
         "Trials",
-        ["Trial", "Time", "Completed", "Ended", "Off-tracks", "Crashes", "Resets"],
+        ["Trial", "Time", "Completed", "Status", "Off-tracks", "Crashes", "Resets"],
         rows,
       ),
       h(
@@ -151,7 +146,11 @@ export function evaluationPart(prefix, { signal, evaluate }) {
       ["Clean laps", (each) => `${each.clean_laps} of ${each.trials.length}`],
       ["Finished laps", (each) => `${each.complete_laps} of ${each.trials.length}`],
       ["Best clean lap", (each) => lapTime(each.best_lap_s), (each) => each.best_lap_s],
-      ["Mean of finished laps", (each) => lapTime(each.mean_lap_s), (each) => each.mean_lap_s],
+      [
+        "Mean of finished laps, with penalties",
+        (each) => lapTime(each.mean_lap_s),
+        (each) => each.mean_lap_s,
+      ],
       ["Off-tracks", (each) => String(sum(each, "off_track"))],
       ["Crashes", (each) => String(sum(each, "crashes"))],
       ["Resets", (each) => String(sum(each, "resets"))],
@@ -167,7 +166,7 @@ export function evaluationPart(prefix, { signal, evaluate }) {
       (_, k) => [
         String(k + 1),
         ...[one, other].map((each) =>
-          each.trials[k] ? `${timeText(each.trials[k])}, ${ended(each.trials[k])}` : "–",
+          each.trials[k] ? `${timeWithPenalty(each.trials[k])}, ${each.trials[k].status}` : "–",
         ),
       ],
     );

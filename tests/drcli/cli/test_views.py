@@ -184,7 +184,7 @@ def test_an_evaluation_without_a_lap_names_no_best_one(evaluation_report):
         "model", "reinvent_base", "1_Step-9.ckpt", evaluation_report.trials[2:], "", ""
     )
 
-    assert "0 of 1 lap, checkpoint 1_Step-9.ckpt" in screen(evaluation_view.evaluation(lost))
+    assert "0 of 1 lap clean; checkpoint 1_Step-9.ckpt" in screen(evaluation_view.evaluation(lost))
 
 
 def test_an_iteration_fits_a_line_of_80_columns(make_record):
@@ -280,12 +280,12 @@ newest evaluation 7: 9 of 20 laps clean, median 14.40 s, slowest 14.80 s
 best 8: 18 of 20 laps clean, median 14.85 s, slowest 15.70 s   last 9"""
 
 EVALUATION = """\
-trial  progress  lap time  status        off track  crashes  resets
-    1     100 %   13.42 s  Lap complete          0        0       0
-    2     100 %   15.00 s  Lap complete          1        0       1
-    3      37 %    6.20 s  Off track             1        0       0
-2 of 3 laps, best 13.42 s, checkpoint 8_Step-4000.ckpt of model on
-reinvent_base."""
+trial  progress  lap time  ended      off track  resets
+    1     100 %   13.42 s  clean lap          0       0
+    2     100 %   15.00 s  finished           1       1
+    3      37 %    6.20 s  Off track          1       0
+1 of 3 laps clean (1 reset), 2 finished, best 13.42 s; checkpoint
+8_Step-4000.ckpt of model on reinvent_base."""
 
 
 def test_a_race_against_a_model_shows_both_and_names_the_winner(evaluation_report):

@@ -29,6 +29,7 @@ CALLS = {
     "increment-training -f": "starts with the weights of",
     "evaluate": "laps",
     "evaluate --robust": "Robust score",
+    "evaluate --laps 3 --against last": "may be chance",
     "video lap.csv --gif": "Video of 1250.40 s",
     "evaluate --models team/*": "Train on",
     "evaluate --worlds reinvent_base": "Best on",
@@ -166,6 +167,7 @@ REFUSING = ("validate", "reward check", "doctor")
 VARIANTS = {
     "analyze compare",
     "evaluate --robust",
+    "evaluate --laps",
     "evaluate --models",
     "evaluate --worlds",
     "evaluate --loop",
