@@ -1,5 +1,6 @@
 """How a training looks: a live display, its state, what is said at its start and end."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
@@ -378,15 +379,9 @@ def _checkpoints(report: "RunReport") -> str:
 
 def _driven(report: "RunReport") -> str:
     """Number of the best checkpoint, and how it drives: its laps, or its score without any."""
-    best, laps = report.best, report.best_laps
-    assert best is not None
-    number = best.name.partition("_")[0]
-    if laps is None:
-        return f"{number} ({best.score})" if best.score else number
-    # Laps tell more than mean progress and lap time do, but not more than the reward.
-    told = laps.clean and best.score.endswith((" %", " s"))
-    score = f" ({best.score})" if best.score and not told else ""
-    return f"{number}{score}: {laps.text}"
+    assert report.best is not None
+    laps = report.best_laps
+    return (report.best if laps is None else replace(report.best, laps=laps.text)).told
 
 
 def _newest(report: "RunReport") -> str:
