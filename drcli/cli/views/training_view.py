@@ -266,7 +266,7 @@ def increment(step: "Increment") -> RenderableType:
 
 def end_text(report: "RunReport") -> str:
     """How a training ended, and how its best checkpoint drives."""
-    best = f" Best checkpoint: {_driven(report)}." if report.best else ""
+    best = f" Best checkpoint {_driven(report)}." if report.best else ""
     return f"{report.message}{best} {report.remedy}".strip()
 
 
