@@ -4,10 +4,12 @@ The names of columns are those of deepracer-utils where it has one, so that race
 and ours speak of the same things.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from drcli.exchange.laps import Laps
 from drcli.modelfiles.action_space import ActionSpace
 from drsim.track.track import Track
 
@@ -32,13 +34,75 @@ class StoredEvaluation:
         world: Where it was driven; None if not known.
         steps: Its trace, a row a step, with the columns of `Run.steps` but for `unique_episode`;
             `episode` counts the trials from 0.
-        trials: A row a trial: trial, time (s), progress (%), complete, crashed, off_track, resets.
+        trials: A row a trial: trial, time (s, penalties included), progress (%), complete (as the
+            reference counts it: after resets too), crashed, off_track, resets, clean (a lap without
+            a reset and without a penalty), penalty_s (waited after resets), driven_s (time without
+            it) and alone_progress (%, where the car first broke a rule). Metrics alone do not tell
+            the last three of a trial with resets: NaN.
     """
 
     stamp: str
     world: str | None
     steps: "pd.DataFrame"
     trials: "pd.DataFrame"
+
+    @property
+    def laps(self) -> Laps:
+        """Its trials as a sample of laps."""
+        return Laps(len(self.trials), self.trials.loc[self._are("clean"), "time"].tolist())
+
+    @property
+    def resets(self) -> int:
+        """How often the car was put back, in all trials."""
+        return int(self.trials["resets"].sum())
+
+    @property
+    def finished(self) -> int:
+        """Number of finished laps, clean or not."""
+        return int(self._are("complete").sum())
+
+    @property
+    def fastest(self) -> tuple[float, float] | None:
+        """Time and penalty of the fastest clean lap, else of the fastest finished one, seconds.
+
+        None without a finished lap; the penalty is NaN where it is not known.
+        """
+        for kind in ("clean", "complete"):
+            laps = self.trials[self._are(kind)]
+            if len(laps):
+                row = laps.loc[laps["time"].idxmin()]
+                return float(row["time"]), float(row["penalty_s"])
+        return None
+
+    def __str__(self) -> str:
+        """Such as "0 of 3 laps clean (27 resets); 3 finished, the fastest in 12.80 s = ..."."""
+        laps, fastest = self.laps, self.fastest
+        words = f"{laps.clean} of {laps.driven} {_plural(laps.driven, 'lap')} clean"
+        if self.resets:
+            words += f" ({self.resets} {_plural(self.resets, 'reset')})"
+        if laps.clean > 1:
+            words += f", median {laps.median_s:.2f} s, fastest {laps.fastest_s:.2f} s"
+        elif laps.clean:
+            words += f", {laps.fastest_s:.2f} s"
+        elif fastest is not None:
+            words += f"; {self.finished} finished, the fastest in {time_words(*fastest)}"
+        return words
+
+    def _are(self, kind: str) -> "pd.Series[bool]":
+        return self.trials[kind].astype(bool)
+
+
+def time_words(time_s: float, penalty_s: float) -> str:
+    """A time with its penalties, such as "12.80 s = 7.80 driven + 5.00 penalty"."""
+    if penalty_s == 0.0:
+        return f"{time_s:.2f} s"
+    if math.isnan(penalty_s):
+        return f"{time_s:.2f} s with penalties"
+    return f"{time_s:.2f} s = {time_s - penalty_s:.2f} driven + {penalty_s:.2f} penalty"
+
+
+def _plural(count: int, word: str) -> str:
+    return word if count == 1 else f"{word}s"
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ def episode(
                 closest_waypoint=waypoint,
                 status=status,
                 pause_s=0.0,
-                time_s=step * STEP_S,
+                time_s=(step + 1) * STEP_S,
                 reward_ms=0.004 if step else 0.0,
             )
         )
