@@ -139,7 +139,7 @@ def _iteration_table(run: Run) -> Html:
         "mean_lap_s": ("mean lap (s)", seconds),
         "eval_mean_reward": ("evaluation: reward", digits),
         "eval_mean_progress": ("evaluation: progress (%)", lambda value: percent(value, sign="")),
-        "eval_laps": ("evaluation: laps", count),
+        "eval_laps": ("evaluation: clean laps", count),
         "eval_best_lap_s": ("evaluation: best lap (s)", seconds),
     }
     shown = {

@@ -345,6 +345,17 @@ def test_an_evaluation_is_judged_by_the_share_of_clean_laps_that_is_plausible(cl
         assert "between waypoints 70 and 75" in text
 
 
+@pytest.mark.parametrize(("clean", "told"), [(0, True), (3, False)])
+def test_a_training_that_has_converged_is_told_apart_from_one_that_gets_round_cleanly(clean, told):
+    evidence = gather(made_healthy())
+    curve = curve_of(np.full(30, 95.0), evidence.curve)
+
+    found = judge(replace(evidence, curve=curve, fall=None, evaluated=evaluated(clean, 3)))
+
+    assert found.kind == "converged"
+    assert ("0 of 3 are clean" in found.sentence) == told
+
+
 def test_laps_that_fail_elsewhere_are_to_be_trained_there():
     evidence = gather(made_healthy())
     run = replace(evidence.run, world="reinvent_base")
