@@ -55,8 +55,9 @@ few episodes; larger ones come from the updates."""
 
 EVEN = 0.97
 """From this spread on, all actions are nearly equally likely. A training that learned nothing had
-1.00 after 20 iterations; one that learns had 0.95 after 5 and 0.78 after 8. The recorded training
-of the reference has 0.88 after 27, by what it drove, which varies more than its probabilities."""
+1.00 after 20 iterations; those that learn had 0.95 after 5, and 0.78 after 8 or 0.88 after 12. The
+recorded training of the reference has 0.88 after 27, by what it drove, which varies more than its
+probabilities."""
 
 
 LOW_LR = 1e-5
