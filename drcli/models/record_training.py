@@ -164,11 +164,15 @@ def derived_training(model: Model, start: TrainingStart | None = None) -> Traini
         metric=_setting(settings, _METRIC) or "",
         derived=True,
         **described_by(texts),
-        **{field: _setting(settings, name) for field, name in _DEFAULT.items() if settings},
+        **{
+            field: _setting(settings, name)
+            for field, name in _DEFAULT.items()
+            if settings is not None
+        },
     )
-    record = replace(record, results=read_results(model_of(record, bucket, model)))
     if not record.world:
         record = replace(record, **of_parameter_file(bucket, prefix))
+    record = replace(record, results=read_results(model_of(record, bucket, model), record))
     return with_spending(with_end(record, outcome), read_spending(bucket, prefix))
 
 
@@ -176,7 +180,7 @@ def with_results(
     record: TrainingRecord, model: Model, reader: HistoryReader | None = None
 ) -> TrainingRecord:
     """The record with what the training has come to until now."""
-    results = read_results(model_of(record, model.bucket, model), reader, record.results)
+    results = read_results(model_of(record, model.bucket, model), record, reader)
     return replace(record, results=results, updated_at=time.time())
 
 

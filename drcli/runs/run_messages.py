@@ -14,6 +14,7 @@ from drcli.base.errors import DrError
 from drcli.base.log import get_logger
 from drcli.exchange.job import Job
 from drcli.exchange.journal_entry import JournalEntry
+from drcli.models.model_list import CheckpointEntry
 from drcli.remote.message_channels import Channel, Message, open_channels
 from drcli.runs.checkpoint_watch import LAST_LOOK_S, CheckpointWatch
 from drcli.runs.duty import Duty, RunningTraining
@@ -99,8 +100,10 @@ class Messages(Duty):
             self._best = best.name
         elif now_s - self._best_s >= BEST_EVERY_S:
             self._best, self._best_s = best.name, now_s
-            metric = f" ({best.avg_eval_metric:.4g})" if best.avg_eval_metric is not None else ""
-            self.tell("best", f"New best checkpoint {best.name}{metric}.", checkpoint=best.name)
+            entry = CheckpointEntry.of(best, self._job.config.model.metric)
+            told = ", ".join(filter(None, (entry.score, entry.laps)))
+            text = f"New best checkpoint {best.name}{f' ({told})' if told else ''}."
+            self.tell("best", text, checkpoint=best.name)
         return None
 
     def finish(self, ending: Ending) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from drcli.base.errors import NotAvailable, SettingsError
 from drcli.base.replaceable import VIDEO, refuse_new_file, refuse_replacing
 from drcli.config.shell_colors import shell_color
+from drcli.exchange.laps import counted_resets
 from drcli.exchange.trace import STATUS_LABELS
 from drcli.video import encode
 from drcli.video.film import GHOST_COLORS, SIZES, Film, Renderer, Scene, View, frame_count
@@ -246,9 +247,13 @@ def _ghosts(
     """The laps that drive along: those that were named, then the best ones of the same trace."""
     rest = sorted((other for other in trace.laps if other is not lap), key=rank_of)[:count]
     named = [*others, *((f"episode {other.number}", other) for other in rest)]
-    return [
-        (f"{name}  {clock(other.duration_s)}", other) for name, other in named[: len(GHOST_COLORS)]
-    ]
+    return [(f"{name}  {_ghost_time(other)}", other) for name, other in named[: len(GHOST_COLORS)]]
+
+
+def _ghost_time(lap: RecordedLap) -> str:
+    """The time of a ghost with its resets, in as little room as a title has."""
+    resets = int(lap.resets[-1])
+    return f"{clock(lap.duration_s)}, {counted_resets(resets)}" if resets else clock(lap.duration_s)
 
 
 def _scene(
@@ -301,4 +306,7 @@ def _filmed(lap: RecordedLap) -> FilmedEpisode:
         round(float(lap.progress[-1]), 3),
         STATUS_LABELS.get(status, status),
         int(lap.resets[-1]),
+        round(lap.penalty_s, 3),
+        lap.clean,
+        lap.told,
     )

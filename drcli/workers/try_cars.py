@@ -90,7 +90,7 @@ def main(job: Job, lifeline: Lifeline) -> None:
             car, track, scene, model, design.metadata, starts, threads, lifeline.should_stop
         )
         laps = "lap" if starts == 1 else "laps"
-        plain.info(f"{car}: {trial.laps} of {starts} {laps}, {trial.mean_progress:.1f} %")
+        plain.info(f"{car}: {trial.laps} of {starts} {laps} clean, {trial.mean_progress:.1f} %")
         trials.append(trial)
     (job.folder / TRIALS_FILE).write_bytes(encode_trials(trials))
 

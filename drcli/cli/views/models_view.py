@@ -102,4 +102,5 @@ def _checkpoint(entry: "CheckpointEntry | None") -> str:
     if entry is None:
         return "-"
     number = entry.name.partition("_")[0]
-    return number if entry.metric is None else f"{number} ({entry.metric:.4g})"
+    told = entry.laps if entry.laps and not entry.score.startswith("reward") else entry.score
+    return f"{number} ({told})" if told else number

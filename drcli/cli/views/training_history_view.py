@@ -105,7 +105,7 @@ def details(found: "TrainingDetails") -> RenderableType:
             f"{counted(each.steps, 'step')} in {_duration(each.elapsed_s)}",
         ),
         ("best", _best(found)),
-        ("fastest lap", _laps(found)),
+        ("fastest clean lap", _laps(found)),
         ("evaluations", _evaluations(results.evaluations, results.trials)),
         ("machine hours", "" if each.hours is None else _hours(each.hours)),
         ("cost", "" if each.usd is None else _money(each.usd)),
@@ -221,19 +221,27 @@ def _start(start: "RecordedStart") -> str:
 
 
 def _best(found: "TrainingDetails") -> str:
+    from drcli.models.model_list import score_text
+
     each = found.training
     if not each.best_checkpoint:
         return ""
-    score = "" if each.best_score is None else f", {found.record.metric} {each.best_score:.4g}"
-    return f"{each.best_checkpoint}{score}"
+    score = score_text(found.record.metric, each.best_score)
+    return f"{each.best_checkpoint}, {score}" if score else each.best_checkpoint
 
 
 def _laps(found: "TrainingDetails") -> str:
-    results = found.record.results
+    """The fastest clean laps, those on other tracks than that of the training at the end."""
+    results, world = found.record.results, found.record.world
+    trials = dict(results.clean_trial_lap_s or {})
     known = (
         ("in evaluations of the training", results.best_lap_s),
-        ("in stand-alone evaluations", results.best_trial_lap_s),
+        ("in stand-alone evaluations", trials.pop(world, None)),
         ("in training episodes", results.best_training_lap_s),
+        *(
+            (f"on {_printable(name) or 'an unknown track'}", trials[name])
+            for name in sorted(trials)
+        ),
     )
     return ", ".join(f"{lap:.3f} s {where}" for where, lap in known if lap is not None)
 

@@ -90,14 +90,16 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     if report.history:
         last = report.history[-1]
         laps = sum(record.full_laps for record in report.history)
+        episodes = sum(record.episodes for record in report.history)
         parts += [
             iterations.table(report.history[-STATUS_ROWS:], 0, columns),
             *iterations.curves(report.history, columns),
             Text(
                 f"{last.total_steps:,} steps in {iterations.clock(report.elapsed_s)}, "
-                f"{last.steps_per_s:.0f} steps/s, {last.real_time_factor:.0f} x real time, "
-                f"{laps} full training laps."
+                f"{last.steps_per_s:.0f} steps/s, {last.real_time_factor:.0f} x real time."
             ),
+            Text(f"{laps:,} of {counted(episodes, 'training episode')} completed a lap."),
+            *(Text(line) for line in [_newest(report)] if line),
             Text(_checkpoints(report)),
             *(Text(line) for line in [_convergence(report)] if line),
             *(Text(line) for line in _milestones(report)),
@@ -126,7 +128,7 @@ def _milestones(report: "RunReport") -> list[str]:
     numbers = {each.checkpoint: each for each in report.milestones}
     return [
         f"{', '.join(words[name])}: {name.partition('_')[0]} ({found.laps} of "
-        f"{found.episodes} laps, {found.best_lap_s:.2f} s)"
+        f"{found.episodes} laps clean, best {found.best_lap_s:.2f} s)"
         for name, found in numbers.items()
     ]
 
@@ -151,7 +153,7 @@ def _second(report: "RunReport") -> str:
     last = evaluated[-1]
     return (
         f"On {last.second_world}, checkpoint {last.iteration} drove "
-        f"{iterations.second_evaluation(last)} laps."
+        f"{iterations.second_evaluation(last)}."
     )
 
 
@@ -262,9 +264,26 @@ def increment(step: "Increment") -> RenderableType:
 
 
 def end_text(report: "RunReport") -> str:
-    """How a training ended."""
-    best = f" Best checkpoint: {report.best.name}." if report.best else ""
+    """How a training ended, and how its best checkpoint drives."""
+    best = f" Best checkpoint: {_driven(report)}." if report.best else ""
     return f"{report.message}{best} {report.remedy}".strip()
+
+
+def next_commands(report: "RunReport") -> list[tuple[str, str]]:
+    """What a racer wants after a training, with the purpose of each command."""
+    if report.best is None or report.state not in ("finished", "stopped"):
+        return []
+    if report.best_laps is not None and report.best_laps.clean:
+        return [
+            ("dr-evaluate", "drive more laps with the best checkpoint"),
+            ("dr-video --checkpoint best", "watch a lap of it"),
+            ("dr-export car --best", "write the archive for the car"),
+        ]
+    return [
+        ("dr-analyze", "see what keeps it from completing a lap"),
+        ("dr-video --checkpoint best", "watch how far its best checkpoint comes"),
+        ("dr-start-training --resume", "train on"),
+    ]
 
 
 def _worker(worker: "WorkerReport") -> str:
@@ -354,5 +373,24 @@ def _checkpoints(report: "RunReport") -> str:
     best, last = report.best, report.last
     if best is None or last is None:
         return "No checkpoint yet."
-    metric = f" ({best.metric:.1f})" if best.metric is not None else ""
-    return f"best {best.name}{metric}   last {last.name}"
+    return f"best {_driven(report)}   last {last.name.partition('_')[0]}"
+
+
+def _driven(report: "RunReport") -> str:
+    """Number of the best checkpoint, and how it drives: its laps, or its score without any."""
+    best, laps = report.best, report.best_laps
+    assert best is not None
+    number = best.name.partition("_")[0]
+    if laps is None:
+        return f"{number} ({best.score})" if best.score else number
+    # Laps tell more than mean progress and lap time do, but not more than the reward.
+    told = laps.clean and best.score.endswith((" %", " s"))
+    score = f" ({best.score})" if best.score and not told else ""
+    return f"{number}{score}: {laps.text}"
+
+
+def _newest(report: "RunReport") -> str:
+    newest = report.newest_laps
+    if newest is None:
+        return ""
+    return f"newest evaluation {newest.checkpoint}: {newest.text}"

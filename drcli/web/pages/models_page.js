@@ -14,8 +14,8 @@ export const modelLink = (prefix, tab = "") =>
 const COLUMNS = [
   "Model",
   "Track",
-  "Best lap",
-  "Training laps",
+  "Best clean lap",
+  "Clean laps",
   "Best checkpoint",
   "Last checkpoint",
   "Size",
@@ -200,9 +200,10 @@ export function badges(prefix, { trainings = [], evaluations = [], current }, tr
   ];
 }
 
-function checkpointText(entry) {
+/** Number and score of a checkpoint. */
+export function checkpointText(entry) {
   return entry
-    ? `${entry.name.split("_")[0]}${entry.metric === null ? "" : ` (${number(entry.metric, 1)})`}`
+    ? `${entry.name.split("_")[0]}${entry.score ? ` (${entry.score})` : ""}`
     : "–";
 }
 
@@ -272,7 +273,7 @@ function modelTable(found, data) {
     h(
       "p",
       { class: "quiet fine" },
-      "The number in brackets after a checkpoint is its evaluation score. Training laps are the completed ones, with those of its evaluations.",
+      "In brackets after a checkpoint is its evaluation score. A clean lap is completed without a violation; those of training episodes and of their evaluations are counted. The best one is that of an evaluation on the track of the model.",
     ),
   ];
 }
@@ -300,7 +301,7 @@ function familyTree(tree, found, data) {
           ? h(
               "span",
               { class: "quiet" },
-              ` ${[member.training.world, member.training.best_lap_s != null ? `best lap ${lapTime(member.training.best_lap_s)}` : "", `${number(member.training.iterations)} iterations`].filter(Boolean).join(", ")}`,
+              ` ${[member.training.world, member.training.best_lap_s != null ? `best clean lap ${lapTime(member.training.best_lap_s)}` : "", `${number(member.training.iterations)} iterations`].filter(Boolean).join(", ")}`,
             )
           : null,
       ),
