@@ -94,8 +94,9 @@ class AnalysisReport:
         best_lap_s: The fastest of them; None without one.
         iterations: The table `Run.iterations`, row by row.
         learner: The table `Run.learner`, row by row.
-        evaluations: Stand-alone evaluations, the oldest first, with their trials. Their
-            `complete_laps` and `best_lap_s` count finished laps, which may have resets.
+        evaluations: Stand-alone evaluations, the oldest first, with their trials. `best_lap_s` and
+            `median_lap_s` are of clean laps; `complete_laps` and `best_finished_s` are of finished
+            ones, which may have resets.
         verdict: kind, sentence and numbers.
         advice: id, title, evidence, numbers, setting and command of each.
         findings: What verdict and advice rest on, by subject; None where too little is known.
@@ -146,10 +147,10 @@ def _evaluation(stored: StoredEvaluation) -> dict[str, Any]:
         "world": stored.world,
         "summary": str(stored),
         "clean_laps": laps.clean,
-        "best_clean_lap_s": laps.fastest_s,
-        "median_clean_lap_s": laps.median_s,
+        "best_lap_s": laps.fastest_s,
+        "median_lap_s": laps.median_s,
         "resets": stored.resets,
         "complete_laps": len(finished),
-        "best_lap_s": float(finished.min()) if len(finished) else None,
+        "best_finished_s": float(finished.min()) if len(finished) else None,
         "trials": rows_of(trials),
     }

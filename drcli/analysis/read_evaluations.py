@@ -16,6 +16,7 @@ from drcli.analysis.read_traces import COLUMNS, TraceFile, read_traces
 from drcli.analysis.run import StoredEvaluation
 from drcli.analysis.spans import spans
 from drcli.base.errors import DrError
+from drcli.exchange.episode_metrics import is_clean
 from drcli.exchange.trace import VIOLATIONS
 
 if TYPE_CHECKING:
@@ -175,8 +176,8 @@ def _from_metrics(
 def _trial(number: int, record: Any) -> tuple[Any, ...]:
     progress, resets = float(record["completion_percentage"]), int(record.get("reset_count", 0))
     time_s = float(record["elapsed_time_in_milliseconds"]) / 1000.0
-    # Metrics do not tell penalties, nor where the car was put back.
-    penalty_s = math.nan if resets else 0.0
+    # Metrics of others tell no penalties, and none tell where the car was put back.
+    penalty_s = record.get("penalty_in_milliseconds", math.nan if resets else 0.0) / 1000.0
     return (
         number,
         time_s,
@@ -185,7 +186,7 @@ def _trial(number: int, record: Any) -> tuple[Any, ...]:
         int(record.get("crash_count", 0)),
         int(record.get("off_track_count", 0)),
         resets,
-        progress >= 100.0 and not resets,
+        progress >= 100.0 and is_clean(record),
         penalty_s,
         time_s - penalty_s,
         math.nan if resets else progress,

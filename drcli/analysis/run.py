@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from drcli.exchange.laps import Laps
+from drcli.exchange.laps import Laps, lap_time, laps_summary
 from drcli.modelfiles.action_space import ActionSpace
 from drsim.track.track import Track
 
@@ -37,8 +37,8 @@ class StoredEvaluation:
         trials: A row a trial: trial, time (s, penalties included), progress (%), complete (as the
             reference counts it: after resets too), crashed, off_track, resets, clean (a lap without
             a reset and without a penalty), penalty_s (waited after resets), driven_s (time without
-            it) and alone_progress (%, where the car first broke a rule). Metrics alone do not tell
-            the last three of a trial with resets: NaN.
+            it) and alone_progress (%, where the car first broke a rule). The last three are NaN
+            where they are not known: metrics tell no place, and those of others no penalty.
     """
 
     stamp: str
@@ -62,47 +62,22 @@ class StoredEvaluation:
         return int(self._are("complete").sum())
 
     @property
-    def fastest(self) -> tuple[float, float] | None:
-        """Time and penalty of the fastest clean lap, else of the fastest finished one, seconds.
-
-        None without a finished lap; the penalty is NaN where it is not known.
-        """
+    def best(self) -> str:
+        """Time of the fastest clean lap, else of the fastest finished one with its resets."""
         for kind in ("clean", "complete"):
             laps = self.trials[self._are(kind)]
             if len(laps):
                 row = laps.loc[laps["time"].idxmin()]
-                return float(row["time"]), float(row["penalty_s"])
-        return None
+                penalty_s = None if math.isnan(row["penalty_s"]) else float(row["penalty_s"])
+                return lap_time(float(row["time"]), penalty_s, int(row["resets"]))
+        return ""
 
     def __str__(self) -> str:
-        """Such as "0 of 3 laps clean (27 resets); 3 finished, the fastest in 12.80 s = ..."."""
-        laps, fastest = self.laps, self.fastest
-        words = f"{laps.clean} of {laps.driven} {_plural(laps.driven, 'lap')} clean"
-        if self.resets:
-            words += f" ({self.resets} {_plural(self.resets, 'reset')})"
-        if laps.clean > 1:
-            words += f", median {laps.median_s:.2f} s, fastest {laps.fastest_s:.2f} s"
-        elif laps.clean:
-            words += f", {laps.fastest_s:.2f} s"
-        elif fastest is not None:
-            words += f"; {self.finished} finished, the fastest in {time_words(*fastest)}"
-        return words
+        """Such as "2 of 3 laps clean (1 reset), 3 finished, best 7.73 s"."""
+        return laps_summary(self.laps, resets=self.resets, finished=self.finished, best=self.best)
 
     def _are(self, kind: str) -> "pd.Series[bool]":
         return self.trials[kind].astype(bool)
-
-
-def time_words(time_s: float, penalty_s: float) -> str:
-    """A time with its penalties, such as "12.80 s = 7.80 driven + 5.00 penalty"."""
-    if penalty_s == 0.0:
-        return f"{time_s:.2f} s"
-    if math.isnan(penalty_s):
-        return f"{time_s:.2f} s with penalties"
-    return f"{time_s:.2f} s = {time_s - penalty_s:.2f} driven + {penalty_s:.2f} penalty"
-
-
-def _plural(count: int, word: str) -> str:
-    return word if count == 1 else f"{word}s"
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,7 @@ def test_a_lap_with_its_penalty_in_the_metrics_has_the_same_time(read, tmp_path)
     assert list(trials["complete"]) == [True, True, False]
     assert list(trials["resets"]) == [0, 1, 0]
     assert trials["alone_progress"][1] == pytest.approx(51.0, abs=1.0)
-    assert str(evaluation) == "1 of 3 laps clean (1 reset), 13.53 s"
+    assert str(evaluation) == "1 of 3 laps clean (1 reset), 2 finished, best 13.53 s"
 
 
 def test_the_map_of_the_report_shows_it(read, tmp_path):

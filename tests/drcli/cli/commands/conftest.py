@@ -126,7 +126,7 @@ ANALYSIS = AnalysisReport(
         for n in range(2)
     ],
     learner=[],
-    evaluations=[{"stamp": "2026", "summary": "1 of 1 lap clean, 12.00 s"}],
+    evaluations=[{"stamp": "2026", "summary": "1 of 1 lap clean, best 12.00 s"}],
     verdict={"kind": "converged", "sentence": "Converged since iteration 1.", "numbers": {}},
     advice=[
         {"id": "snaking", "title": "Snaking", "evidence": "It turns often.", "command": "dr-x"}

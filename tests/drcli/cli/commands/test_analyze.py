@@ -79,13 +79,13 @@ def test_a_lap_with_resets_is_no_clean_lap_on_the_terminal_in_json_and_in_the_re
 
     told = " ".join(capsys.readouterr().out.split())
     time = "12.87 s = 7.87 driven + 5.00 penalty"
-    assert f"0 of 1 lap clean (1 reset); 1 finished, the fastest in {time}" in told
+    assert f"0 of 1 lap clean (1 reset), 1 finished, the fastest in {time}, 1 reset" in told
     row = re.sub(r"<[^>]*>", "|", page.read_text().partition("Evaluations, the oldest")[2])
     assert "|1||0||1||1|" in re.sub(r"\s", "", row)  # laps, clean, finished, resets
     assert dr("analyze", "./helped", "--json") == 0
     [evaluation] = json.loads(capsys.readouterr().out)["evaluations"]
     assert (evaluation["clean_laps"], evaluation["complete_laps"]) == (0, 1)
-    assert (evaluation["best_clean_lap_s"], evaluation["resets"]) == (None, 1)
+    assert (evaluation["best_lap_s"], evaluation["resets"]) == (None, 1)
     assert evaluation["trials"][0]["penalty_s"] == pytest.approx(5.0)
 
 
