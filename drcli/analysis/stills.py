@@ -153,7 +153,7 @@ def _draw_ends(ends: EpisodeEnds, title: str) -> bytes:
         axes.set_xticks(range(len(names)), names, rotation=60, ha="right")
         axes.set_title(
             f"Where episodes end, late in the training: {ends.episodes} episodes, "
-            f"{ends.complete} full laps"
+            f"{ends.complete} clean laps"
         )
         axes.set(xlabel="waypoints", ylabel="episodes that end there")
 

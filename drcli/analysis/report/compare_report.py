@@ -218,7 +218,7 @@ def _lap_section(report: Comparison) -> Section | None:
     if not any(_has(run, "lap_s") for run in runs):
         return None
     graph = _graph("Mean lap time over steps", runs, "lap_s", "steps", "steps", 1.0, 0, "seconds")
-    look = "Look for the line that is lowest late in the training: only complete laps count here."
+    look = "Look for the line that is lowest late in the training: only clean laps count here."
     return Section("laps", "Lap times", "Laps", look, (graph.as_html(),), (graph,))
 
 

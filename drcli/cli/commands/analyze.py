@@ -88,7 +88,7 @@ def analyze(
     console.emit(report, analysis_view.analysis(report), as_json=as_json)
     if not as_json and html is None:
         given = f" {name}" if name else ""
-        console.suggest([(f"dr-analyze{given} --html report.html", "graphs, map and all laps")])
+        console.suggest([(f"dr-analyze{given} --html report.html", "graphs, map and each episode")])
 
 
 def _explained(loaded: "Settings", name: str | None, world: str | None) -> "tuple[Picture, ...]":

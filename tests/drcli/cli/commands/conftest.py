@@ -126,7 +126,7 @@ ANALYSIS = AnalysisReport(
         for n in range(2)
     ],
     learner=[],
-    evaluations=[{"stamp": "2026", "complete_laps": 1, "best_lap_s": 12.0, "trials": [1]}],
+    evaluations=[{"stamp": "2026", "summary": "1 of 1 lap clean, best 12.00 s"}],
     verdict={"kind": "converged", "sentence": "Converged since iteration 1.", "numbers": {}},
     advice=[
         {"id": "snaking", "title": "Snaking", "evidence": "It turns often.", "command": "dr-x"}
