@@ -15,10 +15,11 @@ from drcli.modelfiles.action_space import ActionSpace
 from drcli.modelfiles.custom_files import local_file
 from drcli.modelfiles.json_file import read_json_object
 from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.modelfiles.network_shape import Design
 from drcli.models.copy_custom_files import BACKUP, write_file
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
-from drcli.store.checkpoints import checkpoint_objects
+from drcli.store.checkpoints import CheckpointStore, checkpoint_objects
 
 
 @dataclass(frozen=True)
@@ -128,8 +129,8 @@ def trained_with(settings: Settings, bucket: Bucket) -> tuple[int, ActionSpace |
     if not count:
         return 0, None
     try:
-        data = bucket.get(keys.model_metadata(prefix))
-        return count, ModelMetadata.from_bytes(data, keys.model_metadata(prefix)).action_space
+        newest = str(CheckpointStore(bucket, prefix).pointed())
+        return count, Design.of_checkpoint(bucket, prefix, newest).metadata.action_space
     except (ObjectMissing, DrError):
         return count, None
 

@@ -7,6 +7,7 @@ from drcli.base.errors import SettingsError
 from drcli.config.bucket_config import ModelConfig
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.exchange.scores import Score
+from drcli.modelfiles.network_shape import own_files
 from drcli.modelfiles.params_yaml import moved_training_parameters
 from drcli.models.checkpoint_choice import (
     OUR_PARTS,
@@ -161,14 +162,20 @@ def refuse_incomplete(model: ModelConfig, bucket: Bucket, prefix: str) -> None:
 
 
 def read_model_files(
-    model: ModelConfig, bucket: Bucket, prefix: str, target: tuple[str, str], described: bytes
+    model: ModelConfig,
+    bucket: Bucket,
+    prefix: str,
+    checkpoint: str,
+    target: tuple[str, str],
+    described: bytes,
 ) -> list[Item]:
-    """Read all files that the checkpoints of a model share.
+    """Read all files that belong to a model with one of its checkpoints.
 
     Args:
         model: The model of the settings, which can have files outside its prefix.
         bucket: Holds the model.
         prefix: The model to read.
+        checkpoint: Its name. What it was trained with is in its record.
         target: Bucket and prefix of the copy, which its parameter file names.
         described: The parameter file to copy if the model has none.
     """
@@ -180,6 +187,9 @@ def read_model_files(
                 f"s3://{bucket.name}/{found[name]} is empty.",
                 remedy="Restore it from a copy, or upload another model with -p.",
             )
+    own = own_files(bucket, prefix, checkpoint)
+    for name in SHAPING:
+        items[name] = Item(name, own[name.rpartition("/")[2]])
     copies = [Item(keys.MODEL_METADATA_FILE, items[METADATA].data)]
     if bucket.exists(keys.training_start(prefix)):
         copies.append(Item(TRAINING_START, bucket.get(keys.training_start(prefix))))

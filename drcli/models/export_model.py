@@ -100,7 +100,7 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
         bucket.name,
         prefix,
         chosen,
-        _design(bucket, prefix),
+        _design(bucket, prefix, chosen.name),
         weights,
         f"s3://{bucket.name}/{key}",
         _world(bucket, prefix),
@@ -108,9 +108,9 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
     )
 
 
-def _design(bucket: Bucket, prefix: str) -> Design:
+def _design(bucket: Bucket, prefix: str, checkpoint: str) -> Design:
     try:
-        return Design.of_model(bucket, prefix)
+        return Design.of_checkpoint(bucket, prefix, checkpoint)
     except ObjectMissing as e:
         raise SettingsError(
             f"Meta-data files are not found. Exiting. {e}",

@@ -130,7 +130,7 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
     chosen, checkpoint = _read_chosen(here, planned)
     place = (there.name, planned.target)
     described = training_parameters(settings)
-    shared = read_model_files(settings.model, here, planned.source, place, described)
+    shared = read_model_files(settings.model, here, planned.source, chosen.name, place, described)
     report = UploadReport(
         source=planned.source_url,
         target=planned.target_url,

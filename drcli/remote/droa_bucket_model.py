@@ -55,6 +55,7 @@ def read_bucket_model(settings: Settings, prefix: str, choice: CheckpointChoice)
             settings.model,
             bucket,
             prefix,
+            chosen.name,
             (bucket.name, prefix),
             training_parameters(settings),
         ),

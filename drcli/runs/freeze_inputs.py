@@ -18,15 +18,17 @@ def freeze(
     design: Design,
     curriculum: FrozenCurriculum | None = None,
 ) -> None:
-    """Copy the files of the training below the model prefix, with its curriculum if it has one."""
+    """Copy the files of the training below the model prefix, with its curriculum if it has one.
+
+    `design` is that of the newest checkpoint: the files of a training that goes on become the
+    model's with the first checkpoint that has learned with them.
+    """
     prefix = settings.model_prefix
     if curriculum is not None:
         bucket.put(keys.curriculum(prefix), curriculum.encode())
     upload_custom_files(settings.custom_files, bucket, inputs)
     bucket.put(keys.reward_function(prefix), inputs.reward.data)
-    bucket.put(keys.model_metadata(prefix), inputs.metadata.data)
-    parameters = design.parameters.canonical_json(design.metadata.training_algorithm)
-    bucket.put(keys.hyperparameters(prefix), parameters.encode())
+    design.write(bucket, prefix)
     for name, own in parameter_files(settings).items():
         bucket.put(keys.parameter_file(prefix, name), training_parameters(own))
 

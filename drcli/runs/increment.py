@@ -100,10 +100,10 @@ def plan_increment(
 
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     repair_or_warn(settings.model, bucket, before)
-    files = changed_files(settings, overrides, bucket)
     checkpoint = parse_checkpoint(others.get(CHECKPOINT, settings.pretrained_checkpoint))
     place = settings.place(MODEL)
     pretrained, _ = read_weights(bucket, before, checkpoint, MODEL, place)
+    files = changed_files(settings, overrides, bucket, pretrained.name)
     used = is_used(bucket, after)
     if used and not wiping:
         raise SettingsError(

@@ -146,22 +146,18 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     staged = plan_stages(settings, files, bucket, resumes=options.resume)
     settings = staged.settings
     job = _job(settings, options, _seed(settings, options, before), began_at)
-    examined = examine_stages(
-        staged,
-        job,
-        files,
-        bucket,
-        Plans(
-            wiping=options.wipe or options.over_aborted,
-            resumed=Design.of_model(bucket, prefix) if options.resume else None,
-        ),
+    plans = Plans(
+        wiping=options.wipe or options.over_aborted,
+        resumed=Design.of_checkpoint(bucket, prefix, resumes) if resumes else None,
     )
+    examined = examine_stages(staged, job, files, bucket, plans)
     refuse(examined.problems)
-    inputs, design, transfer = examined.inputs, examined.design, examined.transfer
+    inputs, transfer = examined.inputs, examined.transfer
+    design = _frozen(inputs, examined.design)
     found = of_severity(examined.problems, "warning")
     shown = (str(problem) for problem in found if problem.rule not in NOT_SHOWN)
     warnings = [*damaged, *settings.warnings, *staged.warnings, *shown]
-    job = replace(job, stages=staged.stages)
+    job = replace(job, stages=staged.stages, inputs=design.texts)
     source = transfer.source if transfer is not None else None
     ends = ending(job, design.parameters)
 
@@ -181,16 +177,16 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         begun = begun_by(job, began_at, ends)
         # First of all: a start that is cut off here must be known as one.
         write_outcome(bucket, prefix, begun)
-        freeze(settings, bucket, inputs, design, staged.frozen)
+        freeze(settings, bucket, inputs, plans.resumed or design, staged.frozen)
         warnings += _forget_other_scores(settings, bucket, before)
         start = describe_start(settings, directory, job.seed, source, before, training)
         bucket.put(keys.training_start(prefix), start.encode())
-        training = records.record(start, begun, resumes, previous)
+        training = records.record(start, begun, resumes, previous, job.inputs)
         describe(bucket, prefix, settings.model_description, is_new=not options.resume)
         noted = start_entries(start, resumes, previous, repairs)
         if transfer is not None:
             # Checkpoint 0 with a fresh optimizer: steps, episodes and time count from 0.
-            counters = Counters(critic_warmup=transfer.critic_warmup)
+            counters = Counters(critic_warmup=transfer.critic_warmup, inputs=job.inputs)
             CheckpointStore(bucket, prefix).save(0, 0, transfer.tensors, counters=counters)
         if not options.resume:
             begin_logs(directory, prefix, settings.log_max_mb)
@@ -257,6 +253,16 @@ def resumed_files(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
         hyperparameters_key=keys.hyperparameters(prefix),
         metadata_key=keys.model_metadata(prefix),
     )
+
+
+def _frozen(inputs: Inputs, design: Design) -> Design:
+    """A design with the content of its files as a training keeps them."""
+    parameters = design.parameters.canonical_json(design.metadata.training_algorithm)
+    files = {
+        keys.MODEL_METADATA_FILE: inputs.metadata.data,
+        keys.HYPERPARAMETERS_FILE: parameters.encode(),
+    }
+    return replace(design, files=files)
 
 
 def _resumable(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:
