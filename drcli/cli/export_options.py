@@ -23,4 +23,4 @@ def selection(best: bool, number: str | None, prefix: str | None) -> "Selection"
     """
     from drcli.models.export_model import Selection
 
-    return Selection(checkpoint_choice(best, number), prefix)
+    return Selection(checkpoint_choice(best, number, "best"), prefix)

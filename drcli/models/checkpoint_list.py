@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from drcli.base.errors import SettingsError
 from drcli.config.bucket_config import ModelConfig
 from drcli.config.checkpoint_words import CheckpointWord
-from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
 from drcli.exchange.milestone_record import KINDS, MilestoneKind
 from drcli.models.checkpoint_choice import ModelCheckpoints
 from drcli.store import keys
@@ -110,8 +110,12 @@ def list_checkpoints(
     history, damaged = readable_history(model)
     damaged += readable_scores(model)[1] + readable_milestones(bucket, prefix, [])[1]
     results = readable_evaluations(bucket, prefix).values()
-    evaluated = {r.checkpoint: (r.evaluation_progress, r.evaluation_lap_s) for r in history}
-    evaluated |= {result.checkpoint: (result.progress, result.lap_s) for result in results}
+    # By number: where driving and learning overlap, an older one drove the iteration.
+    evaluated = {r.iteration: (r.evaluation_progress, r.evaluation_lap_s) for r in history}
+    evaluated |= {
+        checkpoint_name(result.checkpoint).number: (result.progress, result.lap_s)
+        for result in results
+    }
     # The record of a milestone has the numbers of an evaluation that the learning curve has lost.
     marked = {found.name: found for _, found in has.milestones.reached()}
     sizes = _sizes(has)
@@ -119,7 +123,7 @@ def list_checkpoints(
     spaced = set(has.milestones.spaced)
     listed = []
     for name in has.names:
-        progress, lap_s = evaluated.get(str(name), ([], []))
+        progress, lap_s = evaluated.get(name.number, ([], []))
         known = marked.get(name)
         if known is None or progress:
             seen = len(progress), len(lap_s), _mean(progress), min(lap_s, default=None)

@@ -19,7 +19,7 @@ from drcli.exchange.race_submission import QueueOrder, RaceSubmission
 from drcli.exchange.scores import Score, encode_single
 from drcli.modelfiles.model_metadata import SINGLE_CAMERAS, ModelMetadata
 from drcli.modelfiles.network_shape import own_files
-from drcli.models.checkpoint_choice import OUR_PARTS, find_choice
+from drcli.models.checkpoint_choice import OUR_PARTS, take_choice
 from drcli.races.lap_ranking import same_racer
 from drcli.races.organise import show_race
 from drcli.races.queue_lease import runner_of
@@ -67,7 +67,7 @@ def submit(
     race: str,
     *,
     prefix: str | None = None,
-    checkpoint: str = "last",
+    checkpoint: str = "best",
     racer: str | None = None,
     now_s: float | None = None,
 ) -> SubmissionReport:
@@ -103,7 +103,7 @@ def submit(
         ) from None
     _refuse_late(stored, now)
     _refuse_too_many(stored, name)
-    chosen = find_choice(Model.of(settings.model, bucket, model), choice).name
+    chosen = take_choice(Model.of(settings.model, bucket, model), choice).name
     _check_model(bucket, model, chosen, stored.rules, race)
     _refuse_twice(stored, model, chosen)
     taken = new_name(bucket, race)

@@ -20,6 +20,7 @@ from drcli.exchange.training_start import Pretrained, TrainingStart
 from drcli.modelfiles.custom_files import Inputs, find
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.network_shape import Design
+from drcli.models.pretrained import sentence_of
 from drcli.models.repair_model import repair_all
 from drcli.models.run_metadata import describe_start, read_start
 from drcli.runs.daily_budget import refuse_without_budget
@@ -159,6 +160,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     warnings = [*damaged, *settings.warnings, *staged.warnings, *shown]
     job = replace(job, stages=staged.stages, inputs=design.texts)
     source = transfer.source if transfer is not None else None
+    if source is not None:
+        notices.show(sentence_of(bucket, source))
     ends = ending(job, design.parameters)
 
     def review() -> None:

@@ -12,7 +12,7 @@ from drcli.base.errors import SettingsError
 from drcli.base.replaceable import HTML_PAGE, make_picture_folder, refuse_replacing
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import Settings
-from drcli.models.checkpoint_choice import find_choice
+from drcli.models.checkpoint_choice import take_choice
 from drcli.saliency.explained_episode import (
     ExplainedEpisode,
     explain_episode,
@@ -119,7 +119,7 @@ def explain_checkpoint(
             f"{prefix!r} is not the prefix of a model.",
             remedy="List the models with `dr-list-models`; a policy's file is named by --model.",
         )
-    name = find_choice(Model.of(settings.model, bucket, prefix), choice).name
+    name = take_choice(Model.of(settings.model, bucket, prefix), choice).name
     subject = open_policy(bucket, prefix, name)
     number = name.partition("_")[0]
     return _explain(f"{prefix}, checkpoint {number}", subject, settings, question), name

@@ -111,7 +111,8 @@ def action_routes(
         return clone_model(reader, prefix, target, choice, description)
 
     def upload(_: Request, body: dict[str, Any]) -> Any:
-        prefix, choice = _existing(reader, body), choice_of(body)
+        # As dr-upload-model: the last one.
+        prefix, choice = _existing(reader, body), choice_of(body, "last")
         to, local = checked(body.get("to"), "name at the target"), body.get("local") is True
 
         def work(progress: Progress) -> Any:
@@ -210,7 +211,7 @@ def _existing(reader: ModelReader, body: dict[str, Any]) -> str:
     return prefix
 
 
-def choice_of(body: dict[str, Any], default: str = "last") -> CheckpointChoice:
+def choice_of(body: dict[str, Any], default: str = "best") -> CheckpointChoice:
     """The checkpoint of a request: a number, or a word such as best.
 
     Raises:

@@ -15,6 +15,7 @@ from drcli.cli.options import (
     Keep,
     MaxMb,
     best_option,
+    checkpoint_choice,
     checkpoint_option,
     prefix_option,
 )
@@ -52,11 +53,11 @@ def export_car(
     """Write the archive that the physical car loads, and show what the car makes of the model.
 
     The archive is a file such as model-1.tar.gz in the current folder, with a frozen TensorFlow
-    graph and the metadata. Takes the last checkpoint unless -b or -c chooses another. The archive
+    graph and the metadata. Takes the best checkpoint unless -c chooses another. The archive
     is checked by the rules of the car, and its graph is compared with the weights on camera frames
     of a short drive; what the car would refuse is not written (exit code 3).
 
-    Example: dr-export car -b
+    Example: dr-export car
     """
     from drcli.models.export_car import archive_path, write_archive
     from drcli.models.export_model import read_export_source
@@ -69,7 +70,6 @@ def export_car(
     loaded = settings()
     source = read_export_source(loaded, selection(best, number, prefix))
     path = archive_path(out, source.name)
-    console.say(source.chosen.line)
     report = write_archive(_made(loaded, source, path.name), path)
     _warn(report.problems)
     console.emit(report, car_archive_view.export(report), as_json=as_json)
@@ -113,11 +113,11 @@ def upload_car_zip(
         upload_archive,
         upload_names,
     )
-    from drcli.models.export_model import read_export_source
+    from drcli.models.export_model import Selection, read_export_source
     from drcli.models.upload import retention_of
 
     loaded = settings()
-    chosen = selection(best, number, prefix)
+    chosen = Selection(checkpoint_choice(best, number), prefix)  # the last one, as there
     if dry_run:
         console.say("*** DRYRUN MODE ***")
     target = plan_car_upload(

@@ -43,10 +43,10 @@ def tf_checkpoint(
     """Write a TensorFlow checkpoint, from which the reference simulator evaluates and trains on.
 
     The folder is laid out like a model of DeepRacer-for-Cloud. Names and shapes of all variables
-    are compared with the reference's before anything is written. Exports the last checkpoint unless
-    -b or -c chooses another.
+    are compared with the reference's before anything is written. Exports the best checkpoint
+    unless -c chooses another.
 
-    Example: dr-export tf-checkpoint -b --out s3://bucket/team/model-1
+    Example: dr-export tf-checkpoint --out s3://bucket/team/model-1
     """
     from drcli.models.export_checkpoint import export_checkpoint, read_checkpoint_export
     from drcli.models.write_export import export_target
@@ -56,7 +56,6 @@ def tf_checkpoint(
     place = out or f"{source.rpartition('/')[2]}-tf-checkpoint"
     target = export_target(loaded, place, source, local=local, force=force)
     exported = read_checkpoint_export(loaded, chosen)
-    console.say(exported.source.chosen.line)
     report = export_checkpoint(exported, target, partial(console.progress, unit="bytes"))
     console.emit(report, export_view.reference(report), as_json=as_json)
 
@@ -81,10 +80,10 @@ def droa(
 ) -> None:
     """Write the folder and the archive that DeepRacer on AWS imports.
 
-    Track and direction come from the model's training_params.yaml. Exports the last checkpoint
-    unless -b or -c chooses another.
+    Track and direction come from the model's training_params.yaml. Exports the best checkpoint
+    unless -c chooses another.
 
-    Example: dr-export droa -b --out my-model
+    Example: dr-export droa --out my-model
     """
     from drcli.models.export_droa import export_droa, read_droa_export
     from drcli.models.write_export import export_target, is_url, usable_archive
@@ -101,7 +100,6 @@ def droa(
             archive = target.folder.with_name(f"{target.folder.name}.tar.gz")
             archive = usable_archive(archive, force=force)
     exported = read_droa_export(loaded, chosen, world)
-    console.say(exported.source.chosen.line)
     report = export_droa(exported, target, archive, partial(console.progress, unit="bytes"))
     console.emit(report, export_view.reference(report), as_json=as_json)
     if target is not None and target.folder is not None:

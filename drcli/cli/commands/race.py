@@ -65,7 +65,7 @@ def show(race: Race, as_json: AsJson = False) -> None:
 def submit(
     race: Race,
     prefix: Annotated[str | None, prefix_option("Submit this model instead.")] = None,
-    checkpoint: Annotated[str, checkpoint_option("Submit")] = "last",
+    checkpoint: Annotated[str, checkpoint_option("Submit")] = "best",
     racer: Annotated[
         str | None, typer.Option("--racer", metavar="NAME", help="Your name (DR_RACER_NAME).")
     ] = None,
@@ -73,9 +73,10 @@ def submit(
 ) -> None:
     """Submit a checkpoint of the model of run.env to a race.
 
-    The race gets a copy: you can train on, or delete the model.
+    The race gets a copy: you can train on, or delete the model. Submits the best checkpoint unless
+    --checkpoint chooses another.
 
-    Example: dr-race submit friday-cup --racer Ann --checkpoint best
+    Example: dr-race submit friday-cup --racer Ann
     """
     from drcli.races.submissions import submit as submit_to
 

@@ -51,7 +51,7 @@ def test_an_older_checkpoint_can_be_submitted(home):
     home.race()
 
     home.submit("ann", checkpoint="5")
-    home.submit("ann")
+    home.submit("ann", checkpoint="last")
 
     entries = show_race(home.bucket, RACE).submissions
     assert [entry.checkpoint for entry in entries] == ["5_Step-500.ckpt", "6_Step-600.ckpt"]
