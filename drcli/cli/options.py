@@ -24,6 +24,7 @@ AsJson = Annotated[
     bool, typer.Option("--json", help="Print a JSON object as the last line of stdout.")
 ]
 Force = Annotated[bool, typer.Option("-f", "--force", "--yes", help="Do not ask; answer yes.")]
+Replace = Annotated[bool, typer.Option("-f", "--force", help="Replace a file that exists.")]
 DryRun = Annotated[bool, typer.Option("-d", "--dry-run", help="Only print what would be done.")]
 Keep = Annotated[
     str | None,

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
+from drcli.base.replaceable import safe_name
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import Settings, catalogue
 from drcli.modelfiles.network_shape import Design
@@ -68,9 +69,9 @@ class ExportSource:
         return f"s3://{self.bucket}/{self.prefix}"
 
     @property
-    def name(self) -> str:
-        """The last part of the prefix, which names the model for people."""
-        return self.prefix.rpartition("/")[2]
+    def file_name(self) -> str:
+        """The model as part of the name of a file."""
+        return safe_name(self.prefix)
 
 
 def read_export_source(settings: Settings, selection: Selection) -> ExportSource:

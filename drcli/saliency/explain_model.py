@@ -9,7 +9,7 @@ import torch
 
 from drcli.base.atomic_file import rewrite
 from drcli.base.errors import SettingsError
-from drcli.base.replaceable import HTML_PAGE, make_picture_folder, refuse_replacing
+from drcli.base.replaceable import make_picture_folder
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import Settings
 from drcli.models.checkpoint_choice import take_choice
@@ -141,9 +141,8 @@ def write_page(path: Path, explained: ExplainedEpisode) -> None:
     """Write an explained episode as an HTML file; an older page is replaced.
 
     Raises:
-        SettingsError: The file cannot be written, or is no HTML file.
+        SettingsError: The file cannot be written.
     """
-    refuse_replacing(path, HTML_PAGE)
     rewrite(path, page(explained).encode())
 
 

@@ -10,6 +10,7 @@ from starlette.routing import BaseRoute, Route
 from drcli.base.errors import SettingsError, StorageError, WorkerDied
 from drcli.base.problems import BadValue
 from drcli.base.process_identity import is_alive
+from drcli.base.replaceable import safe_name
 from drcli.config.checkpoint_words import CheckpointChoice, parse_checkpoint
 from drcli.exchange.log_places import log_file
 from drcli.runs import stopping
@@ -21,7 +22,7 @@ from drcli.runs.text_tail import text_tail
 from drcli.web import model_work
 from drcli.web.answers import BadRequest, accepts, answers, text_of
 from drcli.web.apart import run_apart
-from drcli.web.download_folder import DownloadFolder, safe_name
+from drcli.web.download_folder import DownloadFolder
 from drcli.web.model_reader import ModelReader, checked, prefix_of
 from drcli.web.tasks import Progress, Task
 

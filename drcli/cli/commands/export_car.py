@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drcli.base.replaceable import refuse_existing
 from drcli.cli import console, prompts
 from drcli.cli.export_options import selection
 from drcli.cli.options import (
@@ -14,6 +15,7 @@ from drcli.cli.options import (
     Force,
     Keep,
     MaxMb,
+    Replace,
     best_option,
     checkpoint_choice,
     checkpoint_option,
@@ -38,9 +40,7 @@ def export_car(
     prefix: Annotated[str | None, prefix_option("Take this model instead.")] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "-o", "--out", help="File or folder to write to; an older archive is replaced."
-        ),
+        typer.Option("-o", "--out", help="File or folder to write to; NAME.tar.gz if left out."),
     ] = None,
     check: Annotated[
         Path | None,
@@ -48,6 +48,7 @@ def export_car(
             "--check", metavar="FILE", help="Only check this archive, which anybody may have made."
         ),
     ] = None,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Write the archive that the physical car loads, and show what the car makes of the model.
@@ -63,13 +64,15 @@ def export_car(
     from drcli.models.export_model import read_export_source
 
     if check is not None:
-        if best or number is not None or prefix or out:
+        if best or number is not None or prefix or out or force:
             raise typer.BadParameter("--check takes a file, and no other option with it.")
         _check(check, as_json=as_json)
         return
+    if out is not None and not out.is_dir():
+        refuse_existing(out, force=force)
     loaded = settings()
     source = read_export_source(loaded, selection(best, number, prefix))
-    path = archive_path(out, source.name)
+    path = archive_path(out, source.file_name, force=force)
     report = write_archive(_made(loaded, source, path.name), path)
     _warn(report.problems)
     console.emit(report, car_archive_view.export(report), as_json=as_json)

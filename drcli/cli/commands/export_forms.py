@@ -10,10 +10,9 @@ from drcli.cli.export_options import (
     ExportBest,
     ExportNumber,
     ExportPrefix,
-    ReplaceFiles,
     selection,
 )
-from drcli.cli.options import AsJson
+from drcli.cli.options import AsJson, Replace
 from drcli.cli.views import forms_view
 from drcli.cli.working_folder import settings
 
@@ -31,7 +30,7 @@ def pb(
     best: ExportBest = False,
     number: ExportNumber = None,
     prefix: ExportPrefix = None,
-    force: ReplaceFiles = False,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a frozen TensorFlow graph, which the car, OpenVINO and TensorFlow read.
@@ -50,7 +49,7 @@ def onnx(
     best: ExportBest = False,
     number: ExportNumber = None,
     prefix: ExportPrefix = None,
-    force: ReplaceFiles = False,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Write an ONNX file, which onnxruntime and most other engines read.
@@ -70,7 +69,7 @@ def tflite(
     best: ExportBest = False,
     number: ExportNumber = None,
     prefix: ExportPrefix = None,
-    force: ReplaceFiles = False,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a TensorFlow Lite file with the settings of the car: weights in half precision.
@@ -92,7 +91,7 @@ def openvino(
     best: ExportBest = False,
     number: ExportNumber = None,
     prefix: ExportPrefix = None,
-    force: ReplaceFiles = False,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Write OpenVINO's two files, .xml and .bin.
