@@ -78,7 +78,7 @@ def test_without_out_the_folder_is_named_after_the_model(dr, exporter):
 
     assert dr("export", "tf-checkpoint") == 0
 
-    assert files_of(exporter.folder / "model-tf-checkpoint") == FILES
+    assert files_of(exporter.folder / f"{MODEL.replace('/', '-')}-tf-checkpoint") == FILES
 
 
 @pytest.mark.usefixtures("small_checkpoints")
