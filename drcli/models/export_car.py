@@ -265,7 +265,7 @@ def upload_names(source: ExportSource, *, numbered: bool, only_numbered: bool = 
 
     With `only_numbered`, the name of the model alone is left out.
     """
-    plain = car_file_name(source.prefix.rpartition("/")[2])  # the folder tells models apart
+    plain = car_file_name(source.file_name)
     names = [CAR_FILE] if only_numbered else [CAR_FILE, plain]
     if numbered or only_numbered:
         names.append(f"{plain.removesuffix(END)}-chk{source.chosen.number}{END}")
