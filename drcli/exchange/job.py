@@ -86,8 +86,8 @@ class Job:
         trainer: How often the trainer was started before, if an earlier process of it may still
             live on another machine: only the one with the highest number may write.
         ends_with: Number of the process whose end interrupts the training; 0 for none.
-        inputs: The racer's files that the start trains with, by name. Those of the model are the
-            ones that its newest checkpoint was trained with.
+        inputs: The racer's files that the start trains with, and its parameter files, by name.
+            Those of the model are the ones that its newest checkpoint was trained with.
     """
 
     config: RunConfig

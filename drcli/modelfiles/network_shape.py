@@ -64,12 +64,6 @@ class Design:
         """The content of the files by name, as the record of a checkpoint keeps it."""
         return {name: data.decode("utf-8-sig") for name, data in self.files.items()}
 
-    def write(self, bucket: Bucket, prefix: str) -> None:
-        """Make the files those of a model, as programs besides ours read them."""
-        for name, key in model_files(prefix).items():
-            if not bucket.exists(key) or bucket.get(key) != self.files[name]:
-                bucket.put(key, self.files[name])
-
     def conflicts(self) -> list[Problem]:
         """Values of the two files that do not fit each other."""
         conflict = self.parameters.conflict(

@@ -86,7 +86,8 @@ def record_start(bucket: Bucket, new: NewStart, known: TrainingRecord | None) ->
         StorageError: The bucket refuses it.
     """
     settings, prefix = new.settings, new.settings.model_prefix
-    texts = {**files_of(bucket, prefix), **new.inputs}
+    texts = files_of(bucket, prefix)
+    texts |= {name: text for name, text in new.inputs.items() if name in texts}
     own = RecordedStart(
         session=new.outcome.session,
         host=new.outcome.host,

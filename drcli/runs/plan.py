@@ -19,12 +19,12 @@ from drcli.exchange.run_record import run_folder
 from drcli.exchange.training_start import Pretrained, TrainingStart
 from drcli.modelfiles.custom_files import Inputs, find
 from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.network_shape import Design
+from drcli.modelfiles.network_shape import Design, model_files
 from drcli.models.pretrained import sentence_of
 from drcli.models.repair_model import repair_all
 from drcli.models.run_metadata import describe_start, read_start
 from drcli.runs.daily_budget import refuse_without_budget
-from drcli.runs.freeze_inputs import freeze, parameter_files
+from drcli.runs.freeze_inputs import files_to_train_with, freeze, parameter_files
 from drcli.runs.journal_of_start import start_entries
 from drcli.runs.planned_job import begun_by, first_start, planned_job
 from drcli.runs.planned_stages import examine_stages, plan_stages
@@ -153,12 +153,11 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     )
     examined = examine_stages(staged, job, files, bucket, plans)
     refuse(examined.problems)
-    inputs, transfer = examined.inputs, examined.transfer
-    design = _frozen(inputs, examined.design)
+    inputs, design, transfer = examined.inputs, examined.design, examined.transfer
     found = of_severity(examined.problems, "warning")
     shown = (str(problem) for problem in found if problem.rule not in NOT_SHOWN)
     warnings = [*damaged, *settings.warnings, *staged.warnings, *shown]
-    job = replace(job, stages=staged.stages, inputs=design.texts)
+    job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
     source = transfer.source if transfer is not None else None
     if source is not None:
         notices.show(sentence_of(bucket, source))
@@ -180,7 +179,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         begun = begun_by(job, began_at, ends)
         # First of all: a start that is cut off here must be known as one.
         write_outcome(bucket, prefix, begun)
-        freeze(settings, bucket, inputs, plans.resumed or design, staged.frozen)
+        freeze(settings, bucket, inputs, job.inputs, staged.frozen, plans.resumed)
         warnings += _forget_other_scores(settings, bucket, before)
         start = describe_start(settings, directory, job.seed, source, before, training)
         bucket.put(keys.training_start(prefix), start.encode())
@@ -189,7 +188,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         noted = start_entries(start, resumes, previous, repairs)
         if transfer is not None:
             # Checkpoint 0 with a fresh optimizer: steps, episodes and time count from 0.
-            counters = Counters(critic_warmup=transfer.critic_warmup, inputs=job.inputs)
+            own = {name: job.inputs[name] for name in model_files(prefix)}
+            counters = Counters(critic_warmup=transfer.critic_warmup, inputs=own)
             CheckpointStore(bucket, prefix).save(0, 0, transfer.tensors, counters=counters)
         if not options.resume:
             begin_logs(directory, prefix, settings.log_max_mb)
@@ -256,16 +256,6 @@ def resumed_files(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
         hyperparameters_key=keys.hyperparameters(prefix),
         metadata_key=keys.model_metadata(prefix),
     )
-
-
-def _frozen(inputs: Inputs, design: Design) -> Design:
-    """A design with the content of its files as a training keeps them."""
-    parameters = design.parameters.canonical_json(design.metadata.training_algorithm)
-    files = {
-        keys.MODEL_METADATA_FILE: inputs.metadata.data,
-        keys.HYPERPARAMETERS_FILE: parameters.encode(),
-    }
-    return replace(design, files=files)
 
 
 def _resumable(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:

@@ -24,6 +24,7 @@ from drcli.learn.compute import flush_denormals
 from drcli.learn.gradient_group import LearnerLostError
 from drcli.learn.learner import Learner
 from drcli.learn.update_result import NonFiniteLossError, Stats, UpdateInterruptedError
+from drcli.modelfiles.custom_files import write_model_files
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.checkpoint_retention import KeepRules
@@ -501,7 +502,7 @@ class Trainer:
         """Make the files of this start the model's, now that a checkpoint has learned with them."""
         if not self._has_own_files:
             self._has_own_files = True
-            self._publisher.submit(self._design.write, self._bucket, self._prefix)
+            self._publisher.submit(write_model_files, self._bucket, self._prefix, self._job.inputs)
 
     def _finish_files(self, *, finished: bool = False) -> None:
         """Write the files that grow for the last time, and send the last figures."""

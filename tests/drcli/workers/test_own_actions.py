@@ -11,9 +11,10 @@ from drcli.store import keys
 from drcli.store.best_checkpoint import evaluated_numbers
 from drcli.store.checkpoints import CheckpointStore
 from drcli.workers.evaluator import Entry, enter
-from training_in_memory import PREFIX, TrainingInMemory
+from training_in_memory import PREFIX, REWARD, TrainingInMemory
 
-SLOW, FAST = 4.0, 2.0
+TRAINED, NEW = 4.0, 2.0
+NEW_REWARD = REWARD.replace("1.0", "2.0")
 
 
 @pytest.fixture
@@ -52,24 +53,31 @@ def exported(training: TrainingInMemory, number: int) -> set[float]:
     return speeds(source.design.files["model_metadata.json"])
 
 
-def test_a_start_that_learns_nothing_leaves_the_actions_of_the_model(training):
-    set_speed(training, FAST)
+def test_a_start_that_learns_nothing_leaves_the_actions_and_the_reward_of_the_model(training):
+    set_speed(training, NEW)
+    training.write("custom_files/reward_function.py", NEW_REWARD)
+    training.write("run.env", (training.folder / "run.env").read_text() + "DR_CAR_COLOR=Blue\n")
+    before = training.bucket.get(keys.parameter_file(PREFIX, "training_params.yaml"))
     job = training.planned(resume=True)
     name = str(CheckpointStore(training.bucket, PREFIX).pointed())
 
-    assert exported(training, 1) == model_file(training) == {SLOW}
+    assert exported(training, 1) == model_file(training) == {TRAINED}
     racer, _ = enter(training.bucket, Entry(PREFIX, name, "trace", "metrics"), job.config)
-    assert {speed for _, speed in racer.actions.choices} == {SLOW}
+    assert {speed for _, speed in racer.actions.choices} == {TRAINED}
+    assert training.bucket.get(keys.reward_function(PREFIX)) == REWARD.encode()
+    assert training.bucket.get(keys.parameter_file(PREFIX, "training_params.yaml")) == before
 
 
 def test_new_actions_become_the_models_with_the_first_checkpoint_that_learned_with_them(training):
     training.bucket.delete([keys.evaluation_result(PREFIX, 1)])
-    set_speed(training, FAST)
+    set_speed(training, NEW)
+    training.write("custom_files/reward_function.py", NEW_REWARD)
     allow_iterations(training, 3)
     training.train(resume=True)
 
-    assert model_file(training) == exported(training, 2) == {FAST}
-    assert exported(training, 1) == {SLOW}
+    assert training.bucket.get(keys.reward_function(PREFIX)) == NEW_REWARD.encode()
+    assert model_file(training) == exported(training, 2) == {NEW}
+    assert exported(training, 1) == {TRAINED}
     # While it drove with the new actions, checkpoint 1 got no score for that.
     assert 1 not in evaluated_numbers(training.bucket, PREFIX)
     assert 2 in evaluated_numbers(training.bucket, PREFIX)
