@@ -13,6 +13,12 @@ from statistics import median
 Z_95 = 1.959964
 """Standard score of a two-sided interval of 95 %."""
 
+CONFIRMING_LAPS = 40
+"""Laps from starts not driven before that decide whether a checkpoint is as good as it seems."""
+
+CONFIRMING_CLEAN = 38
+"""How many of these must be clean to reach a goal."""
+
 
 @dataclass(frozen=True)
 class Laps:

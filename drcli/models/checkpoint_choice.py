@@ -9,7 +9,6 @@ from drcli.base.errors import SettingsError
 from drcli.config.checkpoint_words import WORDS, CheckpointChoice, CheckpointWord
 from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
 from drcli.exchange.iteration import IterationRecord
-from drcli.exchange.laps import Laps
 from drcli.exchange.milestone_record import Milestone, Milestones
 from drcli.exchange.scores import Score, Scores
 from drcli.store import keys
@@ -193,8 +192,7 @@ def _driven(model: Model, history: Iterable[IterationRecord], score: Score) -> s
     laps = next((record.all_laps for record in history if record.iteration == number), None)
     if laps is None:
         with suppress(ObjectMissing, ObjectDamaged):
-            result = read_evaluation(model.bucket, model.prefix, number)
-            laps = Laps(len(result.progress), result.lap_s)
+            laps = read_evaluation(model.bucket, model.prefix, number).on("training").laps
     if laps is not None:
         return str(laps)
     if score.avg_eval_metric is not None:  # of a copy, which comes without its history
