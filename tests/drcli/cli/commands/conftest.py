@@ -594,7 +594,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         size_bytes=23_456_789,
         actions=[CarAction(None, -17.25, 3.125, -0.575, 0.8125)],
     )
-    chosen = SimpleNamespace(name="model", url=URL, chosen=SimpleNamespace(line="c"))
+    chosen = SimpleNamespace(file_name="model", url=URL, chosen=SimpleNamespace(line="c"))
     answer("models.export_model.read_export_source", chosen)
     answer("models.export_car.export_car", None)
     answer("models.export_car.plan_car_upload", SimpleNamespace(url=URL))
