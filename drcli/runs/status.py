@@ -8,7 +8,7 @@ from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError
 from drcli.base.process_identity import exists
 from drcli.config.run_config import RunConfig
-from drcli.exchange.daily_spending import DayBudget
+from drcli.exchange.daily_spending import DayBudget, budget_of
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.joined_worker import MemberRecord
 from drcli.exchange.log_places import log_file
@@ -21,7 +21,6 @@ from drcli.exchange.spending import Spending
 from drcli.exchange.stage import StageMark
 from drcli.exchange.watch_record import WatchRecord
 from drcli.models.model_list import CheckpointEntry
-from drcli.runs.daily_budget import budget_of
 from drcli.runs.spending_report import RequestReport, money_left, request_report, time_left_s
 from drcli.runs.worker_health import WorkerHealth
 from drcli.runs.worker_processes import TRAINER

@@ -119,7 +119,7 @@ class Supervisor:
         except DrError as error:
             outcome = Outcome(error.code, str(error), error.remedy)
         finally:
-            self._end(outcome)
+            outcome = self._end(outcome)
         return outcome.code
 
     def _note_signal(self, number: int, _frame: FrameType | None) -> None:
@@ -247,7 +247,7 @@ class Supervisor:
             self._journal.note("recovery", sentence)
         return bool(sentences)
 
-    def _end(self, outcome: Outcome) -> None:
+    def _end(self, outcome: Outcome) -> Outcome:
         """End the run, and record its outcome on this machine."""
         run_ending = RunEnding(
             self._job,
@@ -268,6 +268,7 @@ class Supervisor:
         self._write_record()
         for duty in self._duties:
             attempt(duty, partial(duty.leave, ending))
+        return outcome
 
     def _with_workers(self) -> RunRecord:
         workers = [

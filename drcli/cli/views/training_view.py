@@ -251,8 +251,7 @@ def end_work_text(plan: "EndWorkPlan") -> str:
     config = plan.job.config
     model = f"s3://{config.storage.bucket}/{config.model.prefix}"
     return (
-        f"{model}: {plan.outcome.message} What was left to do at its end is done now: "
-        f"{', '.join(plan.outcome.left)}."
+        f"{model}: {plan.outcome.message} Still to do at its end: {', '.join(plan.outcome.left)}."
     )
 
 
