@@ -35,6 +35,7 @@ from drcli.store.members import GONE_S, read_shares_record
 from drcli.store.milestones import NO_MILESTONES, with_history
 from drcli.store.notes import read_notes
 from drcli.store.repair import Model, readable_history, readable_scores
+from drcli.store.request_count import read_counts
 from drcli.store.reward_errors import read_reward_errors
 from drcli.store.rollbacks import read_rollbacks
 
@@ -301,7 +302,11 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         time_left_s=time_left_s(spending),
         spending=spending,
         money_left=money_left(spending),
-        requests=request_report(folder, record.session, spending),
+        requests=request_report(
+            read_counts(folder, record.session),
+            0.0 if spending is None else spending.own_hours,
+            record.storage_at_start(config.storage, config.directory),
+        ),
         watches=WatchRecord.read(folder, record.session).warnings,
         milestones=[
             MilestoneReport(kind, found.checkpoint, found.laps, found.episodes, found.best_lap_s)

@@ -224,17 +224,20 @@ class Supervisor:
             return outcome
         if words is not None and words.silent and self._server_began < child.started:
             # A server may answer a health check and still be stuck with some objects.
-            restarted = self._server.ask(self._restart_server)
+            restarted = self._server.ask(self._revive)
             while not restarted.wait(POLL_S) and self._signal is None:
                 pass
             self._server_began = time.monotonic()
-            self._journal.note("recovery", "The server of the bucket was started again.")
         child.restarts += 1
         self._start(child)
         again = f"{child.name} was started again (restart {child.restarts})."
         self._journal.note("recovery", again, worker=child.name, restarts=child.restarts)
         self._publish("running")
         return None
+
+    def _revive(self) -> None:
+        self._restart_server()
+        self._journal.note("recovery", "The server of the bucket was started again.")
 
     def _restored(self, words: WorkerExit) -> bool:
         """Whether a worker ended because of a damaged parameter file, which is whole again."""

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from drcli.exchange.training_start import Pretrained
     from drcli.runs.increment import Increment
     from drcli.runs.plan import EndWorkPlan, RunPlan
-    from drcli.runs.spending_report import RequestReport
     from drcli.runs.status import JoinedReport, RunReport, WorkerReport
 
 LIVE_ROWS = 6
@@ -105,7 +104,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
         if report.warning:
             parts += [_warning(report), *(indented(f"Try: {each}") for each in report.advice)]
     parts += [Text(line) for line in _failures(report)]
-    lines = (_spent(report), _left(report), _requests(report), _budget(report))
+    lines = (_spent(report), _left(report), str(report.requests or ""), _budget(report))
     parts += [Text(line) for line in lines if line]
     parts += [Text(f"Note: {notes_view.short(text)}") for text in report.notes[-NOTES:]]
     return Group(*parts)
@@ -203,23 +202,6 @@ def _left(report: "RunReport") -> str:
             money += f" (for {report.money_left / price:.2f} machine hours)"
         parts.append(money)
     return f"Left: {', '.join(parts)}." if parts else ""
-
-
-def _requests(report: "RunReport") -> str:
-    """Requests per hour, and what a night of them costs."""
-    made = report.requests
-    if made is None:
-        return ""
-    sent, received = (f"{size / made.hours / 1e6:,.0f} MB" for size in _traffic(made))
-    return (
-        f"Bucket, per hour: {made.puts / made.hours:,.0f} requests that write or list, "
-        f"{made.gets / made.hours:,.0f} that read, {sent} sent, {received} received; a night of "
-        f"10 hours at Amazon's list prices: {made.night_usd:.2f} USD."
-    )
-
-
-def _traffic(made: "RequestReport") -> tuple[int, int]:
-    return made.sent_bytes, made.received_bytes
 
 
 def start_text(plan: "RunPlan") -> str:
