@@ -138,6 +138,7 @@ class RunReport:
         requests: Requests to the bucket of the newest start; None before the first count.
         priority: DR_PRIORITY at the start.
         threads: DR_THREADS at the start; 0 for all cores.
+        ending: Whether the run is ending its workers: none of them is missed then.
         watches: What the watches of the training warn of, a sentence each: memory, disk, stalls.
         reward_errors: Failures of the reward function that all workers have counted, and episodes
             that it declared broken; None if nothing was counted.
@@ -186,11 +187,12 @@ class RunReport:
     priority: str = "normal"
     threads: int = 0
     joined: list[JoinedReport] = field(default_factory=list)
+    ending: bool = False
 
     @property
     def dead(self) -> list[str]:
         """Workers that should run but do not."""
-        if self.state not in LIVE_STATES:
+        if self.state not in LIVE_STATES or self.ending:
             return []
         return [worker.name for worker in self.workers if worker.pid and not worker.alive]
 
@@ -286,6 +288,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         started_at=record.started_at,
         elapsed_s=history[-1].elapsed_s if history else 0.0,
         pid=record.pid or None,
+        ending=record.ending,
         workers=workers,
         history=history,
         best=best,

@@ -252,6 +252,8 @@ class Supervisor:
 
     def _end(self, outcome: Outcome) -> Outcome:
         """End the run, and record its outcome on this machine."""
+        self._record = replace(self._record, ending=True)
+        self._write_record()
         run_ending = RunEnding(
             self._job,
             self._bucket,

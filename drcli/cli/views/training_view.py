@@ -80,7 +80,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     if report.state in ("failed", "interrupted") and report.remedy:
         parts.append(indented(f"Try: {report.remedy}"))
     if report.state in ("starting", "running"):
-        parts += [indented(_worker(worker)) for worker in report.workers]
+        parts += [indented(_worker(worker, ending=report.ending)) for worker in report.workers]
         parts += [indented(_joined(worker)) for worker in report.joined]
         if limits := _limits(report):
             parts.append(indented(limits))
@@ -248,15 +248,17 @@ def end_text(report: "RunReport") -> str:
     return f"{report.message}{best} {report.remedy}".strip()
 
 
-def _worker(worker: "WorkerReport") -> str:
+def _worker(worker: "WorkerReport", *, ending: bool) -> str:
     """A line about a worker."""
     if worker.pid is None:
         return f"{worker.name}: not started, or left out"
-    state = f"{'alive' if worker.alive else 'DEAD'}, process {worker.pid}"
+    gone = "ended" if ending else "DEAD"
+    state = f"{'alive' if worker.alive else gone}, process {worker.pid}"
     state += f", restarted {worker.restarts} x" if worker.restarts else ""
     health = f" ({worker.health.words(worker.name)})" if worker.health and worker.alive else ""
     host = f" on {worker.host}" if worker.host else ""
-    return f"{worker.name} ({state}){host}: {worker.activity}{health}"
+    activity = "" if ending and not worker.alive else f": {worker.activity}{health}"
+    return f"{worker.name} ({state}){host}{activity}"
 
 
 def _source(pretrained: "Pretrained") -> str:

@@ -507,6 +507,13 @@ CASES = (
         ("line 2", "lr=0.5", "above 0.001"),
     ),
     Case(
+        "V-41",
+        lambda f: sac(f, num_episodes_between_training=1, num_epochs=1),
+        lambda f: f.hyperparameters(num_episodes_between_training=1),
+        "warning",
+        ("num_episodes_between_training=1 gives the trainer little", "Write 20."),
+    ),
+    Case(
         "V-42",
         lambda f: (f.settings(DR_WORKERS=2), f.hyperparameters(num_episodes_between_training=40)),
         lambda f: (f.settings(DR_WORKERS=2), f.hyperparameters(num_episodes_between_training=20)),

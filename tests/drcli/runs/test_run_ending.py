@@ -239,13 +239,13 @@ def test_work_at_the_end_is_named_before_it_is_done_and_forgotten_after(run):
 
     class Upload(Ends):
         def finish(self, ending):
-            seen.append(read_outcome(bucket, "model").left)
+            seen.append((read_outcome(bucket, "model").left, RunRecord.read(run.folder).ending))
             super().finish(ending)
 
-    code, _, _ = run(bucket, Upload(None, ("upload",)), script=DONE)
+    code, record, _ = run(bucket, Upload(None, ("upload",)), script=DONE)
 
-    assert code == 0
-    assert seen == [("upload",)]
+    assert (code, record.ending) == (0, False)
+    assert seen == [(("upload",), True)]  # no worker is missed meanwhile
     outcome = read_outcome(bucket, "model")
     assert (outcome.state, outcome.left, outcome.message) == ("finished", (), DONE.message)
 
