@@ -114,10 +114,12 @@ def remedy(race: RaceConfig) -> str:
     """What to do about a track that is not installed."""
     name = _name(race)
     if name in COMMUNITY:
+        add = f"Without a network add its file with `dr-tracks add {name}.npy`."
+        if race.tracks_fetch == "always":
+            return f"The next start fetches it (DR_TRACKS_FETCH=always). {add}"
         return (
             f"Fetch it with `dr-tracks fetch {name}`, or let a start fetch it with "
-            f"DR_TRACKS_FETCH=always. Without a network add its file with `dr-tracks add "
-            f"{name}.npy`."
+            f"DR_TRACKS_FETCH=always. {add}"
         )
     likely = closest(race.world_name, [*_known(race), *COMMUNITY])
     hint = f"Did you mean {likely}? " if likely is not None else ""

@@ -145,7 +145,7 @@ class EndOfTraining(Duty):
 
 
 def _again(name: str) -> str:
-    return f"Try again with `{_AGAIN[name]}`, or with `dr-start-training --resume-or-start`."
+    return f"Repeat it with `{_AGAIN[name]}`, or with `dr-start-training --resume-or-start`."
 
 
 def _code(end: CommandEnd) -> int:
