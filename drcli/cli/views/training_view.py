@@ -244,7 +244,8 @@ def increment(step: "Increment") -> RenderableType:
 
 def end_text(report: "RunReport") -> str:
     """How a training ended."""
-    best = f" Best checkpoint: {report.best.name}." if report.best else ""
+    evaluated = report.best is not None and report.best.metric is not None
+    best = f" Best checkpoint: {report.best.name}." if report.best and evaluated else ""
     return f"{report.message}{best} {report.remedy}".strip()
 
 
@@ -337,5 +338,6 @@ def _checkpoints(report: "RunReport") -> str:
     best, last = report.best, report.last
     if best is None or last is None:
         return "No checkpoint yet."
-    metric = f" ({best.metric:.1f})" if best.metric is not None else ""
-    return f"best {best.name}{metric}   last {last.name}"
+    if best.metric is None:
+        return f"last {last.name}, none was evaluated yet"
+    return f"best {best.name} ({best.metric:.1f})   last {last.name}"
