@@ -191,10 +191,10 @@ export function runState(runId, signal) {
       spending
         ? `${spending.usd !== null ? number(spending.usd, 2, "USD") : "no price set"}, ${number(spending.hours, 2, "h")}`
         : "–",
-      requests
-        ? `${number((requests.puts + requests.gets) / Math.max(requests.hours, 1e-9))} an hour`
+      requests && requests.hours >= 0.1
+        ? `${number((requests.puts + requests.gets) / requests.hours)} an hour`
         : "–",
-      run.best ? run.best.name.replace(".ckpt", "") : "–",
+      run.best && run.best.metric !== null ? run.best.name.replace(".ckpt", "") : "–",
       evaluated
         ? `${number(mean(evaluated.evaluation_progress), 0, "%")}, ${number(evaluated.evaluation_lap_s.length)} of ${number(evaluated.evaluation_progress.length)} laps`
         : "–",
