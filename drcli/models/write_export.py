@@ -119,7 +119,7 @@ def pointer_items(score: Score) -> list[Item]:
 def reference_score(score: Score) -> Score:
     """A score with numbers only: the reference writes -1 before an evaluation."""
     metric = -1.0 if score.avg_eval_metric is None else score.avg_eval_metric
-    return replace(score, avg_eval_metric=metric, tie_break=None)
+    return replace(score, avg_eval_metric=metric, episodes=None)
 
 
 def write_archive(path: Path, data: bytes) -> None:

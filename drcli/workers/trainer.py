@@ -118,6 +118,7 @@ class Trainer:
             model.metric,
             train.train_best_model_world if train.train_eval_world else "training",
             second=bool(train.train_eval_world),
+            most_s=job.until_lap_time_s,
             rollbacks=self._rollbacks.known,
             lag=self._lag,
         )
