@@ -14,8 +14,6 @@ from drcli.checks.check_report import Report, Skipped
 from drcli.checks.compatibility_rules import review_actions, review_balance, review_names
 from drcli.checks.machine_rules import review_gpu, review_memory
 from drcli.checks.parameter_rules import review_parameters
-from drcli.checks.reward_rules import read_source, review_source
-from drcli.checks.reward_style import review_style
 from drcli.checks.settings_rules import SettingsReview, review_settings
 from drcli.checks.stage_rules import review_stages
 from drcli.checks.storage_rules import probe, review_owner
@@ -24,6 +22,8 @@ from drcli.config.track_names import track_problems
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.modelfiles.custom_files import FILE_RULES, InputFile, find, local_file
+from drcli.rewards.reward_rules import read_source, review_source
+from drcli.rewards.reward_style import review_style
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket

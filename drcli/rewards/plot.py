@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from drcli.base.atomic_file import rewrite
+from drcli.base.problems import refuse
 from drcli.base.replaceable import refuse_replacing
 from drcli.config.settings import Settings
-from drcli.rewards.course import Course, try_rewards
+from drcli.rewards.course import Course, read_rewards, try_rewards
 from drcli.rewards.pictures import draw_reward
 from drcli.rewards.scripted_drive import drive
 from drcli.rewards.source import file_of
@@ -52,9 +53,10 @@ def plot(settings: Settings, file: Path | None, out: Path, directory: Path) -> P
     """
     path = file_of(settings, file)
     refuse_replacing(out)
+    files = read_rewards([path], directory)
     course = Course.of(drive(settings.race))
-    [tried] = try_rewards([path], course, directory)
-    tried.refuse_failing()
+    [tried] = try_rewards(files, course, directory)
+    refuse(tried.problems)
     replaced = out.exists()
     rewrite(out, draw_reward(tried))
     values = tried.grid_values

@@ -9,7 +9,6 @@ from typing import Any
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError, closest, refuse, shown
-from drcli.checks.reward_rules import read_source, review_source
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.example_files import model_file
 from drcli.config.loading import load_settings
@@ -20,6 +19,7 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.modelfiles.network_shape import Design, weight_problems
 from drcli.models.copy_custom_files import write_file
+from drcli.rewards.reward_rules import read_source, review_source
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
