@@ -116,6 +116,12 @@ class SandboxHere:
 
 
 @pytest.fixture
+def sandbox_here() -> type[SandboxHere]:
+    """The class of a sandbox that needs no process."""
+    return SandboxHere
+
+
+@pytest.fixture
 def try_here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Problem]]:
     """What a start finds about the worlds and the reward function, in this process."""
 

@@ -83,7 +83,7 @@ def test_code_that_ends_or_breaks_its_process_is_named(tried, before, body, word
     ],
 )
 def test_code_that_forks_or_floods_holds_nothing_up(tried, before, body):
-    assert tried(before, body) == []
+    assert [problem for problem in tried(before, body) if problem.severity == "error"] == []
 
 
 def test_files_of_the_working_folder_are_no_modules(tried, folder):

@@ -91,9 +91,7 @@ def test_every_kind_of_number_is_a_reward(write, expression, reward):
         ("Stubborn()", "an object of type Stubborn, which is not a number"),
     ],
 )
-def test_what_is_no_reward_is_named_with_the_parameters_that_the_file_reads(
-    write, expression, said
-):
+def test_what_is_no_reward_is_named_with_the_parameters_that_are_read(write, expression, said):
     function = returning(write, expression)
 
     with pytest.raises(RewardError) as caught:
