@@ -70,9 +70,7 @@ def test_a_check_of_a_failing_file_names_the_line_and_exits_3(racer, dr, capsys)
 @pytest.fixture
 def two_worlds(racer, course, obstacle_course, monkeypatch):
     """A second worker that has boxes on its road."""
-    (racer / "system.env").write_text(
-        "DR_WORKERS=3\nDR_TRAIN_MULTI_CONFIG=True\nDR_WORLD_NAME=bean\n"
-    )
+    (racer / "system.env").write_text("DR_WORKERS=3\nDR_TRAIN_MULTI_CONFIG=True\n")
     (racer / "worker-2.env").write_text("DR_RACE_TYPE=OBJECT_AVOIDANCE\n")
     (racer / "worker-3.env").write_text("DR_RACE_TYPE=TIME_TRIAL\n")
     driven = {"TIME_TRIAL": course.drive, "OBJECT_AVOIDANCE": obstacle_course.drive}
@@ -91,7 +89,7 @@ def test_a_check_tries_the_race_of_each_worker_once(two_worlds, dr, capsys):
     assert code == 3
     assert [other["race_type"] for other in told["others"]] == ["OBJECT_AVOIDANCE"]
     [error] = told["errors"]
-    assert "on the start line (bean, OBJECT_AVOIDANCE, step 2, " in error["message"]
+    assert "OBJECT_AVOIDANCE, step 2, 0.0 % of the lap)" in error["message"]
     assert "166 of 332 calls fail like this." in error["message"]
 
 
