@@ -9,12 +9,12 @@ from drcli.base.problems import Problem, of_severity
 from drcli.config.run_config import RaceConfig
 from drcli.config.settings import Settings
 from drcli.modelfiles.custom_files import InputFile
-from drcli.rewards.course import Course, TriedReward, read_rewards, try_rewards
+from drcli.rewards.course import Course, TriedReward, try_rewards
 from drcli.rewards.lint import SIMULATION_STEP_S
 from drcli.rewards.loopholes import drive_problems
 from drcli.rewards.sandbox.sandbox_records import CallIndex
 from drcli.rewards.scripted_drive import drive, each_race
-from drcli.rewards.source import file_of
+from drcli.rewards.source import read_racers_file
 from drcli.rewards.try_inputs import races_of, tolerated_share
 from drsim.episode.reward_errors import names_in
 
@@ -167,7 +167,7 @@ def check(settings: Settings, file: Path | None, directory: Path) -> RewardRepor
     Raises:
         SettingsError: The file or the track does not exist, or the race does not fit on it.
     """
-    [read] = read_rewards([file_of(settings, file)], directory)
+    read = read_racers_file(settings, file, directory)
     return report_of(try_in_each_race(settings, read, directory, lambda own: Course.of(drive(own))))
 
 
@@ -194,31 +194,19 @@ def try_in_each_race(
     return tried
 
 
-def report_of(tried: Sequence[TriedReward]) -> RewardReport:
-    """The report on all races, with the problems of other races that do not show in the first."""
-    first, *others = map(_report, tried)
-    errors, warnings = list(first.errors), list(first.warnings)
-    for other in others:
-        place = f"On {other.world}, {other.race_type}: "
-        known_errors = {(problem.rule, problem.where) for problem in errors}
-        known_warnings = {(problem.rule, problem.where) for problem in warnings}
-        errors += [
+def report_of(races: Sequence[TriedReward]) -> RewardReport:
+    """The report on the first race, with the problems that only show in the others."""
+    found: list[Problem] = []
+    for each in races:
+        drive_ = each.course.drive
+        place = f"On {drive_.world}, {drive_.race_type}: " if each is not races[0] else ""
+        known = {(problem.rule, problem.where) for problem in found}
+        found += [
             replace(problem, message=place + problem.message)
-            for problem in other.errors
-            if (problem.rule, problem.where) not in known_errors
+            for problem in (*each.problems, *drive_problems(each))
+            if (problem.rule, problem.where) not in known
         ]
-        warnings += [
-            replace(problem, message=place + problem.message)
-            for problem in other.warnings
-            if (problem.rule, problem.where) not in known_warnings
-        ]
-    races = [OtherRace(o.world, o.race_type, o.reversed, o.calls) for o in others]
-    return replace(first, errors=errors, warnings=warnings, others=races)
-
-
-def _report(tried: TriedReward) -> RewardReport:
-    """The report on one race."""
-    found = [*tried.problems, *drive_problems(tried)]
+    tried = races[0]
     drive_ = tried.course.drive
     paid = [
         (value, sequence, index)
@@ -255,7 +243,11 @@ def _report(tried: TriedReward) -> RewardReport:
         curve=tried.result.values[0],
         errors=list(of_severity(found, "error")),
         warnings=list(of_severity(found, "warning")),
-        others=[],
+        others=[
+            OtherRace(drive_.world, drive_.race_type, drive_.track.reverse, each.result.calls)
+            for each in races[1:]
+            for drive_ in [each.course.drive]
+        ],
     )
 
 

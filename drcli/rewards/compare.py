@@ -10,10 +10,10 @@ from drcli.base.atomic_file import rewrite
 from drcli.base.problems import refuse
 from drcli.base.replaceable import refuse_replacing
 from drcli.config.settings import Settings
-from drcli.rewards.course import Course, TriedReward, position, read_rewards, scaled, try_rewards
+from drcli.rewards.course import Course, TriedReward, position, scaled, try_rewards
 from drcli.rewards.pictures import draw_comparison
 from drcli.rewards.scripted_drive import drive
-from drcli.rewards.source import files_of
+from drcli.rewards.source import read_files
 
 Floats = NDArray[np.float64]
 
@@ -113,7 +113,7 @@ def compare(
         SettingsError: A function fails, the track does not exist, or the picture cannot be
             written.
     """
-    files = read_rewards(files_of([first, second]), directory)
+    files = read_files([first, second], directory)
     if out is not None:
         refuse_replacing(out)
     course = Course.of(drive(settings.race))

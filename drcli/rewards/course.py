@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem
-from drcli.base.regular_file import read_regular
 from drcli.config.run_config import RaceConfig
 from drcli.modelfiles.custom_files import InputFile
 from drcli.rewards.drivers import FAST, STEADY, ScriptedDriver
@@ -22,7 +20,6 @@ from drcli.rewards.reward_rules import read_source
 from drcli.rewards.sandbox.run_sandbox import Sandbox
 from drcli.rewards.sandbox.sandbox_records import CallIndex, SandboxRequest, SandboxResult
 from drcli.rewards.scripted_drive import Drive, Trip
-from drcli.rewards.source import display_name
 from drcli.rewards.track_grid import Grid, track_grid
 from drsim.episode.reward import RewardParams
 
@@ -153,24 +150,6 @@ def position(call: RewardParams) -> str:
         f"{call['progress']:.1f} % of the lap, {call['distance_from_center']:.2f} m {side} of the "
         "centre line"
     )
-
-
-def read_rewards(files: Sequence[Path], directory: Path) -> list[InputFile]:
-    """Reward functions, named as a racer would write them.
-
-    Raises:
-        SettingsError: A file cannot be read.
-    """
-    read = []
-    for file in files:
-        try:
-            read.append(InputFile(file.name, read_regular(file), display_name(file, directory)))
-        except OSError as error:
-            raise SettingsError(
-                f"{file}: the reward function cannot be read: {error.strerror}.",
-                remedy="Choose a file that you can read, such as custom_files/reward_function.py.",
-            ) from None
-    return read
 
 
 def try_rewards(

@@ -68,14 +68,16 @@ def problems_of(
         directory: The racer's working folder.
         tolerated: Share of failing calls up to which a training counts them and goes on.
     """
-    failures = list(_failures(source, result, directory, tolerated))
-    asked = {_parameter(source, failure) for failure in result.failures}
-    reviewed = [each for each in review_source(source) if not each.key or each.key not in asked]
+    reviewed = review_source(source, {_parameter(source, each) for each in result.failures})
     # An undefined name is found by reading and by trying.
     known = {(problem.rule, problem.line) for problem in reviewed if problem.severity == "error"}
     return [
         *reviewed,
-        *(problem for problem in failures if (problem.rule, problem.line) not in known),
+        *(
+            problem
+            for problem in _failures(source, result, directory, tolerated)
+            if (problem.rule, problem.line) not in known
+        ),
         *_conversions(source, result),
         *_effects(source, result),
         *_prints(source, result),

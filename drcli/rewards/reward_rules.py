@@ -3,7 +3,7 @@
 import ast
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -31,16 +31,10 @@ class Source:
     tree: ast.Module
 
     def problem(
-        self,
-        rule: str,
-        line: int | None,
-        message: str,
-        remedy: str,
-        severity: Severity = "error",
-        key: str = "",
+        self, rule: str, line: int | None, message: str, remedy: str, severity: Severity = "error"
     ) -> Problem:
         """A problem in one of its lines, or in the whole file."""
-        return Problem(rule, severity, self.name, line, message, remedy, key)
+        return Problem(rule, severity, self.name, line, message, remedy)
 
     def is_silenced(self, line: int) -> bool:
         """Whether the line has a `# noqa` comment."""
@@ -107,11 +101,11 @@ def read_source(file: InputFile) -> tuple[Source | None, list[Problem]]:
     return Source(name, file.data, text, tree), []
 
 
-def review_source(source: Source) -> list[Problem]:
-    """Mistakes that would only show up during a training."""
+def review_source(source: Source, known: Collection[str] = ()) -> list[Problem]:
+    """Mistakes that would only show up during a training; without those `known` parameter names."""
     return [
         *_undefined_names(source),
-        *_unknown_parameters(source),
+        *_unknown_parameters(source, known),
         *_progress_of_one(source),
         *_first_steps(source),
     ]
@@ -140,12 +134,12 @@ def _undefined_names(source: Source) -> Iterator[Problem]:
             yield source.problem("V-22", line, f"{text}.", REMEDIES["undefined"])
 
 
-def _unknown_parameters(source: Source) -> Iterator[Problem]:
+def _unknown_parameters(source: Source, known: Collection[str]) -> Iterator[Problem]:
     """V-22: such a look-up fails, or gives the value that the function takes instead."""
     for name, line in source.unknown_parameters.items():
-        if not source.is_silenced(line):
+        if name not in known and not source.is_silenced(line):
             what = f"It reads `{name}`, which is not a parameter."
-            yield source.problem("V-22", line, what, likely_parameter(name), "warning", name)
+            yield source.problem("V-22", line, what, likely_parameter(name), "warning")
 
 
 def likely_parameter(name: str) -> str:

@@ -20,7 +20,7 @@ from functools import wraps
 from pathlib import Path
 from time import monotonic, perf_counter, sleep  # which racers' code may replace in `time`
 from types import FunctionType
-from typing import Any, NoReturn, TextIO
+from typing import Any, NamedTuple, NoReturn, TextIO
 
 from drcli.base import signal_guard
 from drcli.base.problems import Problem
@@ -32,6 +32,7 @@ from drcli.rewards.sandbox.sandbox_records import (
     Difference,
     Failure,
     FailureKind,
+    Printed,
     SandboxRequest,
     SandboxResult,
     Timing,
@@ -58,15 +59,8 @@ _PARENT_S = 0.5
 Values = dict[CallIndex, float | None]
 
 
-@dataclass(frozen=True)
-class Calls:
-    """What to call the function with.
-
-    Attributes:
-        sequences: Those of the request, then the samples of each race.
-        races: Track and type of the samples' races, such as "bean, TIME_TRIAL".
-        problems: Worlds and races that cannot be loaded.
-    """
+class Calls(NamedTuple):
+    """The sequences of the request, then the samples of each race; the rest as `sample_races`."""
 
     sequences: Sequence[Sequence[RewardParams]]
     races: Sequence[str]
@@ -117,29 +111,27 @@ class _Passes:
         self._discards: list[tuple[RewardError, CallIndex]] = []
 
     def run(self) -> SandboxResult:
-        function = self._load(first=True)
         everything = [
             CallIndex(k, i) for k, calls in enumerate(self._calls) for i in range(len(calls))
         ]
         samples = [where for where in everything if where.sequence >= len(self._request.sequences)]
         driven = everything[: len(everything) - len(samples)]
         values: Values = {}
-        if function and samples:
-            values = self._play(function, samples, FIRST_PASS_S, first=True)
+        counted, printed = 0, Printed()
+        for places in filter(None, (samples, driven)):
             # The drive begins with a fresh copy, as each time that it is repeated.
-            function = self._load() if driven and not self._hangs else None
-        counted, printed = len(values), self.printed.noted()
-        if function and driven:
-            self._counting = not samples
+            function = None if self._hangs else self._load(first=self._counting)
+            if function is None:
+                break
             self._took_s.clear()
-            values |= self._play(function, driven, FIRST_PASS_S, first=True)
-        if not samples:
-            counted, printed = len(values), self.printed.noted()
+            values |= self._play(function, places, FIRST_PASS_S, first=True)
+            if self._counting:
+                counted, printed, self._counting = len(values), self.printed.noted(), False
         if self._discards and len(self._discards) == len(values):
             self._record(*self._discards[0])  # every episode is broken: nothing can be learned
         random = memory = None
         repeated = [where for where in driven if where.sequence < self._request.repeated]
-        if function and values and repeated and not self._hangs:
+        if values and repeated and not self._hangs:
             random = self._difference(values, repeated)
             # The episodes in reverse order. To remember something within one is fine.
             turned = sorted(repeated, key=lambda where: -where.sequence)

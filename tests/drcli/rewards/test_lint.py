@@ -119,25 +119,6 @@ def test_a_module_that_cannot_be_imported_has_a_remedy(told, tmp_path, monkeypat
     assert remedy in told(failures=[failure])["V-02"].remedy
 
 
-def test_an_undefined_name_has_a_remedy(told):
-    problem = told(failures=[Failure("undefined", "NameError", 1)])["V-22"]
-
-    assert "Correct the name" in problem.remedy
-
-
-def test_replacing_pythons_own_functions_is_an_error(told):
-    problem = told(failures=[Failure("replaces", "The file replaces math.sqrt.")])["V-21"]
-
-    assert (problem.severity, problem.where) == ("error", "mine.py")
-
-
-def test_waiting_for_a_step_that_never_comes_is_told_with_its_line(told):
-    problem = told(text="def reward_function(params):\n    return params['steps'] == 1\n")["V-24"]
-
-    assert (problem.severity, problem.where) == ("warning", "mine.py line 2")
-    assert "is never true" in problem.message
-
-
 @pytest.mark.parametrize(
     "asks",
     ["params['distance_from_centre']", "params.get('distance_from_centre', 0)"],
