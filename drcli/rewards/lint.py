@@ -94,14 +94,14 @@ def _failures(
         severity: Severity = "warning" if counts and failure.kind in _COUNTED else "error"
         rule, message = _RULES.get(failure.kind, "V-21"), failure.sentence
         if failure.params:
-            message += f"\n  The parameters that it reads were {failure.params}."
-        if failure.times and failure.state:
-            message += f"\n  {failure.times} of {result.counted} calls fail like this."
+            message += f"\nThe parameters that it reads were {failure.params}."
+        if failure.times and failure.kind in _COUNTED:
+            message += f"\n{failure.times:,} of {result.counted:,} calls fail like this."
         if severity == "warning":
-            message += "\n  A training counts such calls and goes on (DR_REWARD_ON_ERROR)."
+            message += "\nA training counts such calls and goes on (DR_REWARD_ON_ERROR)."
         remedy = _missing_module(source, failure, directory) or REMEDIES[failure.kind]
         if name := _parameter(source, failure):
-            message += f"\n  `{name}` is not a parameter."
+            message += f"\n`{name}` is not a parameter."
             remedy = likely_parameter(name)
         yield source.problem(rule, failure.line, message, remedy, severity)
 

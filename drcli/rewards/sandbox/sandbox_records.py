@@ -119,7 +119,7 @@ class Failure:
         text = failed if self.state else self.reason
         if not self.source or self.kind in ("type", "range"):  # not the fault of one line
             return text
-        return f"{text}\n  The line is `{self.source}`."
+        return f"{text}\nThe line is `{self.source}`."
 
 
 @dataclass(frozen=True)
