@@ -48,11 +48,6 @@ class Course:
         """All calls: the drivers' first, then the grid."""
         return [*(trip.calls for trip in self.drive.trips), self.grid.calls]
 
-    @property
-    def size(self) -> int:
-        """How many calls there are."""
-        return sum(map(len, self.sequences))
-
     def describe(self, place: CallIndex) -> str:
         """A call in words."""
         trips = self.drive.trips

@@ -147,36 +147,27 @@ def _prints(source: Source, result: SandboxResult) -> Iterator[Problem]:
     printed, calls = result.printed, max(result.counted, 1)
     if printed.lines > _CHATTY * calls:
         megabytes = printed.characters / calls * _TRAINING_STEPS / 1e6
-        yield source.problem(
-            "V-25",
-            printed.line,
+        what = (
             f"It prints {printed.lines / calls:,.1f} lines per call: {megabytes:,.0f} MB in a "
-            "million steps, into the log of the worker.",
-            "Print only now and then, such as at the end of a lap.",
-            "warning",
+            "million steps, into the log of the worker."
         )
+        remedy = "Print only now and then, such as at the end of a lap."
+        yield source.problem("V-25", printed.line, what, remedy, "warning")
 
 
 def _speed(source: Source, result: SandboxResult) -> Iterator[Problem]:
     timing = result.timing
     if timing is None:
         return
-    # Not the mean: the first call may prepare something.
-    if timing.median_s > SIMULATION_STEP_S:
-        yield source.problem(
-            "V-26",
-            result.line,
-            f"A call takes {timing.median_s * 1e3:,.4g} ms, more than the simulation of the step "
-            f"itself: a million steps take {timing.median_s * _TRAINING_STEPS / 60:,.0f} minutes "
-            "longer.",
-            "If something is the same in every step, compute it once, outside the function.",
-            "warning",
+    a_call_s, worst_s = timing.median_s, timing.worst_s  # the first call may prepare something
+    if a_call_s > SIMULATION_STEP_S:
+        what = (
+            f"A call takes {a_call_s * 1e3:,.4g} ms, more than the simulation of the step itself: "
+            f"a million steps take {a_call_s * _TRAINING_STEPS / 60:,.0f} minutes longer."
         )
-    if timing.worst_s > _SLOW_CALL_S:
-        yield source.problem(
-            "V-26",
-            result.line,
-            f"One call takes {timing.worst_s:.1f} s; a call of 5 s ends a training.",
-            "Move slow preparations out of the function, to the top of the file.",
-            "warning",
-        )
+        remedy = "If something is the same in every step, compute it once, outside the function."
+        yield source.problem("V-26", result.line, what, remedy, "warning")
+    if worst_s > _SLOW_CALL_S:
+        what = f"One call takes {worst_s:.1f} s; a call of 5 s ends a training."
+        remedy = "Move slow preparations out of the function, to the top of the file."
+        yield source.problem("V-26", result.line, what, remedy, "warning")

@@ -16,6 +16,7 @@ from drcli.rewards.sandbox.sandbox_records import (
     Timing,
 )
 
+CALLS = 1_000
 DEFAULTS = Path(__file__).resolve().parents[3] / "defaults"
 
 
@@ -96,7 +97,7 @@ def told(with_result, course, values):
     """What is said about a result, by rule."""
 
     def of(*, text: str = "", **found):
-        result = SandboxResult(values=values, **{"calls": course.size, **found})
+        result = SandboxResult(values=values, **{"calls": CALLS, **found})
         report = report_of([with_result(result, text)])
         return {problem.rule: problem for problem in (*report.errors, *report.warnings)}
 
@@ -163,11 +164,11 @@ def test_two_values_are_shown_with_enough_digits_to_tell_them_apart(
 def test_effects_and_habits_are_put_into_words(with_result, course, values):
     result = SandboxResult(
         values=values,
-        calls=course.size,
+        calls=CALLS,
         counted=100,
         effects=[
             Effect(kind="reads", what="line.npy", line=3, times=1),
-            Effect(kind="writes", what="log.txt", line=9, times=course.size),
+            Effect(kind="writes", what="log.txt", line=9, times=CALLS),
         ],
         printed=Printed(lines=100, characters=2_000, line=7),
         timing=Timing(
