@@ -41,9 +41,6 @@ from drcli.store.notes import describe
 from drcli.store.repair import Model
 from drcli.workers.goals import ending
 
-NOT_SHOWN = ("V-20",)
-"""Rules whose warnings only `dr validate` shows."""
-
 
 @dataclass(frozen=True)
 class StartOptions:
@@ -149,8 +146,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     refuse(examined.problems)
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
     found = of_severity([*clock, *examined.problems], "warning")
-    shown = (str(problem) for problem in found if problem.rule not in NOT_SHOWN)
-    warnings = [*damaged, *settings.warnings, *staged.warnings, *shown]
+    warnings = [*damaged, *settings.warnings, *staged.warnings, *map(str, found)]
     job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
     source = transfer.source if transfer is not None else None
     if source is not None:

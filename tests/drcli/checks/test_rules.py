@@ -291,7 +291,7 @@ CASES = (
         lambda f: f.reward(reward("return 1.0 / (1.0 + params['progress'])")),
         lambda f: f.reward(reward("return 1.0 / params['progress']")),
         "error",
-        ("line 2", "failed on the start line: ZeroDivisionError", "return 1.0 / params"),
+        ("line 2", "failed on the start line (step 2", "ZeroDivisionError", "return 1.0 / params"),
     ),
     Case(
         "V-22",
