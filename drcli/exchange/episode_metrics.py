@@ -4,7 +4,7 @@ The formats are the reference simulator's, and analysis tools read them. `iterat
 """
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -202,6 +202,21 @@ class TrialMetrics(JsonRecord):
         """The record as a JSON object, without what is not known."""
         fields = _whole_as_int(super().to_json())
         return {name: value for name, value in fields.items() if value is not None}
+
+
+def is_clean(trial: Mapping[str, Any]) -> bool:
+    """Whether a completed lap of a metrics file, maybe of another program, is a clean one."""
+    return not any(trial.get(key) for key in _NOT_CLEAN)
+
+
+_NOT_CLEAN = (
+    "reset_count",
+    "off_track_count",
+    "crash_count",
+    "immobilized_count",
+    "reversed_count",
+    "penalty_in_milliseconds",
+)
 
 
 def encode_metrics_file(trials: Sequence[TrialMetrics]) -> bytes:

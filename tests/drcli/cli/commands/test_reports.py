@@ -52,7 +52,7 @@ CALLS = {
     "race delete cup -f": "Deleted race cup",
     "start-tournament duel": "0:12.345",
     "start-tournament duel -q": "process 4242",
-    "status": "full training laps",
+    "status": "training episodes completed a lap",
     "journal": "(restart 1)",
     "analyze": "Snaking",
     "analyze compare a b": "more than chance",
