@@ -98,7 +98,13 @@ class ComparisonReport:
 
 
 def compare(
-    settings: Settings, first: Path, second: Path, out: Path | None, directory: Path
+    settings: Settings,
+    first: Path,
+    second: Path,
+    out: Path | None,
+    directory: Path,
+    *,
+    force: bool = False,
 ) -> ComparisonReport:
     """Try two functions on the same drive over the configured track.
 
@@ -106,8 +112,9 @@ def compare(
         settings: The track, the race and the direction.
         first: A function.
         second: Another one.
-        out: A picture to draw, a PNG file, or None; an older one is replaced.
+        out: A picture to draw, a PNG file, or None.
         directory: The racer's working folder.
+        force: Whether an existing picture may be replaced.
 
     Raises:
         SettingsError: A function fails, the track does not exist, or the picture cannot be
@@ -115,7 +122,7 @@ def compare(
     """
     files = read_files([first, second], directory)
     if out is not None:
-        refuse_replacing(out)
+        refuse_replacing(out, force=force)
     course = Course.of(drive(settings.race))
     both = try_rewards(files, course, directory)
     refuse(problem for tried in both for problem in tried.problems)

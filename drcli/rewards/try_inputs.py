@@ -24,7 +24,7 @@ def try_inputs(
     request = SandboxRequest("" if source is None else source.name, races=races_of(run))
     with Sandbox(request, None if source is None else source.data, directory) as sandbox:
         result = sandbox.result(given_up)
-    found = [_as_given(problem, run) for problem in result.problems]
+    found = [as_given(problem, run) for problem in result.problems]
     if source is not None and not given_up.is_set():
         found += problems_of(source, result, directory, tolerated_share(run.train))
     return found
@@ -42,7 +42,7 @@ def tolerated_share(settings: FailureSettings) -> float:
     return settings.reward_max_error_share if counts else 0.0
 
 
-def _as_given(problem: Problem, run: RunConfig) -> Problem:
+def as_given(problem: Problem, run: RunConfig) -> Problem:
     """A problem with the second track as its author wrote it: it has a setting of its own."""
     place, name = run.eval_world_place, "DR_TRAIN_EVAL_WORLD"
     if not run.train.train_eval_world or (problem.file, problem.line) != tuple(place):
