@@ -376,6 +376,20 @@ CASES = (
         ("line 4", "else if", "Write `elif`"),
     ),
     Case(
+        "V-25",
+        lambda f: f.reward(reward("return 1.0")),
+        lambda f: f.reward(reward("open('log.txt', 'a').close()", "return 1.0")),
+        "warning",
+        ("line 2", "writes or removes files in every call: log.txt"),
+    ),
+    Case(
+        "V-26",
+        lambda f: f.reward("import time\n\n\n" + reward("return time.time() * 1e-9")),
+        lambda f: f.reward("import time\n\n\n" + reward("time.sleep(1e-3)", "return 1.0")),
+        "warning",
+        ("line 4", "A call takes", "more than the simulation of the step itself"),
+    ),
+    Case(
         "V-30",
         lambda f: f.metadata(action_space=[{"steering_angle": 0, "speed": 1, "index": 0}]),
         lambda f: f.metadata(action_space=[{"steering_angle": 0, "speed": 1, "index": 1}]),
