@@ -82,6 +82,26 @@ class Laps:
         return words
 
 
+def laps_summary(laps: Laps, *, resets: int, finished: int, best: str) -> str:
+    """Such as "2 of 3 laps clean (1 reset), 3 finished, best 7.73 s".
+
+    Args:
+        laps: The sample.
+        resets: How often the car was put back in all of its laps.
+        finished: How many of them were completed, clean or not.
+        best: Time of the fastest clean lap; without one, that of the fastest finished lap with its
+            resets, as `lap_time` tells it; empty without either.
+    """
+    words = f"{laps.clean} of {laps.driven} {'lap' if laps.driven == 1 else 'laps'} clean"
+    if resets:
+        words += f" ({counted_resets(resets)})"
+    if finished > laps.clean:
+        words += f", {finished} finished"
+    if best:
+        words += f", {'best' if laps.clean else 'the fastest in'} {best}"
+    return words
+
+
 def lap_time(lap_s: float, penalty_s: float | None, resets: int) -> str:
     """Such as "7.80 s", or "12.80 s = 7.80 driven + 5.00 penalty, 1 reset".
 

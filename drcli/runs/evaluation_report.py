@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from drcli.exchange.episode_metrics import TrialMetrics
-from drcli.exchange.laps import Laps, counted_resets, lap_time
+from drcli.exchange.laps import Laps, lap_time, laps_summary
 from drcli.exchange.trace import STATUS_LABELS
 
 COMPLETE = STATUS_LABELS["lap_complete"]
@@ -165,18 +165,13 @@ def summary(trials: Sequence[TrialReport]) -> str:
 
     The best lap is a clean one. Without any, the fastest finished one is told with its resets.
     """
-    laps = laps_of(trials)
-    words = f"{laps.clean} of {laps.driven} {'lap' if laps.driven == 1 else 'laps'} clean"
-    resets = sum(trial.resets for trial in trials)
-    if resets:
-        words += f" ({counted_resets(resets)})"
-    finished = sum(trial.finished for trial in trials)
-    if finished > laps.clean:
-        words += f", {finished} finished"
     best = best_lap(trials)
-    if best is None:
-        return words
-    return f"{words}, {'best' if best.clean else 'the fastest in'} {best.time}"
+    return laps_summary(
+        laps_of(trials),
+        resets=sum(trial.resets for trial in trials),
+        finished=sum(trial.finished for trial in trials),
+        best="" if best is None else best.time,
+    )
 
 
 def trial_reports(records: Sequence[TrialMetrics]) -> list[TrialReport]:

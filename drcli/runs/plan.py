@@ -19,11 +19,12 @@ from drcli.exchange.run_record import run_folder
 from drcli.exchange.training_start import Pretrained, TrainingStart
 from drcli.modelfiles.custom_files import Inputs, find
 from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.network_shape import Design
+from drcli.modelfiles.network_shape import Design, model_files
+from drcli.models.pretrained import sentence_of
 from drcli.models.repair_model import repair_all
 from drcli.models.run_metadata import describe_start, read_start
 from drcli.runs.daily_budget import refuse_without_budget
-from drcli.runs.freeze_inputs import freeze, parameter_files
+from drcli.runs.freeze_inputs import files_to_train_with, freeze, parameter_files
 from drcli.runs.journal_of_start import start_entries
 from drcli.runs.planned_job import begun_by, first_start, planned_job
 from drcli.runs.planned_stages import examine_stages, plan_stages
@@ -146,23 +147,20 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     staged = plan_stages(settings, files, bucket, resumes=options.resume)
     settings = staged.settings
     job = _job(settings, options, _seed(settings, options, before), began_at)
-    examined = examine_stages(
-        staged,
-        job,
-        files,
-        bucket,
-        Plans(
-            wiping=options.wipe or options.over_aborted,
-            resumed=Design.of_model(bucket, prefix) if options.resume else None,
-        ),
+    plans = Plans(
+        wiping=options.wipe or options.over_aborted,
+        resumed=Design.of_checkpoint(bucket, prefix, resumes) if resumes else None,
     )
+    examined = examine_stages(staged, job, files, bucket, plans)
     refuse(examined.problems)
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
     found = of_severity(examined.problems, "warning")
     shown = (str(problem) for problem in found if problem.rule not in NOT_SHOWN)
     warnings = [*damaged, *settings.warnings, *staged.warnings, *shown]
-    job = replace(job, stages=staged.stages)
+    job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
     source = transfer.source if transfer is not None else None
+    if source is not None:
+        notices.show(sentence_of(bucket, source))
     ends = ending(job, design.parameters)
 
     def review() -> None:
@@ -181,16 +179,17 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         begun = begun_by(job, began_at, ends)
         # First of all: a start that is cut off here must be known as one.
         write_outcome(bucket, prefix, begun)
-        freeze(settings, bucket, inputs, design, staged.frozen)
+        freeze(settings, bucket, inputs, job.inputs, staged.frozen, plans.resumed)
         warnings += _forget_other_scores(settings, bucket, before)
         start = describe_start(settings, directory, job.seed, source, before, training)
         bucket.put(keys.training_start(prefix), start.encode())
-        training = records.record(start, begun, resumes, previous)
+        training = records.record(start, begun, resumes, previous, job.inputs)
         describe(bucket, prefix, settings.model_description, is_new=not options.resume)
         noted = start_entries(start, resumes, previous, repairs)
         if transfer is not None:
             # Checkpoint 0 with a fresh optimizer: steps, episodes and time count from 0.
-            counters = Counters(critic_warmup=transfer.critic_warmup)
+            own = {name: job.inputs[name] for name in model_files(prefix)}
+            counters = Counters(critic_warmup=transfer.critic_warmup, inputs=own)
             CheckpointStore(bucket, prefix).save(0, 0, transfer.tensors, counters=counters)
         if not options.resume:
             begin_logs(directory, prefix, settings.log_max_mb)

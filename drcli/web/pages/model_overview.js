@@ -163,7 +163,7 @@ function verdict(found) {
     h(
       "p",
       { class: "quiet" },
-      `${number(found.episodes)} episodes, ${number(found.complete_laps)} complete laps` +
+      `${number(found.episodes)} episodes, ${number(found.complete_laps)} clean laps` +
         (found.best_lap_s == null ? "." : `, the best in ${lapTime(found.best_lap_s)}.`),
     ),
     found.advice.length

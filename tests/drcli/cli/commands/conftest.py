@@ -126,7 +126,7 @@ ANALYSIS = AnalysisReport(
         for n in range(2)
     ],
     learner=[],
-    evaluations=[{"stamp": "2026", "complete_laps": 1, "best_lap_s": 12.0, "trials": [1]}],
+    evaluations=[{"stamp": "2026", "summary": "1 of 1 lap clean, best 12.00 s"}],
     verdict={"kind": "converged", "sentence": "Converged since iteration 1.", "numbers": {}},
     advice=[
         {"id": "snaking", "title": "Snaking", "evidence": "It turns often.", "command": "dr-x"}
@@ -594,7 +594,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         size_bytes=23_456_789,
         actions=[CarAction(None, -17.25, 3.125, -0.575, 0.8125)],
     )
-    chosen = SimpleNamespace(name="model", url=URL, chosen=SimpleNamespace(line="c"))
+    chosen = SimpleNamespace(file_name="model", url=URL, chosen=SimpleNamespace(line="c"))
     answer("models.export_model.read_export_source", chosen)
     answer("models.export_car.export_car", None)
     answer("models.export_car.plan_car_upload", SimpleNamespace(url=URL))

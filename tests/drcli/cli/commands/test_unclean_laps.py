@@ -101,6 +101,7 @@ def check_answer(answer):
         "history --csv -",
         "list-models",
         "list-checkpoints",
+        "analyze",
         "status",
         "summary",
         "video --gif --seconds 1 --policy none",
