@@ -140,5 +140,5 @@ def _content(path: Path) -> bytes | None:
             f"and `chmod u+r {quote(str(path))}`."
         )
         what = f"cannot be read ({e.strerror or e})."
-        rule = FILE_RULES[path.name]
+        rule = FILE_RULES.get(path.name, "V-02")  # a reward function may have any name
         raise ProblemsError([Problem(rule, "error", str(path), None, what, remedy)]) from e

@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from drcli.base.atomic_file import rewrite
+from drcli.base.problems import refuse
 from drcli.base.replaceable import refuse_replacing
 from drcli.config.settings import Settings
 from drcli.rewards.course import Course, try_rewards
 from drcli.rewards.pictures import draw_reward
 from drcli.rewards.scripted_drive import drive
-from drcli.rewards.source import file_of
+from drcli.rewards.source import read_racers_file
 
 
 @dataclass(frozen=True)
@@ -53,11 +54,11 @@ def plot(
         SettingsError: The function fails, the track does not exist, or the picture cannot be
             written.
     """
-    path = file_of(settings, file)
+    read = read_racers_file(settings, file, directory)
     refuse_replacing(out, force=force)
     course = Course.of(drive(settings.race))
-    [tried] = try_rewards([path], course, directory)
-    tried.refuse_failing()
+    [tried] = try_rewards([read], course, directory)
+    refuse(tried.problems)
     replaced = out.exists()
     rewrite(out, draw_reward(tried))
     values = tried.grid_values

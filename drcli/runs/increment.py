@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
+from drcli.checks.start_rules import refuse_second_run
 from drcli.config.bucket_config import StorageConfig
 from drcli.config.checkpoint_words import parse_checkpoint
 from drcli.config.run_env import RunEnvEdit, plan_edit, raised, refuse_stronger_values, written
@@ -23,7 +24,6 @@ from drcli.runs.increment_overrides import (
     check_settings,
     write_files,
 )
-from drcli.runs.take_model import refuse_second_run
 from drcli.store import lease
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.model_prefix import contains, is_used, wipe

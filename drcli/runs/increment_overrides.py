@@ -9,7 +9,6 @@ from typing import Any
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError, closest, refuse, shown
-from drcli.checks.reward_rules import read_source, review_source
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.example_files import model_file
 from drcli.config.loading import load_settings
@@ -20,15 +19,14 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.modelfiles.network_shape import Design, weight_problems
 from drcli.models.copy_custom_files import write_file
+from drcli.rewards.reward_rules import read_source, review_source
+from drcli.rewards.source import read_files
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
 CHECKPOINT = "DR_LOCAL_S3_PRETRAINED_CHECKPOINT"
 WORLD = "DR_WORLD_NAME"
 DESCRIPTION = "DR_MODEL_DESCRIPTION"
-
-LARGEST_REWARD = 1 << 20
-"""Bytes; a reward function is a few kilobytes."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +112,7 @@ def changed_files(
     found = find(settings.custom_files, bucket)
     changed: dict[str, bytes] = {}
     if overrides.reward is not None:
-        changed[keys.REWARD_FUNCTION_FILE] = _reward(overrides.reward)
+        changed[keys.REWARD_FUNCTION_FILE] = _reward(overrides.reward, settings.directory)
     if overrides.hyperparameters:
         name = keys.HYPERPARAMETERS_FILE
         base = found.get(name) or InputFile(name, model_file(name).read_bytes(), name)
@@ -137,30 +135,16 @@ def write_files(settings: Settings, changed: Mapping[str, bytes]) -> list[str]:
     return [str(folder / name) for name, data in changed.items() if write_file(folder / name, data)]
 
 
-def _reward(path: Path) -> bytes:
-    path = path.expanduser().absolute()
-    try:
-        if not path.is_file() or path.stat().st_size > LARGEST_REWARD:
-            raise SettingsError(
-                f"--reward {path}: it is not a file, or too large for a reward function.",
-                remedy="Give the path of a reward function, such as rewards/second.py.",
-            )
-        data = path.read_bytes()
-    except OSError as e:
-        raise SettingsError(
-            f"--reward {path}: it cannot be read ({e.strerror or e}).",
-            remedy="Make it readable, or give another file.",
-        ) from e
-    source, problems = read_source(InputFile(keys.REWARD_FUNCTION_FILE, data, str(path)))
-    if source is not None:
-        problems = [*problems, *review_source(source)]
-    refuse(problem for problem in problems if problem.severity == "error")
-    if source is not None and not _defines_reward(data):
+def _reward(path: Path, directory: Path) -> bytes:
+    [file] = read_files([path.expanduser()], directory)
+    source, problems = read_source(file)
+    refuse(problems if source is None else review_source(source))
+    if not _defines_reward(file.data):
         raise SettingsError(
             f"--reward {path}: it defines no reward_function.",
             remedy="Write `def reward_function(params):` in it.",
         )
-    return data
+    return file.data
 
 
 def _defines_reward(data: bytes) -> bool:

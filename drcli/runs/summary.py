@@ -9,12 +9,11 @@ from typing import Literal
 
 from drcli.base.errors import StorageError
 from drcli.config.settings import Settings
-from drcli.exchange.daily_spending import DayBudget
+from drcli.exchange.daily_spending import DayBudget, budget_of
 from drcli.exchange.evaluation_record import running_evaluations
 from drcli.models.model_list import CheckpointEntry
 from drcli.models.run_metadata import installed_versions, output_of
 from drcli.runs.addresses import addresses
-from drcli.runs.daily_budget import budget_of
 from drcli.runs.periodic import within
 from drcli.runs.stopping import Run, kind_of, running_trainings
 from drcli.store import keys

@@ -402,7 +402,8 @@ class Trainer:
             number = self._progress.newest.number
             what = f"NaN detected in iteration {number}: {str(error).rstrip('.')}"
             self._roll_back("nan", what)
-            raise self._rollbacks.nan_failure(error, number) from None
+            sac = self._design.metadata.training_algorithm == "sac"
+            raise self._rollbacks.nan_failure(error, number, sac=sac) from None
         if self._learner.most_samples is not None and not self._is_short_of_gpu_memory:
             self._is_short_of_gpu_memory = True
             _logger.warning(

@@ -31,9 +31,9 @@ _World = Annotated[str | None, world_option("Track to try it on; DR_WORLD_NAME i
 def check(file: _File = None, world: _World = None, as_json: AsJson = False) -> None:
     """Try a reward function on a drive over the track, and report its problems.
 
-    Scripted drivers drive along the centre line, slowly and fast, from border to border, off the
-    road, and into an obstacle if the race has any. Exits with code 3 if a training would fail, or
-    if the function has side effects such as writing files.
+    Finds what `dr validate` and a start find. In addition, scripted drivers drive along the centre
+    line, slowly and fast, from border to border, off the road, and into an obstacle if the race has
+    any, to show what the function rewards. Exits with code 3 if a training would not start.
 
     Example: dr-reward check
     """

@@ -751,7 +751,7 @@ def _answer_as_amazon(
     answer("spot.machine_cost.cost_of", StackCost("my-run", costs, 0.0175, [unknown]))
     answer("spot.stack_end.stop_training_there", names)
     answer("spot.stack_end.verified_checkpoint", "8_Step-4000.ckpt")
-    stopped = StoppedStack("my-run", MODEL, "8_Step-4000.ckpt", names, 12)
+    stopped = StoppedStack("my-run", MODEL, "8_Step-4000.ckpt", names, 12, whole=True)
     answer("spot.stack_end.remove_training", stopped)
 
 
