@@ -24,26 +24,33 @@ class CheckpointEntry:
         metric: Mean score of its evaluation episodes; None before the first evaluation.
         score: The same with its unit: percent, seconds or reward; empty without one.
         laps: Its evaluation laps in words; empty if they are unknown.
+        clean: How many of them are clean; 0 if that is unknown.
     """
 
     name: str
     metric: float | None
     score: str = ""
     laps: str = ""
+    clean: int = 0
 
     @staticmethod
     def of(score: Score, metric: str) -> "CheckpointEntry":
         """The entry of a checkpoint in a model's index; see `score_text` for the metric."""
-        value, episodes = score.avg_eval_metric, score.episodes
-        laps = "" if episodes is None else str(episodes.laps)
-        return CheckpointEntry(score.name, value, score_text(metric, value), laps)
+        value = score.avg_eval_metric
+        laps = None if score.episodes is None else score.episodes.laps
+        return CheckpointEntry(
+            score.name,
+            value,
+            score_text(metric, value),
+            "" if laps is None else str(laps),
+            0 if laps is None else laps.clean,
+        )
 
     @property
     def told(self) -> str:
         """Its number, and how it drives: its laps and what these do not tell of its score."""
         number = self.name.partition("_")[0]
-        lap = self.laps and not self.laps.startswith("0 ")
-        score = "" if lap and self.score.endswith((" %", " s")) else self.score
+        score = "" if self.clean and self.score.endswith((" %", " s")) else self.score
         if self.laps:
             return f"{number}{f' ({score})' if score else ''}: {self.laps}"
         return f"{number} ({score})" if score else number

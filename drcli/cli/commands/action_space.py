@@ -167,7 +167,7 @@ def from_lap(
     pairs = smoothed(lap.pairs, smooth)
     found = needed(pairs, actions)
     notes = [
-        f"From the fastest of {len(laps):,} complete laps: {lap.seconds:.2f} s, "
+        f"From the fastest of {len(laps):,} clean laps: {lap.seconds:.2f} s, "
         f"{len(lap.pairs)} steps, episode {lap.episode} of {lap.file}.",
         f"{close_share(pairs, found):.0%} of its steps have an action within 5 degrees and "
         "0.25 m/s.",

@@ -99,4 +99,9 @@ def models(columns: int, found: "ModelList") -> RenderableType:
 
 
 def _checkpoint(entry: "CheckpointEntry | None") -> str:
-    return "-" if entry is None else entry.told
+    """Number of a checkpoint, and in few words how it drives."""
+    if entry is None:
+        return "-"
+    number = entry.name.partition("_")[0]
+    told = entry.laps.partition(", slowest")[0] if entry.clean else entry.score
+    return f"{number} ({told})" if told else number

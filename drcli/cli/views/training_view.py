@@ -368,7 +368,9 @@ def _driven(report: "RunReport") -> str:
     """Number of the best checkpoint, and how it drives: its laps, or its score without any."""
     assert report.best is not None
     laps = report.best_laps
-    return (report.best if laps is None else replace(report.best, laps=laps.text)).told
+    if laps is None:
+        return report.best.told
+    return replace(report.best, laps=laps.text, clean=laps.clean).told
 
 
 def _newest(report: "RunReport") -> str:

@@ -20,6 +20,10 @@ const timeWithPenalty = (trial) =>
   trial.penalty_s
     ? `${lapTime(trial.lap_s)} = ${lapTime(trial.lap_s - trial.penalty_s)} driven + ${number(trial.penalty_s, 1, "s")} penalty`
     : lapTime(trial.lap_s);
+/** How a trial ended; a finished lap may have resets and penalties. */
+const ended = (trial) =>
+  trial.clean ? "Clean lap" : trial.status === "Lap complete" ? "Finished" : trial.status;
+const resets = ({ resets: count }) => (count ? `, ${count} ${count === 1 ? "reset" : "resets"}` : "");
 const sum = (each, name) => each.trials.reduce((total, trial) => total + trial[name], 0);
 
 export function evaluationPart(prefix, { signal, evaluate }) {
@@ -103,7 +107,7 @@ export function evaluationPart(prefix, { signal, evaluate }) {
       String(trial.trial),
       timeWithPenalty(trial),
       `${number(trial.progress)} %`,
-      trial.clean ? "Clean lap" : trial.status === "Lap complete" ? "Finished" : trial.status,
+      ended(trial),
       String(trial.off_track),
       String(trial.crashes),
       String(trial.resets),
@@ -166,7 +170,9 @@ export function evaluationPart(prefix, { signal, evaluate }) {
       (_, k) => [
         String(k + 1),
         ...[one, other].map((each) =>
-          each.trials[k] ? `${timeWithPenalty(each.trials[k])}, ${each.trials[k].status}` : "–",
+          each.trials[k]
+            ? `${timeWithPenalty(each.trials[k])}, ${ended(each.trials[k]).toLowerCase()}${resets(each.trials[k])}`
+            : "–",
         ),
       ],
     );

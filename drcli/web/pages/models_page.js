@@ -202,10 +202,11 @@ export function badges(prefix, { trainings = [], evaluations = [], current }, tr
   ];
 }
 
-/** Number and score of a checkpoint. */
+const told = (entry) => (entry.clean ? entry.laps : entry.score);
+/** Number of a checkpoint, and how it drives. */
 export function checkpointText(entry) {
   return entry
-    ? `${entry.name.split("_")[0]}${entry.laps || entry.score ? ` (${entry.laps || entry.score})` : ""}`
+    ? `${entry.name.split("_")[0]}${told(entry) ? ` (${told(entry)})` : ""}`
     : "–";
 }
 

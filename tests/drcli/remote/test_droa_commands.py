@@ -149,6 +149,7 @@ def test_a_summary_has_the_means_of_each_phase(droa, fake, capsys):
         "mean_progress": 75.0,
         "full_laps": 1,
         "best_lap_s": 12.5,
+        "clean_laps": 1,
     }
     assert evaluation["full_laps"] == 0
     assert evaluation["best_lap_s"] is None
