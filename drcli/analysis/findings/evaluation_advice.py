@@ -53,16 +53,17 @@ def _advice(evidence: Evidence, found: EvaluatedLaps) -> Advice:
             f"{place.count} of {place.of} faults are between waypoints {place.first} and "
             f"{place.last}."
         )
+    title = "Many laps are not clean" if laps.clean else "The car does not get round without help"
     use = found.actions
     if use is not None and use.top_share >= TOP_SHARE and len(use.actions) > 1:
+        title = "The car takes one action only"
         numbers["top_share"] = use.top_share
-        sentences.append(
-            f"It takes {named(use, use.top)} in {100 * use.top_share:.0f} % of the steps."
-        )
+        share = f"{100 * use.top_share:.0f} %"
+        sentences.append(f"It takes {named(use, use.top)} in {share} of the steps.")
     setting, command = _remedy(evidence, found, elsewhere=elsewhere)
     return Advice(
         "unclean-laps",
-        "The car does not get round without help" if laps.clean == 0 else "Many laps are not clean",
+        title,
         " ".join(sentences),
         numbers,
         setting,
