@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from drcli.base.errors import SettingsError
 from drcli.config.bucket_config import ModelConfig
 from drcli.config.checkpoint_words import CheckpointWord
-from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
 from drcli.exchange.laps import Laps
 from drcli.exchange.milestone_record import KINDS, MilestoneKind
 from drcli.models.checkpoint_choice import ModelCheckpoints
@@ -113,8 +113,9 @@ def list_checkpoints(
     history, damaged = readable_history(model)
     damaged += readable_scores(model)[1] + readable_milestones(bucket, prefix, [])[1]
     results = readable_evaluations(bucket, prefix).values()
+    # By number: where driving and learning overlap, an older one drove the iteration.
     evaluated = {
-        record.checkpoint: (
+        record.iteration: (
             [*record.evaluation_progress, *record.confirmation_progress],
             [*record.evaluation_lap_s, *record.confirmation_lap_s],
         )
@@ -122,7 +123,8 @@ def list_checkpoints(
     }
     for result in results:
         episodes = result.on("training")
-        evaluated[result.checkpoint] = (episodes.progress, episodes.lap_s)
+        number = checkpoint_name(result.checkpoint).number
+        evaluated[number] = (episodes.progress, episodes.lap_s)
     # The record of a milestone has the numbers of an evaluation that the learning curve has lost.
     marked = {found.name: found for _, found in has.milestones.reached()}
     sizes = _sizes(has)
@@ -130,7 +132,7 @@ def list_checkpoints(
     spaced = set(has.milestones.spaced)
     listed = []
     for name in has.names:
-        progress, lap_s = evaluated.get(str(name), ([], []))
+        progress, lap_s = evaluated.get(name.number, ([], []))
         known = marked.get(name)
         if known is None or progress:
             seen = len(progress), len(lap_s), _mean(progress), min(lap_s, default=None)

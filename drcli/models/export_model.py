@@ -2,16 +2,20 @@
 
 from dataclasses import dataclass
 
+from drcli.base import notices
 from drcli.base.errors import SettingsError
+from drcli.base.replaceable import safe_name
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import Settings, catalogue
 from drcli.modelfiles.network_shape import Design
-from drcli.models.checkpoint_choice import OUR_PARTS, CheckpointGone
-from drcli.models.checkpoint_files import (
+from drcli.models.checkpoint_choice import (
+    OUR_PARTS,
+    CheckpointGone,
     Chosen,
-    choose,
-    known_best,
+    find_choice,
+    sentence_about,
 )
+from drcli.models.checkpoint_files import known_best
 from drcli.models.repair_model import repair_or_warn
 from drcli.models.run_metadata import read_start
 from drcli.models.transfer_buckets import checked_prefix
@@ -19,6 +23,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.repair import Model
 
 _WORLD = "DR_WORLD_NAME"
 
@@ -30,7 +35,7 @@ _PICKS = 5
 class Selection:
     """Which checkpoint to export; without `prefix`, one of the model in the settings."""
 
-    choice: CheckpointChoice = "last"
+    choice: CheckpointChoice = "best"
     prefix: str | None = None
 
 
@@ -64,9 +69,9 @@ class ExportSource:
         return f"s3://{self.bucket}/{self.prefix}"
 
     @property
-    def name(self) -> str:
-        """The last part of the prefix, which names the model for people."""
-        return self.prefix.rpartition("/")[2]
+    def file_name(self) -> str:
+        """The model as part of the name of a file."""
+        return safe_name(self.prefix)
 
 
 def read_export_source(settings: Settings, selection: Selection) -> ExportSource:
@@ -81,8 +86,9 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
     prefix = checked_prefix(prefix, "-p") if prefix else settings.model_prefix
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     repair_or_warn(settings.model, bucket, prefix)
+    model = Model.of(settings.model, bucket, prefix)
     for attempt in range(_PICKS):
-        chosen = choose(bucket, prefix, selection.choice)
+        chosen = find_choice(model, selection.choice)
         if not all(part in chosen.parts for part in OUR_PARTS):
             raise _not_imported(bucket, prefix, chosen)
         try:
@@ -95,12 +101,13 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
                 ) from e
             continue
         break
+    notices.show(sentence_about(model, chosen))
     key = keys.checkpoint_tensors(prefix, chosen.name)
     return ExportSource(
         bucket.name,
         prefix,
         chosen,
-        _design(bucket, prefix),
+        _design(bucket, prefix, chosen.name),
         weights,
         f"s3://{bucket.name}/{key}",
         _world(bucket, prefix),
@@ -108,9 +115,9 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
     )
 
 
-def _design(bucket: Bucket, prefix: str) -> Design:
+def _design(bucket: Bucket, prefix: str, checkpoint: str) -> Design:
     try:
-        return Design.of_model(bucket, prefix)
+        return Design.of_checkpoint(bucket, prefix, checkpoint)
     except ObjectMissing as e:
         raise SettingsError(
             f"Meta-data files are not found. Exiting. {e}",

@@ -38,6 +38,16 @@ class CheckpointEntry:
         laps = "" if episodes is None else str(episodes.laps)
         return CheckpointEntry(score.name, value, score_text(metric, value), laps)
 
+    @property
+    def told(self) -> str:
+        """Its number, and how it drives: its laps and what these do not tell of its score."""
+        number = self.name.partition("_")[0]
+        lap = self.laps and not self.laps.startswith("0 ")
+        score = "" if lap and self.score.endswith((" %", " s")) else self.score
+        if self.laps:
+            return f"{number}{f' ({score})' if score else ''}: {self.laps}"
+        return f"{number} ({score})" if score else number
+
 
 def score_text(metric: str, value: float | None) -> str:
     """A score with its unit.

@@ -49,6 +49,7 @@ class TrainingEntry:
         commit: Git commit of the working folder, with + if files were changed since.
         seed: Of its random numbers.
         description: DR_MODEL_DESCRIPTION.
+        metric: DR_TRAIN_BEST_MODEL_METRIC, of which the score is; empty if unknown.
     """
 
     id: str
@@ -87,6 +88,7 @@ class TrainingEntry:
     commit: str
     seed: int | None
     description: str
+    metric: str
 
 
 def entry_of(record: TrainingRecord, *, exists: bool) -> TrainingEntry:
@@ -130,6 +132,7 @@ def entry_of(record: TrainingRecord, *, exists: bool) -> TrainingEntry:
         commit="" if git is None else f"{git.commit[:12]}{'+' if git.dirty else ''}",
         seed=newest.seed,
         description=record.description,
+        metric=record.metric,
     )
 
 

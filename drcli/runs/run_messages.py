@@ -100,10 +100,8 @@ class Messages(Duty):
             self._best = best.name
         elif now_s - self._best_s >= BEST_EVERY_S:
             self._best, self._best_s = best.name, now_s
-            entry = CheckpointEntry.of(best, self._job.config.model.metric)
-            told = ", ".join(filter(None, (entry.score, entry.laps)))
-            text = f"New best checkpoint {best.name}{f' ({told})' if told else ''}."
-            self.tell("best", text, checkpoint=best.name)
+            told = CheckpointEntry.of(best, self._job.config.model.metric).told
+            self.tell("best", f"New best checkpoint {told}.", checkpoint=best.name)
         return None
 
     def finish(self, ending: Ending) -> None:
@@ -122,6 +120,9 @@ class Messages(Duty):
             if score is not None:
                 facts[name] = score.name
         text = f"{outcome.message} {outcome.remedy}".strip()
+        if event == "end" and self._watch.best is not None:
+            entry = CheckpointEntry.of(self._watch.best, self._job.config.model.metric)
+            text += f" Best checkpoint {entry.told}."
         self.tell(event, text, **facts, **self._facts())
         self._queue.put(None)
         if self._thread.is_alive():

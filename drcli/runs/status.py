@@ -10,7 +10,7 @@ from drcli.base.json_record import RecordError
 from drcli.base.process_identity import exists
 from drcli.config.run_config import RunConfig
 from drcli.exchange.checkpoint import checkpoint_name
-from drcli.exchange.daily_spending import DayBudget
+from drcli.exchange.daily_spending import DayBudget, budget_of
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.joined_worker import MemberRecord
 from drcli.exchange.laps import Laps
@@ -25,7 +25,6 @@ from drcli.exchange.spending import Spending
 from drcli.exchange.stage import StageMark
 from drcli.exchange.watch_record import WatchRecord
 from drcli.models.model_list import CheckpointEntry
-from drcli.runs.daily_budget import budget_of
 from drcli.runs.spending_report import RequestReport, money_left, request_report, time_left_s
 from drcli.runs.worker_health import WorkerHealth
 from drcli.runs.worker_processes import TRAINER
@@ -40,6 +39,7 @@ from drcli.store.members import GONE_S, read_shares_record
 from drcli.store.milestones import NO_MILESTONES, with_history
 from drcli.store.notes import read_notes
 from drcli.store.repair import Model, readable_history, readable_scores
+from drcli.store.request_count import read_counts
 from drcli.store.reward_errors import read_reward_errors
 from drcli.store.rollbacks import read_rollbacks
 
@@ -185,6 +185,7 @@ class RunReport:
         requests: Requests to the bucket of the newest start; None before the first count.
         priority: DR_PRIORITY at the start.
         threads: DR_THREADS at the start; 0 for all cores.
+        ending: Whether the run is ending its workers: none of them is missed then.
         watches: What the watches of the training warn of, a sentence each: memory, disk, stalls.
         reward_errors: Failures of the reward function that all workers have counted, and episodes
             that it declared broken; None if nothing was counted.
@@ -235,11 +236,12 @@ class RunReport:
     priority: str = "normal"
     threads: int = 0
     joined: list[JoinedReport] = field(default_factory=list)
+    ending: bool = False
 
     @property
     def dead(self) -> list[str]:
         """Workers that should run but do not."""
-        if self.state not in LIVE_STATES:
+        if self.state not in LIVE_STATES or self.ending:
             return []
         return [worker.name for worker in self.workers if worker.pid and not worker.alive]
 
@@ -336,6 +338,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         started_at=record.started_at,
         elapsed_s=history[-1].elapsed_s if history else 0.0,
         pid=record.pid or None,
+        ending=record.ending,
         workers=workers,
         history=history,
         best=best,
@@ -354,7 +357,11 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         time_left_s=time_left_s(spending),
         spending=spending,
         money_left=money_left(spending),
-        requests=request_report(folder, record.session, spending),
+        requests=request_report(
+            read_counts(folder, record.session),
+            0.0 if spending is None else spending.own_hours,
+            record.storage_at_start(config.storage, config.directory),
+        ),
         watches=WatchRecord.read(folder, record.session).warnings,
         milestones=[
             MilestoneReport(kind, found.checkpoint, found.laps, found.episodes, found.best_lap_s)

@@ -28,7 +28,7 @@ def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy
         ProblemsError: A parameter file is wrong.
         SettingsError: The weights do not fit the parameter files.
     """
-    design = Design.of_model(bucket, prefix)
+    design = Design.of_checkpoint(bucket, prefix, checkpoint)
     model = build_policy(design.metadata, design.parameters)
     found = CheckpointStore(bucket, prefix).load(checkpoint)
     load_weights(model, found.tensors, found.record.name)

@@ -81,8 +81,15 @@ def number_of(score: TrialScore | None, metric: Metric) -> float:
 
 
 def best_of(trials: Sequence[TrialRecord], metric: Metric) -> str:
-    """Name of the best training; empty if none has a result."""
-    scored = [trial for trial in trials if trial.score is not None]
+    """Name of the best training; empty if none has a result.
+
+    That is an evaluation, or the reward of an iteration if that is what counts.
+    """
+    scored = [
+        trial
+        for trial in trials
+        if trial.score is not None and (trial.score.episodes or metric == "reward")
+    ]
     if not scored:
         return ""
     return max(scored, key=lambda trial: rank(trial.score, metric)).name

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from drcli.base.errors import NotAvailable, SettingsError
-from drcli.base.replaceable import VIDEO, refuse_new_file, refuse_replacing
+from drcli.base.replaceable import refuse_replacing
 from drcli.config.shell_colors import shell_color
 from drcli.exchange.laps import counted_resets
 from drcli.exchange.trace import STATUS_LABELS
@@ -95,7 +95,6 @@ def film_trace(
     """
     laps = chosen_laps(trace.laps, wish.episode, trace.origin)
     for _, path in files:
-        refuse_file(path)
         if path.suffix.lower() == ".mp4":
             encode.require_encoder()
     shapes = _shapes(trace)
@@ -191,8 +190,8 @@ def chosen_laps(laps: Sequence[RecordedLap], episode: str, origin: str) -> list[
     return found[:1]
 
 
-def refuse_file(path: Path) -> None:
-    """Refuse to replace a file that is not a video, or to write where nothing can be written.
+def refuse_file(path: Path, *, force: bool = False) -> None:
+    """Refuse a name that is not a video's, to replace a file, and a place that takes none.
 
     Raises:
         SettingsError: It is one of these.
@@ -202,8 +201,7 @@ def refuse_file(path: Path) -> None:
             f"{path} ends neither in .mp4 nor in .gif.",
             remedy="Name another file with --out, such as --out lap.mp4 or --out lap.gif.",
         )
-    refuse_replacing(path, VIDEO)
-    refuse_new_file(path)  # a video takes the place of an old one when it is complete
+    refuse_replacing(path, force=force)
 
 
 def rank_of(lap: RecordedLap) -> tuple[bool, int, float]:

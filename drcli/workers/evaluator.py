@@ -314,7 +314,7 @@ def enter(bucket: Bucket, entry: Entry, config: RunConfig) -> tuple[Racer, Model
         _say_start(config, metadata, parameters)
         policy = policy_of_file(file, source.runtime, threads)
         return Racer(policy, actions_of(metadata)), metadata
-    design = Design.of_model(bucket, entry.prefix)
+    design = Design.of_checkpoint(bucket, entry.prefix, entry.checkpoint)
     metadata, parameters = design.metadata, design.parameters
     _say_start(config, metadata, parameters)
     model = build_policy(metadata, parameters)

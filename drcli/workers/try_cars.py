@@ -77,7 +77,7 @@ def main(job: Job, lifeline: Lifeline) -> None:
     torch.set_num_threads(1)
     bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
     prefix = job.config.model.prefix
-    design = Design.of_model(bucket, prefix)
+    design = Design.of_checkpoint(bucket, prefix, checkpoint)
     model = build_policy(design.metadata, design.parameters)
     found = CheckpointStore(bucket, prefix).load(checkpoint)
     load_weights(model, found.tensors, found.record.name)

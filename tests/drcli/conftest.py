@@ -17,7 +17,8 @@ from drcli.runs.evaluation_report import EvaluationReport, TrialReport
 from drcli.runs.status import CheckpointLaps, RunReport, WorkerReport
 from drcli.store.server import server
 from evaluations import evaluated
-from racer import ProbedBucket, Racer
+from memory_bucket import MemoryBucket
+from racer import Racer
 
 REQUEST_S = 30.0
 """How long a request to a console may go on after its test."""
@@ -175,7 +176,7 @@ def told(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 @pytest.fixture
 def racer(working_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Racer:
     """A racer in an empty folder, the current one."""
-    bucket = ProbedBucket()
+    bucket = MemoryBucket()
     for module in ("plan", "increment", "resume_or_start"):
         monkeypatch.setattr(f"drcli.runs.{module}.open_bucket", lambda *_, **__: bucket)
     monkeypatch.setattr("drcli.checks.before_start.try_inputs", lambda *_: [])

@@ -55,7 +55,7 @@ def no_exploration(evidence: Evidence) -> Advice | None:
 
 
 def _more_exploration(evidence: Evidence) -> tuple[str, str]:
-    if is_sac(evidence.run.hyperparameters):
+    if is_sac(evidence.run):
         alpha = evidence.number("sac_alpha") or 0.1
         return "sac_alpha", rounded(2.0 * alpha)
     beta = evidence.number("beta_entropy") or 0.0

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +34,9 @@ from drcli.analysis.findings.steering_balance import SteeringBalance, steering_b
 from drcli.analysis.findings.wheels_off import WheelsOff, wheels_off
 from drcli.analysis.findings.window import early_steps, late_steps, learned_steps
 from drcli.analysis.run import Run
+from drcli.base.json_record import RecordError, parse_json
 from drcli.modelfiles.action_space import ActionSpace
+from drcli.store.keys import MODEL_METADATA_FILE
 
 FALL_FROM = 20.0
 """Progress, percent, that a policy must have had before a collapse. The warning during a training
@@ -157,9 +160,7 @@ def gather(run: Run) -> Evidence:
         evaluated=evaluated_alone(run),
         evaluated_in_training=evaluated_in_training(run, curve),
         gap=evaluation_gap(run, curve, until),
-        learner=learner_health(
-            run.learner, sac=is_sac(run.hyperparameters), actions=_discrete(run.actions)
-        ),
+        learner=learner_health(run.learner, sac=is_sac(run), actions=_discrete(run.actions)),
         horizon=discount_horizon(run.hyperparameters, steps.length_m, _speed_over_track(late)),
         laps=lap_times(run),
         quintiles=by_quintile(run),
@@ -167,10 +168,16 @@ def gather(run: Run) -> Evidence:
     )
 
 
-def is_sac(hyperparameters: Mapping[str, object]) -> bool:
-    """Whether a model was trained by SAC, as far as its hyperparameters tell."""
-    additive = hyperparameters.get("exploration_type") == "additive_noise"
-    return additive or "sac_alpha" in hyperparameters
+def is_sac(run: Run) -> bool:
+    """Whether a model was trained by SAC, as far as its files tell.
+
+    The hyperparameters alone do not: the reference ships sac_alpha with those of PPO.
+    """
+    with suppress(RecordError):
+        metadata = parse_json(run.files.get(MODEL_METADATA_FILE, "{}").encode())
+        if isinstance(metadata, dict) and "training_algorithm" in metadata:
+            return bool(metadata["training_algorithm"] == "sac")
+    return run.hyperparameters.get("exploration_type") == "additive_noise"
 
 
 def _discrete(actions: ActionSpace | None) -> int:

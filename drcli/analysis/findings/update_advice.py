@@ -71,7 +71,7 @@ default."""
 
 def unstable(evidence: Evidence) -> Advice | None:
     """The reward goes up and down from iteration to iteration."""
-    if evidence.fall is not None or is_sac(evidence.run.hyperparameters):
+    if evidence.fall is not None or is_sac(evidence.run):
         return None  # SAC learns from a replay buffer: an iteration may be a single episode
     curve = evidence.curve
     count = min(JUMP_WINDOW, 2 * len(curve) // 3)

@@ -20,7 +20,6 @@ from drcli.analysis.report.section import Section
 from drcli.analysis.report.summary_sections import problems_box
 from drcli.analysis.report.words import UNKNOWN, count, digits, percent, seconds
 from drcli.base.atomic_file import rewrite
-from drcli.base.replaceable import HTML_PAGE, refuse_replacing
 
 Floats = NDArray[np.float64]
 
@@ -45,9 +44,8 @@ def write_comparison(report: Comparison, path: Path) -> int:
         Its size in bytes.
 
     Raises:
-        SettingsError: It cannot be written, or is an existing file that is no HTML page.
+        SettingsError: It cannot be written.
     """
-    refuse_replacing(path, HTML_PAGE)
     data = comparison_page(report).encode("utf-8")
     rewrite(path, data)
     return len(data)

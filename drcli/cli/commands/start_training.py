@@ -314,7 +314,7 @@ def _followed(
 def _end(report: "RunReport", *, as_json: bool) -> int:
     """Say how the training ended, and return its exit code."""
     console.emit(report, None, as_json=as_json)
-    if report.state in ("finished", "stopped", "interrupted"):
+    if report.state in ("stopped", "interrupted") or report.exit_code == 0:
         console.say(views.end_text(report))
         if commands := views.next_commands(report):
             console.suggest(commands)

@@ -61,8 +61,8 @@ def _cars(trials: "CarTrials") -> list[RenderableType]:
             "with --world."
         )
     elif trials.best == trials.present:
-        advice = f"The car of the settings suits it best: DR_SIM_CAR={trials.best}."
+        advice = f"No car suits it better than that of the settings: DR_SIM_CAR={trials.best}."
     else:
-        advice = f"The car that suits it best: write DR_SIM_CAR={trials.best} into run.env."
+        advice = f"The car that suits it better: write DR_SIM_CAR={trials.best} into run.env."
     title = f"Likeliest actions on {trials.world}:"
     return [title, Rows(names, rows, left=("car",)), advice]

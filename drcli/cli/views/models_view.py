@@ -99,8 +99,4 @@ def models(columns: int, found: "ModelList") -> RenderableType:
 
 
 def _checkpoint(entry: "CheckpointEntry | None") -> str:
-    if entry is None:
-        return "-"
-    number = entry.name.partition("_")[0]
-    told = entry.laps if entry.laps and not entry.score.startswith("reward") else entry.score
-    return f"{number} ({told})" if told else number
+    return "-" if entry is None else entry.told

@@ -52,7 +52,10 @@ def sweep(report: "SweepReport") -> RenderableType:
         if trial.state == "failed"
     ]
     if report.best:
-        parts.append(Text(f"* best; its model is {_best(report).model}"))
+        word = "best" if report.ended else "best so far"
+        parts.append(Text(f"* {word}; its model is {_best(report).model}"))
+    elif report.ended:
+        parts.append(Text("None is the best: no training was evaluated."))
     if report.comparison is not None:
         parts.append(Text(f"Comparison: {report.comparison}"))
     return Group(*parts)

@@ -1,5 +1,6 @@
 """How a training looks: a live display, its state, what is said at its start and end."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
@@ -13,7 +14,6 @@ if TYPE_CHECKING:
     from drcli.exchange.training_start import Pretrained
     from drcli.runs.increment import Increment
     from drcli.runs.plan import EndWorkPlan, RunPlan
-    from drcli.runs.spending_report import RequestReport
     from drcli.runs.status import JoinedReport, RunReport, WorkerReport
 
 LIVE_ROWS = 6
@@ -81,7 +81,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     if report.state in ("failed", "interrupted") and report.remedy:
         parts.append(indented(f"Try: {report.remedy}"))
     if report.state in ("starting", "running"):
-        parts += [indented(_worker(worker)) for worker in report.workers]
+        parts += [indented(_worker(worker, ending=report.ending)) for worker in report.workers]
         parts += [indented(_joined(worker)) for worker in report.joined]
         if limits := _limits(report):
             parts.append(indented(limits))
@@ -107,7 +107,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
         if report.warning:
             parts += [_warning(report), *(indented(f"Try: {each}") for each in report.advice)]
     parts += [Text(line) for line in _failures(report)]
-    lines = (_spent(report), _left(report), _requests(report), _budget(report))
+    lines = (_spent(report), _left(report), str(report.requests or ""), _budget(report))
     parts += [Text(line) for line in lines if line]
     parts += [Text(f"Note: {notes_view.short(text)}") for text in report.notes[-NOTES:]]
     return Group(*parts)
@@ -207,23 +207,6 @@ def _left(report: "RunReport") -> str:
     return f"Left: {', '.join(parts)}." if parts else ""
 
 
-def _requests(report: "RunReport") -> str:
-    """Requests per hour, and what a night of them costs."""
-    made = report.requests
-    if made is None:
-        return ""
-    sent, received = (f"{size / made.hours / 1e6:,.0f} MB" for size in _traffic(made))
-    return (
-        f"Bucket, per hour: {made.puts / made.hours:,.0f} requests that write or list, "
-        f"{made.gets / made.hours:,.0f} that read, {sent} sent, {received} received; a night of "
-        f"10 hours at Amazon's list prices: {made.night_usd:.2f} USD."
-    )
-
-
-def _traffic(made: "RequestReport") -> tuple[int, int]:
-    return made.sent_bytes, made.received_bytes
-
-
 def start_text(plan: "RunPlan") -> str:
     """What will be trained, and from which files and weights."""
     config, inputs = plan.job.config, plan.inputs
@@ -253,8 +236,7 @@ def end_work_text(plan: "EndWorkPlan") -> str:
     config = plan.job.config
     model = f"s3://{config.storage.bucket}/{config.model.prefix}"
     return (
-        f"{model}: {plan.outcome.message} What was left to do at its end is done now: "
-        f"{', '.join(plan.outcome.left)}."
+        f"{model}: {plan.outcome.message} Still to do at its end: {', '.join(plan.outcome.left)}."
     )
 
 
@@ -265,7 +247,8 @@ def increment(step: "Increment") -> RenderableType:
 
 def end_text(report: "RunReport") -> str:
     """How a training ended, and how its best checkpoint drives."""
-    best = f" Best checkpoint: {_driven(report)}." if report.best else ""
+    evaluated = report.best is not None and report.best.metric is not None
+    best = f" Best checkpoint {_driven(report)}." if evaluated else ""
     return f"{report.message}{best} {report.remedy}".strip()
 
 
@@ -286,15 +269,17 @@ def next_commands(report: "RunReport") -> list[tuple[str, str]]:
     ]
 
 
-def _worker(worker: "WorkerReport") -> str:
+def _worker(worker: "WorkerReport", *, ending: bool) -> str:
     """A line about a worker."""
     if worker.pid is None:
         return f"{worker.name}: not started, or left out"
-    state = f"{'alive' if worker.alive else 'DEAD'}, process {worker.pid}"
+    gone = "ended" if ending else "DEAD"
+    state = f"{'alive' if worker.alive else gone}, process {worker.pid}"
     state += f", restarted {worker.restarts} x" if worker.restarts else ""
     health = f" ({worker.health.words(worker.name)})" if worker.health and worker.alive else ""
     host = f" on {worker.host}" if worker.host else ""
-    return f"{worker.name} ({state}){host}: {worker.activity}{health}"
+    activity = "" if ending and not worker.alive else f": {worker.activity}{health}"
+    return f"{worker.name} ({state}){host}{activity}"
 
 
 def _source(pretrained: "Pretrained") -> str:
@@ -373,20 +358,17 @@ def _checkpoints(report: "RunReport") -> str:
     best, last = report.best, report.last
     if best is None or last is None:
         return "No checkpoint yet."
-    return f"best {_driven(report)}   last {last.name.partition('_')[0]}"
+    number = last.name.partition("_")[0]
+    if best.metric is None:
+        return f"last {number}, none was evaluated yet"
+    return f"best {_driven(report)}   last {number}"
 
 
 def _driven(report: "RunReport") -> str:
     """Number of the best checkpoint, and how it drives: its laps, or its score without any."""
-    best, laps = report.best, report.best_laps
-    assert best is not None
-    number = best.name.partition("_")[0]
-    if laps is None:
-        return f"{number} ({best.score})" if best.score else number
-    # Laps tell more than mean progress and lap time do, but not more than the reward.
-    told = laps.clean and best.score.endswith((" %", " s"))
-    score = f" ({best.score})" if best.score and not told else ""
-    return f"{number}{score}: {laps.text}"
+    assert report.best is not None
+    laps = report.best_laps
+    return (report.best if laps is None else replace(report.best, laps=laps.text)).told
 
 
 def _newest(report: "RunReport") -> str:

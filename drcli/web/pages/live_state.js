@@ -191,11 +191,11 @@ export function runState(runId, signal) {
       spending
         ? `${spending.usd !== null ? number(spending.usd, 2, "USD") : "no price set"}, ${number(spending.hours, 2, "h")}`
         : "–",
-      requests
-        ? `${number((requests.puts + requests.gets) / Math.max(requests.hours, 1e-9))} an hour`
+      requests && requests.hours >= 0.1
+        ? `${number((requests.puts + requests.gets) / requests.hours)} an hour`
         : "–",
-      run.best
-        ? `${run.best.name.split("_")[0]}: ${run.best_laps?.text || run.best.score || "not evaluated"}`
+      run.best && run.best.metric !== null
+        ? `${run.best.name.split("_")[0]}: ${run.best_laps?.text || run.best.score}`
         : "–",
       evaluated && run.newest_laps
         ? `${run.newest_laps.checkpoint}: ${run.newest_laps.text}, progress ${number(mean(evaluated.evaluation_progress), 0, "%")}`

@@ -11,6 +11,7 @@ const text = (value) =>
       ? JSON.stringify(value)
       : String(value);
 const RESULTS = {
+  world: "track",
   elapsed_s: "training time, s",
   hours: "machine hours",
   usd: "cost, USD",

@@ -25,8 +25,10 @@ const SORTS = {
   changed: ["Newest first", (a, b) => Date.parse(b.model.modified) - Date.parse(a.model.modified)],
   name: ["Name", (a, b) => a.model.prefix.localeCompare(b.model.prefix, "en", { numeric: true })],
   lap: [
-    "Fastest lap",
-    (a, b) => (a.training?.best_lap_s ?? Infinity) - (b.training?.best_lap_s ?? Infinity),
+    "Fastest lap on each track",
+    (a, b) =>
+      (a.training?.world ?? "").localeCompare(b.training?.world ?? "", "en") ||
+      (a.training?.best_lap_s ?? Infinity) - (b.training?.best_lap_s ?? Infinity),
   ],
   score: [
     "Best score",
@@ -203,7 +205,7 @@ export function badges(prefix, { trainings = [], evaluations = [], current }, tr
 /** Number and score of a checkpoint. */
 export function checkpointText(entry) {
   return entry
-    ? `${entry.name.split("_")[0]}${entry.score ? ` (${entry.score})` : ""}`
+    ? `${entry.name.split("_")[0]}${entry.laps || entry.score ? ` (${entry.laps || entry.score})` : ""}`
     : "–";
 }
 
@@ -273,7 +275,7 @@ function modelTable(found, data) {
     h(
       "p",
       { class: "quiet fine" },
-      "In brackets after a checkpoint is its evaluation score. A clean lap is completed without a violation; those of training episodes and of their evaluations are counted. The best one is that of an evaluation on the track of the model.",
+      "In brackets after a checkpoint is how it drove in its evaluation. A clean lap is completed without a violation; those of training episodes and of their evaluations are counted. The best one is that of an evaluation on the track of the model.",
     ),
   ];
 }

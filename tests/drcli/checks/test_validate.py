@@ -4,6 +4,7 @@ import json
 import os
 import time
 from pathlib import Path
+from threading import Event
 
 import pytest
 
@@ -11,6 +12,7 @@ from drcli.base.errors import SettingsError, StorageError
 from drcli.checks.validate import validate
 from drcli.config.loading import load_settings
 from drcli.modelfiles.custom_files import InputFile
+from drcli.rewards.reward_rules import read_source
 from drcli.runs.plan import StartOptions, prepare
 from own_run import own_run
 
@@ -156,15 +158,15 @@ def test_no_reward_function_is_too_bad_to_report(folder, content):
     assert all(item.where.startswith("custom_files/reward_function.py") for item in report.errors)
 
 
-def test_a_training_that_goes_on_is_told_and_its_model_is_no_error(folder):
+def test_a_training_that_goes_on_keeps_another_from_starting_and_its_model_is_no_error(folder):
     own_run().write(folder.path / "data" / "runs" / "0")
     folder.bucket.put("model-1/reward_function.py", b"")
 
     report = folder.report()
 
-    assert [item.rule for item in report.errors] == []
-    assert [item.rule for item in report.warnings] == ["V-13"]
-    assert "Run 0 is training s3://bucket/model-1" in report.warnings[0].message
+    assert [item.rule for item in (*report.errors, *report.warnings)] == ["V-13"]
+    assert "Run 0 is training s3://bucket/model-1" in report.errors[0].message
+    assert validate(folder.path, environ={}, here=False).ok
 
 
 def test_without_a_run_env_the_rest_is_tried_with_defaults(folder):
@@ -283,8 +285,10 @@ def test_an_endless_loop_ends_at_the_deadline_and_is_named(folder, try_here):
     started_s = time.monotonic()
 
     [found] = try_here(
-        load_settings(folder.path, environ={}).races,
-        InputFile("reward_function.py", loop, "mine.py"),
+        load_settings(folder.path, environ={}).run,
+        folder.path,
+        read_source(InputFile("reward_function.py", loop, "mine.py"))[0],
+        Event(),
         call_s=0.2,
     )
 

@@ -7,11 +7,10 @@ import re
 import pytest
 from rich.console import Console
 
-from drcli.base.errors import SettingsError
 from drcli.cli.views import race_view
 from drcli.exchange.race_submission import DrivenLap
 from drcli.races.organise import show_race
-from drcli.races.race_export import COLUMNS, csv_of, export_race, videos_of
+from drcli.races.race_export import COLUMNS, csv_of, videos_of
 from drcli.races.race_moments import moments_of
 from drcli.races.race_page import race_page
 from drcli.races.race_runs import NOBODY
@@ -78,22 +77,6 @@ def test_videos_are_part_of_the_page_or_named(home, report):
     assert films == {key: b"film"}
     assert 'src="data:video/mp4;base64,ZmlsbQ=="' in page
     assert "s3://bucket/races/cup/videos/gone.mp4" in page
-
-
-def test_files_of_the_same_kind_are_replaced_and_no_others(home, report):
-    table, page = home.folder / "cup.csv", home.folder / "cup.html"
-    for _ in range(2):
-        written = export_race(report, csv_path=table, html_path=page)
-    assert written.size_bytes == page.stat().st_size
-
-    for path in (table, page):
-        path.write_text("mine")
-        with pytest.raises(SettingsError, match="so it is not replaced"):
-            export_race(report, csv_path=table, html_path=page)
-        assert path.read_text() == "mine"
-        path.unlink()
-    assert not table.exists()
-    assert not page.exists()
 
 
 def test_a_race_in_pairs_and_an_empty_one_have_pages_too(home):

@@ -71,6 +71,13 @@ def trial(name, score):
     return TrialRecord(name, name, 0, score=score)
 
 
+def test_none_is_the_best_before_one_was_evaluated_unless_rewards_count():
+    trials = [trial("a", TrialScore(progress=3.0, reward=1.0)), trial("b", None)]
+
+    assert [best_of(trials, metric) for metric in ("lap_time", "progress")] == ["", ""]
+    assert best_of(trials, "reward") == "a"
+
+
 def test_each_metric_has_its_own_best():
     fast = trial("fast", TrialScore(1, 2, 2, 100.0, 8.0, 10.0))
     safe = trial("safe", TrialScore(1, 2, 2, 100.0, 12.0, 30.0))

@@ -75,6 +75,17 @@ def test_a_planted_fault_is_named_first(kind, seed):
     assert [item.id for item in found(kind, seed)][:1] == [FAULTS[kind]]
 
 
+def test_advice_is_for_the_algorithm_of_the_model():
+    """The reference ships sac_alpha with the hyperparameters of PPO."""
+    run = make(small(plan_of("evaluation_behind", SEEDS[0]))).as_run()
+    run = replace(run, hyperparameters={**run.hyperparameters, "sac_alpha": 0.2})
+    sac = {"model_metadata.json": '{"training_algorithm": "sac"}'}
+
+    named = [advice(each)[0].setting for each in (run, replace(run, files=sac))]
+
+    assert named == ["beta_entropy", "sac_alpha"]
+
+
 def test_of_twenty_healthy_trainings_at_most_one_gets_advice():
     advised = {seed: ids for seed in HEALTHY if (ids := [a.id for a in found("healthy", seed)])}
 

@@ -594,7 +594,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         size_bytes=23_456_789,
         actions=[CarAction(None, -17.25, 3.125, -0.575, 0.8125)],
     )
-    chosen = SimpleNamespace(name="model", url=URL, chosen=SimpleNamespace(line="c"))
+    chosen = SimpleNamespace(file_name="model", url=URL, chosen=SimpleNamespace(line="c"))
     answer("models.export_model.read_export_source", chosen)
     answer("models.export_car.export_car", None)
     answer("models.export_car.plan_car_upload", SimpleNamespace(url=URL))
@@ -751,7 +751,7 @@ def _answer_as_amazon(
     answer("spot.machine_cost.cost_of", StackCost("my-run", costs, 0.0175, [unknown]))
     answer("spot.stack_end.stop_training_there", names)
     answer("spot.stack_end.verified_checkpoint", "8_Step-4000.ckpt")
-    stopped = StoppedStack("my-run", MODEL, "8_Step-4000.ckpt", names, 12)
+    stopped = StoppedStack("my-run", MODEL, "8_Step-4000.ckpt", names, 12, whole=True)
     answer("spot.stack_end.remove_training", stopped)
 
 

@@ -104,7 +104,7 @@ def test_a_comparison_replaces_no_other_file(dr, working_folder, models, never_r
 
     assert dr("analyze", "compare", *models, "--html", str(notes)) == 3
 
-    assert "is not an HTML page" in " ".join(capsys.readouterr().err.split())
+    assert "exists already" in " ".join(capsys.readouterr().err.split())
     assert notes.read_text() == "mine"
 
 
