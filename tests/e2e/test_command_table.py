@@ -244,7 +244,7 @@ EVALUATIONS = [
     Call("evaluate -q", "checkpoint"),
     Call("evaluate --json", "prefix world checkpoint trials simtrace metrics completed"),
 ]
-INTERRUPTED = Call("evaluate", "Error: The evaluation was stopped.", 143, LONG)
+INTERRUPTED = Call("evaluate", "The evaluation was stopped.", 143, LONG)
 INTERRUPTING = Call("stop-evaluation", "Stopped the evaluation of s3://bucket/model")
 IN_BACKGROUND = [
     Call("start-evaluation -q", "Evaluation of model s3://bucket/model starting.", 0, LONG),
