@@ -245,6 +245,20 @@ CASES = (
     ),
     Case(
         "V-12",
+        lambda f: f.settings(DR_LAUNCHER="local", DR_RAY_TRAINER="gpu"),
+        lambda f: f.settings(DR_LAUNCHER="ray", DR_RAY_TRAINER="gpu"),
+        "error",
+        ("run.env line", "Ray"),
+    ),
+    Case(
+        "V-50",
+        lambda f: (f.path / "data" / "logs").mkdir(parents=True),
+        lambda f: (f.path / "data").write_text(""),
+        "error",
+        ("logs cannot be written there",),
+    ),
+    Case(
+        "V-12",
         lambda f: f.settings(DR_INTERRUPTION_COMMAND="\"sh -c 'wait'\""),
         lambda f: f.settings(DR_INTERRUPTION_COMMAND='"sh -c \'wait"'),
         "error",
