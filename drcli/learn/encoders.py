@@ -66,6 +66,41 @@ _LIDAR = (256, 256)
 """Dense layers on a lidar's values. Source: the reference's lidar branch."""
 
 
+FEWEST_FRAMES = 2
+"""Frames of a convolution in evaluation mode: oneDNN sums a single one in another order."""
+
+
+class Dense(nn.Linear):
+    """A dense layer that gives a row the same bits in any batch while it is in evaluation mode.
+
+    The libraries below PyTorch choose how to add up by the shape of a product. A policy takes a row
+    for each car, so a car would drive differently beside other cars. In evaluation mode, and on a
+    processor, all products of a layer therefore have one shape: the last one is filled up with
+    zeros. In training mode, this is `nn.Linear`.
+    """
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Shape (n, ..., out_features) for `x` of shape (n, ..., in_features)."""
+        if self.training or x.device.type != "cpu":
+            return functional.linear(x, self.weight, self.bias)
+        if x.dim() > 2:  # the pixels of a frame are rows enough
+            return torch.cat([functional.linear(y, self.weight, self.bias) for y in x.split(1)])
+        large = self.weight.numel() > _LARGE
+        rows = ROWS[torch.bfloat16 if large else self.weight.dtype]
+        *full, last = x.split(rows)
+        parts = [*full, functional.pad(last, (0, 0, 0, rows - len(last)))]
+        if large:
+            done = [functional.linear(part, self.weight, self.bias) for part in parts]
+        else:
+            bias = self.bias.unsqueeze(1)
+            done = [torch.addmm(bias, self.weight, part.t()).t() for part in parts]
+        return torch.cat(done)[: len(x)]
+
+
+ROWS = {torch.float32: 16, torch.bfloat16: 32}
+_LARGE = 1 << 24
+
+
 class Encoder(nn.Module):
     """A body: ReLU after every layer, Glorot-uniform kernels and zero biases as in the reference.
 
@@ -107,10 +142,13 @@ class Encoder(nn.Module):
 
     def forward(self, seen: Observation) -> Tensor:
         """Features of n observations. Shape (n, features)."""
-        x = functional.relu(self._first(seen.frames), inplace=True)
+        frames = seen.frames
+        if not self.training and len(frames) < FEWEST_FRAMES:
+            frames = frames[torch.arange(FEWEST_FRAMES).clamp(max=len(frames) - 1)]
+        x = functional.relu(self._first(frames), inplace=True)
         for convolution in self.convolutions[1:]:
             x = functional.relu(convolution(x), inplace=True)
-        x = x.permute(0, 2, 3, 1)
+        x = x[: len(seen.frames)].permute(0, 2, 3, 1)
         x = _through(self.per_pixel, x).flatten(1)
         if len(self.lidar):
             x = torch.cat([x, _through(self.lidar, seen.scan.to(x.dtype))], dim=1)
@@ -199,7 +237,7 @@ def kernel_in_blocks(weight: Tensor, size: int) -> Tensor:
 
 def _dense(width: int, widths: Sequence[int]) -> nn.ModuleList:
     return nn.ModuleList(
-        nn.Linear(before, after) for before, after in zip((width, *widths), widths, strict=False)
+        Dense(before, after) for before, after in zip((width, *widths), widths, strict=False)
     )
 
 
