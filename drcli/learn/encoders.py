@@ -67,38 +67,49 @@ _LIDAR = (256, 256)
 
 
 FEWEST_FRAMES = 2
-"""Frames of a convolution in evaluation mode: oneDNN sums a single one in another order."""
+"""Frames of a convolution in evaluation mode. oneDNN adds up a single one in another order."""
+
+ROWS = {torch.float32: 16, torch.bfloat16: 32}
+"""Rows of a product in evaluation mode. With fewer, 20 cars or more take longer, and with more,
+4 cars do. The tiles of processors with matrix units for bfloat16 have 16 or 32 rows anyway."""
+
+LARGE_WEIGHTS = 1 << 24
+"""From so many weights on, reading them takes most of the time, so `LARGE_ROWS` share it."""
+
+LARGE_ROWS = 32
 
 
 class Dense(nn.Linear):
     """A dense layer that gives a row the same bits in any batch while it is in evaluation mode.
 
-    The libraries below PyTorch choose how to add up by the shape of a product. A policy takes a row
-    for each car, so a car would drive differently beside other cars. In evaluation mode, and on a
-    processor, all products of a layer therefore have one shape: the last one is filled up with
-    zeros. In training mode, this is `nn.Linear`.
+    The libraries below PyTorch choose by the shape of a product in which order they add up, and the
+    input of a policy has a row for each car: a car would drive differently beside other cars. In
+    evaluation mode, and on a processor, all products of a layer therefore have one shape; rows that
+    lack are 0. In training mode, which is for learning, this is `nn.Linear`.
     """
 
     def forward(self, x: Tensor) -> Tensor:
-        """Shape (n, ..., out_features) for `x` of shape (n, ..., in_features)."""
-        if self.training or x.device.type != "cpu":
-            return functional.linear(x, self.weight, self.bias)
-        if x.dim() > 2:  # the pixels of a frame are rows enough
-            return torch.cat([functional.linear(y, self.weight, self.bias) for y in x.split(1)])
-        large = self.weight.numel() > _LARGE
-        rows = ROWS[torch.bfloat16 if large else self.weight.dtype]
-        *full, last = x.split(rows)
-        parts = [*full, functional.pad(last, (0, 0, 0, rows - len(last)))]
-        if large:
-            done = [functional.linear(part, self.weight, self.bias) for part in parts]
-        else:
-            bias = self.bias.unsqueeze(1)
-            done = [torch.addmm(bias, self.weight, part.t()).t() for part in parts]
-        return torch.cat(done)[: len(x)]
+        """From shape (n, in_features), or (n, height, width, in_features), to out_features."""
+        weight, bias = self.weight, self.bias
+        if self.training or x.is_cuda:
+            return functional.linear(x, weight, bias)
+        if x.dim() > 2:  # the pixels of one frame are rows enough
+            return torch.cat([functional.linear(frame, weight, bias) for frame in x.split(1)])
+        is_large = self.in_features * self.out_features >= LARGE_WEIGHTS
+        rows = LARGE_ROWS if is_large else ROWS[weight.dtype]
 
+        def product(some: Tensor) -> Tensor:
+            lacking = rows - len(some)
+            # The layout of a row decides as well.
+            full = functional.pad(some, (0, 0, 0, lacking)) if lacking else some.contiguous()
+            if is_large:
+                return functional.linear(full, weight, bias)
+            # In this order, few rows take two thirds of the time.
+            return torch.addmm(bias.unsqueeze(1), weight, full.t()).t()
 
-ROWS = {torch.float32: 16, torch.bfloat16: 32}
-_LARGE = 1 << 24
+        if len(x) <= rows:
+            return product(x)[: len(x)]
+        return torch.cat([product(some) for some in x.split(rows)])[: len(x)]
 
 
 class Encoder(nn.Module):
