@@ -5,19 +5,15 @@ from dataclasses import dataclass
 from drcli.base.errors import SettingsError
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import Settings, catalogue
+from drcli.formats.stored_checkpoint import load_checkpoint
 from drcli.modelfiles.network_shape import Design
 from drcli.models.checkpoint_choice import OUR_PARTS, CheckpointGone
-from drcli.models.checkpoint_files import (
-    Chosen,
-    choose,
-    known_best,
-)
+from drcli.models.checkpoint_files import Chosen, choose, known_best
 from drcli.models.repair_model import repair_or_warn
 from drcli.models.run_metadata import read_start
 from drcli.models.transfer_buckets import checked_prefix
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer
-from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 
 _WORLD = "DR_WORLD_NAME"
@@ -47,6 +43,8 @@ class ExportSource:
         origin: Address of the weights, for messages.
         world: DR_WORLD_NAME of its training; None if that is not known.
         best: Name of the best checkpoint of the model; None if that is not known.
+        graph: The frozen graph of a TensorFlow checkpoint, as the reference wrote it; None for a
+            checkpoint of ours.
     """
 
     bucket: str
@@ -57,6 +55,7 @@ class ExportSource:
     origin: str
     world: str | None = None
     best: str | None = None
+    graph: bytes | None = None
 
     @property
     def url(self) -> str:
@@ -74,7 +73,7 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
 
     Raises:
         SettingsError: The model, the checkpoint or a parameter file does not exist or cannot be
-            used, or the checkpoint is one of the reference's that has not been imported.
+            used.
         StorageError: The bucket cannot be read, or the checkpoint is damaged.
     """
     prefix = selection.prefix
@@ -83,10 +82,8 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
     repair_or_warn(settings.model, bucket, prefix)
     for attempt in range(_PICKS):
         chosen = choose(bucket, prefix, selection.choice)
-        if not all(part in chosen.parts for part in OUR_PARTS):
-            raise _not_imported(bucket, prefix, chosen)
         try:
-            weights = CheckpointStore(bucket, prefix).load(chosen.name).tensors
+            weights = load_checkpoint(bucket, prefix, chosen.name).tensors
         except ObjectMissing as e:
             if attempt == _PICKS - 1 or isinstance(selection.choice, int):
                 raise CheckpointGone(
@@ -95,7 +92,10 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
                 ) from e
             continue
         break
-    key = keys.checkpoint_tensors(prefix, chosen.name)
+    weights_part = next(part for part in (*OUR_PARTS, ".index") if part in chosen.parts)
+    key = keys.checkpoint_part(prefix, chosen.name, weights_part)
+    graph = keys.checkpoint_graph(prefix, chosen.number)
+    has_graph = weights_part == ".index" and bucket.exists(graph)
     return ExportSource(
         bucket.name,
         prefix,
@@ -105,6 +105,7 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
         f"s3://{bucket.name}/{key}",
         _world(bucket, prefix),
         known_best(bucket, prefix),
+        bucket.get(graph) if has_graph else None,
     )
 
 
@@ -129,11 +130,3 @@ def _world(bucket: Bucket, prefix: str) -> str | None:
         return None
     world = start.settings.get(_WORLD, catalogue()[_WORLD].default)
     return world if isinstance(world, str) else None
-
-
-def _not_imported(bucket: Bucket, prefix: str, chosen: Chosen) -> SettingsError:
-    url = f"s3://{bucket.name}/{prefix}"
-    return SettingsError(
-        f"{chosen.name} of {url} is a TensorFlow checkpoint of the reference simulator.",
-        remedy=f"Make it a model of this project first, with `dr-import {url}`.",
-    )

@@ -22,6 +22,7 @@ from drcli.models.repair_model import repair_or_warn
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.model_kind import without_checkpoint
 from drcli.store.repair import Model, readable_scores
 from drcli.store.write_probe import prove_writing
 
@@ -179,10 +180,8 @@ def check_model(bucket: Bucket, prefix: str, setting: str) -> None:
     needed = (keys.model_metadata(prefix), keys.deepracer_checkpoints(prefix))
     for key in needed:
         if not bucket.exists(key):
-            raise SettingsError(
-                f"s3://{bucket.name}/{prefix} has no trained model: {key} is missing.",
-                remedy=f"Train it with `dr-start-training`, or correct {setting}.",
-            )
+            message = f"s3://{bucket.name}/{prefix} has no trained model: {key} is missing."
+            raise without_checkpoint(bucket, prefix, message, setting=setting)
 
 
 def _choose(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> str:
@@ -190,10 +189,7 @@ def _choose(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> str
     model = Model.of(settings.model, bucket, prefix)
     scores, _ = readable_scores(model)
     if scores is None:
-        raise SettingsError(
-            f"s3://{bucket.name}/{prefix} has no checkpoint yet.",
-            remedy="Wait for the first iteration; `dr-status` shows how far it is.",
-        )
+        raise without_checkpoint(bucket, prefix)
     return find_choice(model, parse_checkpoint(choice)).name
 
 

@@ -7,11 +7,11 @@ from drcli.formats.build_network import build_policy, load_arrays, load_weights
 from drcli.formats.policy_file import PolicyFile, read_policy_file
 from drcli.formats.read_graph import read_graph
 from drcli.formats.runtimes import policy_of_file
+from drcli.formats.stored_checkpoint import load_checkpoint
 from drcli.learn.actor_critic import ActorCritic
 from drcli.modelfiles.network_shape import Design
 from drcli.saliency.policy_outputs import ExplainedPolicy
 from drcli.store.bucket import Bucket
-from drcli.store.checkpoints import CheckpointStore
 
 
 def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy:
@@ -30,7 +30,7 @@ def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy
     """
     design = Design.of_model(bucket, prefix)
     model = build_policy(design.metadata, design.parameters)
-    found = CheckpointStore(bucket, prefix).load(checkpoint)
+    found = load_checkpoint(bucket, prefix, checkpoint)
     load_weights(model, found.tensors, found.record.name)
     return ExplainedPolicy(model, design.metadata)
 

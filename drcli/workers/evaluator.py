@@ -31,13 +31,13 @@ from drcli.exchange.trace import Episode, csv_text, log_lines, schedule
 from drcli.formats.build_network import build_policy, load_weights
 from drcli.formats.policy_file import read_policy_file
 from drcli.formats.runtimes import policy_of_file, policy_of_model
+from drcli.formats.stored_checkpoint import load_checkpoint
 from drcli.learn.policy import Policy
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.bucket import Bucket
-from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.tracking.open_sinks import sender_of_episodes
 from drcli.workers import reference_log, worker_process
@@ -288,7 +288,7 @@ def enter(bucket: Bucket, entry: Entry, config: RunConfig) -> tuple[Racer, Model
     metadata, parameters = design.metadata, design.parameters
     _say_start(config, metadata, parameters)
     model = build_policy(metadata, parameters)
-    checkpoint = CheckpointStore(bucket, entry.prefix).load(entry.checkpoint)
+    checkpoint = load_checkpoint(bucket, entry.prefix, entry.checkpoint)
     load_weights(model, checkpoint.tensors, checkpoint.record.name)
     origin = f"{checkpoint.record.name} of {entry.prefix}"
     policy = policy_of_model(model, metadata, source.runtime or "torch", origin, threads)

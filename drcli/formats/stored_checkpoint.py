@@ -1,0 +1,45 @@
+"""Reads a checkpoint of a model in the bucket: ours, or a TensorFlow checkpoint of the reference.
+
+A TensorFlow checkpoint becomes one of ours in memory; nothing is written.
+"""
+
+import re
+
+from drcli.base.errors import SettingsError
+from drcli.modelfiles.network_shape import Design
+from drcli.store import keys
+from drcli.store.bucket import Bucket
+from drcli.store.checkpoints import Checkpoint, CheckpointStore
+from drcli.store.model_kind import is_tensorflow
+
+_DATA = re.compile(r"\.data-\d{5}-of-\d{5}")
+
+
+def load_checkpoint(bucket: Bucket, prefix: str, name: str) -> Checkpoint:
+    """Read one checkpoint and check it.
+
+    Raises:
+        ObjectMissing: It does not exist, or lacks a file.
+        ObjectDamaged: A file of ours is not what was written.
+        SettingsError: A TensorFlow checkpoint is damaged, or not a policy that can be trained here.
+        ProblemsError: A parameter file of its model is wrong.
+    """
+    listed = [info.key for info in bucket.list(keys.model_folder(prefix))]
+    if not is_tensorflow(listed, prefix, name):
+        return CheckpointStore(bucket, prefix).load(name)
+    from drcli.formats import imported_policy  # here, because torch takes seconds
+
+    start = keys.checkpoint_part(prefix, name, "")
+    data = sorted(key for key in listed if key.startswith(start) and _DATA.fullmatch(key, len(start)))
+    index = bucket.get(keys.checkpoint_part(prefix, name, ".index"))
+    origin = f"{bucket.name}/{start}"
+    policy = imported_policy.read_bundle_policy(index, [bucket.get(key) for key in data], origin)
+    design = Design.of_model(bucket, prefix)
+    described = design.files[keys.MODEL_METADATA_FILE]
+    fitted = imported_policy.fit_metadata(described, design.metadata_origin, policy, origin)
+    parameters, _ = imported_policy.fit_parameters(
+        design.parameters, design.parameters_origin, policy, origin
+    )
+    first = imported_policy.first_checkpoint(policy, fitted.metadata, parameters)
+    record = imported_policy.first_record(name, first, fitted, parameters)
+    return Checkpoint(record, first.tensors)
