@@ -207,7 +207,8 @@ class _Validation:
         to_fetch = {each.where: each for each in tracks if each.severity == "note"}
         for each in examined.problems:
             if each.rule == "V-09":  # a start refuses; here it is only a note
-                each = replace(each, severity="note", message=f"There is a model at {each.where}.")
+                message = each.message.removesuffix(" Exiting.")
+                each = replace(each, severity="note", message=message)
             elif each.rule == "V-05":  # a start offers to fetch the track
                 each = to_fetch.get(each.where, each)
             self.found.append(each)

@@ -7,7 +7,7 @@ from drcli.formats.build_network import build_policy, load_arrays, load_weights
 from drcli.formats.policy_file import PolicyFile, read_policy_file
 from drcli.formats.read_graph import read_graph
 from drcli.formats.runtimes import policy_of_file
-from drcli.formats.stored_checkpoint import load_checkpoint
+from drcli.formats.stored_checkpoint import driving_graph, load_checkpoint
 from drcli.learn.actor_critic import ActorCritic
 from drcli.modelfiles.network_shape import Design
 from drcli.saliency.policy_outputs import ExplainedPolicy
@@ -29,6 +29,9 @@ def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy
         SettingsError: The weights do not fit the parameter files.
     """
     design = Design.of_model(bucket, prefix)
+    graph = driving_graph(bucket, prefix, checkpoint, design)
+    if graph is not None:
+        return ExplainedPolicy(policy_of_file(graph), design.metadata, is_complete=False)
     model = build_policy(design.metadata, design.parameters)
     found = load_checkpoint(bucket, prefix, checkpoint)
     load_weights(model, found.tensors, found.record.name)

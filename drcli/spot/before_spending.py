@@ -108,9 +108,7 @@ def model_state(bucket: S3Bucket, prefix: str) -> tuple[str, list[str]]:
     model = f"s3://{bucket.name}/{prefix}"
     if newest is None:
         if is_used(bucket, prefix):
-            raise without_checkpoint(
-                bucket, prefix, setting="DR_LOCAL_S3_MODEL_PREFIX"
-            )
+            raise without_checkpoint(bucket, prefix, setting="DR_LOCAL_S3_MODEL_PREFIX")
         return "", []
     notes = []
     if bucket.exists(keys.finished(prefix)):

@@ -420,9 +420,7 @@ class CheckpointStore:
         old = names - pinned - kept.names
         # The graph of the newest one is written later; what is there belongs to a lost checkpoint.
         gone = {name.number for name in old} - {name.number for name in names - old}
-        unused = {
-            keys.checkpoint_graph(self._prefix, n) for n in {*gone, newest.number} - theirs
-        }
+        unused = {keys.checkpoint_graph(self._prefix, n) for n in {*gone, newest.number} - theirs}
         results = [keys.evaluation_result(self._prefix, number) for number in sorted(gone)]
         self._bucket.delete(
             [key for key, name in objects.items() if name in old]

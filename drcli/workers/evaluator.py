@@ -31,7 +31,7 @@ from drcli.exchange.trace import Episode, csv_text, log_lines, schedule
 from drcli.formats.build_network import build_policy, load_weights
 from drcli.formats.policy_file import read_policy_file
 from drcli.formats.runtimes import policy_of_file, policy_of_model
-from drcli.formats.stored_checkpoint import load_checkpoint
+from drcli.formats.stored_checkpoint import driving_graph, load_checkpoint
 from drcli.learn.policy import Policy
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
@@ -287,6 +287,10 @@ def enter(bucket: Bucket, entry: Entry, config: RunConfig) -> tuple[Racer, Model
     design = Design.of_model(bucket, entry.prefix)
     metadata, parameters = design.metadata, design.parameters
     _say_start(config, metadata, parameters)
+    graph = driving_graph(bucket, entry.prefix, entry.checkpoint, design)
+    if graph is not None:
+        runtime = None if source.runtime == "torch" else source.runtime
+        return Racer(policy_of_file(graph, runtime, threads), actions_of(metadata)), metadata
     model = build_policy(metadata, parameters)
     checkpoint = load_checkpoint(bucket, entry.prefix, entry.checkpoint)
     load_weights(model, checkpoint.tensors, checkpoint.record.name)
