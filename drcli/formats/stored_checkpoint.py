@@ -35,8 +35,8 @@ def load_checkpoint(bucket: Bucket, prefix: str, name: str) -> Checkpoint:
     design = Design.of_model(bucket, prefix)
     if design.metadata.training_algorithm == "sac":
         raise SettingsError(
-            f"{name} of s3://{bucket.name}/{prefix} is a SAC model of the reference simulator, whose "
-            "policy has other layers than ours: only its frozen graph can be used.",
+            f"{name} of s3://{bucket.name}/{prefix} is a SAC model of the reference simulator, "
+            "whose policy has other layers than ours: only its frozen graph can be used.",
             remedy=f"Drive it with `DR_LOCAL_S3_MODEL_PREFIX={prefix} dr-evaluate`.",
         )
     start = keys.checkpoint_part(prefix, name, "")

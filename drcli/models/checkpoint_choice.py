@@ -11,7 +11,7 @@ from drcli.exchange.scores import Score, Scores
 from drcli.store import keys
 from drcli.store.bucket import Bucket, Listing
 from drcli.store.milestones import readable_milestones
-from drcli.store.model_kind import without_checkpoint
+from drcli.store.model_kind import what_helps
 from drcli.store.repair import Model, readable_history, readable_scores
 
 OUR_PARTS = (".safetensors", ".json")
@@ -117,9 +117,10 @@ def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> 
     scores, _ = readable_scores(model)
     if choice == "last" or choice == "best":
         if scores is None:
-            place = f"s3://{bucket.name}/{keys.deepracer_checkpoints(prefix)}"
-            raise without_checkpoint(
-                bucket, prefix, f"No checkpoint file available at {place}. Exiting."
+            raise SettingsError(
+                f"No checkpoint file available at s3://{bucket.name}/"
+                f"{keys.deepracer_checkpoints(prefix)}. Exiting.",
+                remedy=what_helps(bucket, prefix),
             )
         score = scores.best_checkpoint if choice == "best" else scores.last_checkpoint
         missing = missing_parts(bucket.list(keys.model_folder(prefix)), prefix, score.name)
@@ -132,7 +133,7 @@ def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> 
             return _score(scores, name)
     has = ModelCheckpoints.read(model)
     if not has.names:
-        raise without_checkpoint(bucket, prefix)
+        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(bucket, prefix))
     if isinstance(choice, int):
         name = _numbered(has, choice, remedy)
     else:

@@ -13,7 +13,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.milestones import readable_milestones
-from drcli.store.model_kind import is_tensorflow, without_checkpoint
+from drcli.store.model_kind import is_tensorflow, what_helps
 from drcli.store.reconstruct import readable_evaluations
 from drcli.store.repair import Model, readable_history, readable_scores
 
@@ -107,7 +107,7 @@ def list_checkpoints(
     model = Model.of(config, bucket, prefix)
     has = ModelCheckpoints.read(model)
     if not has.names:
-        raise without_checkpoint(bucket, prefix)
+        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(bucket, prefix))
     history, damaged = readable_history(model)
     damaged += readable_scores(model)[1] + readable_milestones(bucket, prefix, [])[1]
     results = readable_evaluations(bucket, prefix).values()

@@ -41,8 +41,8 @@ class Conversion:
                 "checkpoint that is evaluated becomes the best."
             )
         return (
-            f"{self.name} is a TensorFlow checkpoint. The training continues from its weights, with "
-            f"a fresh optimizer; all files of DeepRacer-for-Cloud stay where they are.{best}"
+            f"{self.name} is a TensorFlow checkpoint. The training continues from its weights, "
+            f"with a fresh optimizer; its files stay where they are.{best}"
         )
 
     def write(self) -> None:

@@ -29,7 +29,7 @@ from drcli.races.standings import queue_of, state_of
 from drcli.races.stored_race import StoredRace, new_name, put, read_race, submission_id
 from drcli.store import keys, race_keys
 from drcli.store.bucket import Bucket, ObjectMissing
-from drcli.store.model_kind import without_checkpoint
+from drcli.store.model_kind import what_helps
 from drcli.store.repair import Model
 
 _PARTS = (*OUR_PARTS, *keys.TENSORFLOW_PARTS)
@@ -263,8 +263,9 @@ def _check_model(bucket: Bucket, model: str, rules: RaceRules, race: str) -> Non
     try:
         data = bucket.get(key)
     except ObjectMissing:
-        message = f"{url} has no trained model: {key} is missing."
-        raise without_checkpoint(bucket, model, message) from None
+        raise SettingsError(
+            f"{url} has no trained model: {key} is missing.", remedy=what_helps(bucket, model)
+        ) from None
     try:
         used = ModelMetadata.from_bytes(data, f"s3://{bucket.name}/{key}").sensor
     except (ProblemsError, RecordError) as error:

@@ -22,7 +22,7 @@ from drcli.models.repair_model import repair_or_warn
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
-from drcli.store.model_kind import without_checkpoint
+from drcli.store.model_kind import what_helps
 from drcli.store.repair import Model, readable_scores
 from drcli.store.write_probe import prove_writing
 
@@ -180,8 +180,10 @@ def check_model(bucket: Bucket, prefix: str, setting: str) -> None:
     needed = (keys.model_metadata(prefix), keys.deepracer_checkpoints(prefix))
     for key in needed:
         if not bucket.exists(key):
-            message = f"s3://{bucket.name}/{prefix} has no trained model: {key} is missing."
-            raise without_checkpoint(bucket, prefix, message, setting=setting)
+            raise SettingsError(
+                f"s3://{bucket.name}/{prefix} has no trained model: {key} is missing.",
+                remedy=what_helps(bucket, prefix, setting=setting),
+            )
 
 
 def _choose(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> str:
@@ -189,7 +191,10 @@ def _choose(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> str
     model = Model.of(settings.model, bucket, prefix)
     scores, _ = readable_scores(model)
     if scores is None:
-        raise without_checkpoint(bucket, prefix)
+        raise SettingsError(
+            f"s3://{bucket.name}/{prefix} has no checkpoint yet.",
+            remedy=what_helps(bucket, prefix),
+        )
     return find_choice(model, parse_checkpoint(choice)).name
 
 

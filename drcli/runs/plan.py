@@ -38,7 +38,7 @@ from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.last_outcome import read_outcome, write_outcome
-from drcli.store.model_kind import without_checkpoint
+from drcli.store.model_kind import what_helps
 from drcli.store.model_prefix import is_aborted_start, is_used, newest_checkpoint, wipe
 from drcli.store.notes import describe
 from drcli.store.repair import Model
@@ -129,8 +129,9 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
 
     newest = newest_checkpoint(bucket, prefix)
     if options.resume and newest is None:
-        raise without_checkpoint(
-            bucket, prefix, f"s3://{bucket.name}/{prefix} has no checkpoint to resume from."
+        raise SettingsError(
+            f"s3://{bucket.name}/{prefix} has no checkpoint to resume from.",
+            remedy=what_helps(bucket, prefix),
         )
     model = Model.of(settings.model, bucket, prefix)
     conversion = plan_conversion(bucket, prefix) if options.resume else None

@@ -35,7 +35,8 @@ def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy
     model = build_policy(design.metadata, design.parameters)
     found = load_checkpoint(bucket, prefix, checkpoint)
     load_weights(model, found.tensors, found.record.name)
-    return ExplainedPolicy(model, design.metadata)
+    fresh_critic = bool(found.record.counters.critic_warmup)
+    return ExplainedPolicy(model, design.metadata, is_complete=not fresh_critic)
 
 
 def open_policy_file(path: Path, metadata: Path | None = None) -> ExplainedPolicy:

@@ -4,15 +4,14 @@ import re
 from collections.abc import Collection
 from typing import Literal
 
-from drcli.base.errors import SettingsError
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.model_prefix import is_used
 
 Kind = Literal["drcli", "tensorflow", "upload", "traces", "files", "nothing"]
 """A model of ours; one of DeepRacer-for-Cloud or a console, with TensorFlow checkpoints; a policy
-that is not laid out as a model; traces or metrics of a model without a checkpoint; other files, such
-as those of a start that ended early; nothing."""
+that is not laid out as a model; traces or metrics without a checkpoint; other files, such as those
+of a start that ended early; nothing."""
 
 _OURS = re.compile(r"model/\d+_Step-\d+\.ckpt\.(safetensors|json)")
 _TENSORFLOW = re.compile(r"model/\d+_Step-\d+\.ckpt\.(index|data-\d{5}-of-\d{5})")
@@ -55,11 +54,6 @@ def model_kind(bucket: Bucket, prefix: str) -> Kind:
     return kind_of([key.removeprefix(folder) for key in listed if not key.startswith(test)])
 
 
-def has_model(bucket: Bucket, prefix: str) -> bool:
-    """Whether there is a model that commands read: one of ours, or a TensorFlow checkpoint."""
-    return model_kind(bucket, prefix) in ("drcli", "tensorflow")
-
-
 KIND_WORDS: dict[Kind, str] = {
     "drcli": "a model of drcli",
     "tensorflow": "a model of DeepRacer-for-Cloud or a console, with TensorFlow checkpoints",
@@ -71,14 +65,17 @@ KIND_WORDS: dict[Kind, str] = {
 
 
 def what_helps(bucket: Bucket, prefix: str, *, setting: str = "") -> str:
-    """The advice for a command that finds no checkpoint below a prefix: one command that works.
+    """The advice for a command that misses a checkpoint or a file of a model: one that works.
 
     `setting` names the model; empty for the prefix itself.
     """
     kind = model_kind(bucket, prefix)
     url = f"s3://{bucket.name}/{prefix}"
-    if kind in ("drcli", "tensorflow"):
-        return f"`dr-list-checkpoints {prefix}` shows what it has."
+    if kind == "drcli":
+        return "Restore it from a copy; `dr-start-training --resume` reconstructs what it can."
+    if kind == "tensorflow":
+        command = import_command(bucket, prefix, local=True)
+        return f"Restore it from a copy, or make a model of what is there with `{command}`."
     if kind == "upload":
         command = import_command(bucket, prefix, local=True)
         return f"{url} holds {KIND_WORDS[kind]}: make it a model with `{command}`."
@@ -88,14 +85,6 @@ def what_helps(bucket: Bucket, prefix: str, *, setting: str = "") -> str:
     if kind == "files":
         return f"If it is being trained, wait for its first iteration; otherwise {other}"
     return f"There is nothing at {url}: train it with `dr-start-training`, or {other}"
-
-
-def without_checkpoint(
-    bucket: Bucket, prefix: str, message: str = "", *, setting: str = ""
-) -> SettingsError:
-    """The error of a command that needs a checkpoint and finds none below a prefix."""
-    message = message or f"s3://{bucket.name}/{prefix} has no checkpoint."
-    return SettingsError(message, remedy=what_helps(bucket, prefix, setting=setting))
 
 
 def import_command(bucket: Bucket, prefix: str, *, local: bool) -> str:

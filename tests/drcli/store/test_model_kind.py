@@ -38,7 +38,8 @@ def test_the_kind_follows_from_the_names_of_the_objects(names, kind):
         (["holiday.jpg"], "wait for its first iteration; otherwise correct SETTING"),
         (["model/model_3.pb"], "`dr-import -L s3://bucket/team/m -t team/m-imported`"),
         (["metrics/TrainingMetrics.json"], "`dr-analyze team/m`"),
-        (TENSORFLOW, "`dr-list-checkpoints team/m`"),
+        (TENSORFLOW, "`dr-import -L s3://bucket/team/m -t team/m-imported`"),
+        (OURS, "`dr-start-training --resume` reconstructs"),
     ],
 )
 def test_the_advice_is_one_command_that_works_and_never_to_delete(names, says):
