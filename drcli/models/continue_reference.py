@@ -1,10 +1,15 @@
 """Lets a training go on from a TensorFlow checkpoint: it becomes one of ours beside it."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.scores import Score, Scores
 from drcli.formats.stored_checkpoint import load_checkpoint
+from drcli.modelfiles.custom_files import InputFile
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.modelfiles.network_shape import Design
 from drcli.models.checkpoint_choice import missing_parts
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_scores, write_scores
@@ -30,6 +35,35 @@ class Conversion:
     def name(self) -> str:
         """Of the checkpoint."""
         return self.checkpoint.record.name
+
+    @property
+    def design(self) -> Design:
+        """What the policy in the checkpoint is, whatever the model's files say about it."""
+        inputs = self.checkpoint.record.counters.inputs
+        files = {name: text.encode() for name, text in inputs.items()}
+        metadata, parameters = keys.MODEL_METADATA_FILE, keys.HYPERPARAMETERS_FILE
+        return Design(
+            ModelMetadata.from_bytes(files[metadata], metadata),
+            Hyperparameters.from_bytes(files[parameters], parameters),
+            metadata,
+            parameters,
+            files,
+        )
+
+    def own_files(self, files: Mapping[str, InputFile]) -> dict[str, InputFile]:
+        """Those of the racer's files that are the model's own, as they describe its policy.
+
+        The reference ignores some of their values, such as `stack_size`.
+        """
+        own = {
+            keys.MODEL_METADATA_FILE: keys.model_metadata(self.prefix),
+            keys.HYPERPARAMETERS_FILE: keys.hyperparameters(self.prefix),
+        }
+        return {
+            name: replace(files[name], data=self.design.files[name])
+            for name, key in own.items()
+            if name in files and files[name].origin == f"{self.bucket.name}/{key}"
+        }
 
     @property
     def sentence(self) -> str:

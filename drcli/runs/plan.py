@@ -20,7 +20,7 @@ from drcli.exchange.training_start import Pretrained, TrainingStart
 from drcli.modelfiles.custom_files import Inputs, find
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.network_shape import Design
-from drcli.models.continue_reference import plan_conversion
+from drcli.models.continue_reference import Conversion, plan_conversion
 from drcli.models.repair_model import repair_all
 from drcli.models.run_metadata import describe_start, read_start
 from drcli.runs.daily_budget import refuse_without_budget
@@ -140,16 +140,14 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         # Show these now: the plan's warnings are lost if the start is refused.
         notices.warn(sentence)
     before = read_start(bucket, prefix) if options.resume else None
-    resumes, damaged = None, []
-    if conversion is not None:
-        resumes, damaged = conversion.name, [conversion.sentence]
-    elif options.resume:
-        resumes, damaged = _resumable(bucket, prefix)
+    resumes, damaged, trained = _resumed(bucket, prefix, conversion) if options.resume else _FRESH
     continues = options.resume or options.over_aborted
     previous = read_outcome(bucket, prefix) if continues else None
     began_at = first_start(previous, before)
     custom = settings.custom_files
     files = find(resumed_files(custom, prefix) if options.resume else custom, bucket)
+    if conversion is not None:
+        files |= conversion.own_files(files)
     staged = plan_stages(settings, files, bucket, resumes=options.resume)
     settings = staged.settings
     job = _job(settings, options, _seed(settings, options, before), began_at)
@@ -160,7 +158,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         bucket,
         Plans(
             wiping=options.wipe or options.over_aborted,
-            resumed=Design.of_model(bucket, prefix) if options.resume else None,
+            resumed=trained,
         ),
     )
     refuse(examined.problems)
@@ -266,6 +264,18 @@ def resumed_files(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
         hyperparameters_key=keys.hyperparameters(prefix),
         metadata_key=keys.model_metadata(prefix),
     )
+
+
+_FRESH: tuple[str | None, list[str], Design | None] = (None, [], None)
+
+
+def _resumed(
+    bucket: Bucket, prefix: str, conversion: Conversion | None
+) -> tuple[str | None, list[str], Design | None]:
+    """The checkpoint to continue from, sentences about it, and what it was trained with."""
+    if conversion is not None:
+        return conversion.name, [conversion.sentence], conversion.design
+    return *_resumable(bucket, prefix), Design.of_model(bucket, prefix)
 
 
 def _resumable(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:

@@ -13,7 +13,7 @@ from drcli.models.model_list import list_models
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 from evaluations import evaluated
-from reference_model import BEST, LAST, METADATA, NEWEST, reference_model
+from reference_model import BEST, HYPERPARAMETERS, LAST, METADATA, NEWEST, reference_model
 
 MODEL = "model-1"
 REWRITTEN = {
@@ -115,6 +115,16 @@ def test_a_damaged_checkpoint_is_named_and_nothing_is_changed(theirs):
 
     assert content(theirs.bucket) == before
     assert "delet" not in f"{caught.value} {caught.value.remedy}"
+
+
+def test_values_that_the_reference_ignores_do_not_stop_a_start(theirs):
+    key = keys.hyperparameters(MODEL)
+    theirs.bucket.put(key, json.dumps({**HYPERPARAMETERS, "stack_size": 4}).encode())
+    for file in ("hyperparameters.json", "model_metadata.json"):
+        (theirs.folder / "custom_files" / file).unlink()
+
+    assert theirs.start(resume=True).resumes == NEWEST
+    assert json.loads(theirs.bucket.get(key))["stack_size"] == 1
 
 
 def test_other_actions_are_refused_before_anything_is_written(theirs):
