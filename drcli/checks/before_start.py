@@ -11,6 +11,7 @@ from drcli.checks.machine_rules import review_disk
 from drcli.checks.parameter_rules import ParametersReview, review_parameters
 from drcli.checks.reward_rules import Source, read_source, review_source
 from drcli.checks.settings_rules import upload_problems
+from drcli.checks.stage_rules import StagesReview
 from drcli.checks.storage_rules import review_prefix, review_pretrained
 from drcli.checks.try_inputs import try_inputs
 from drcli.config.run_config import RaceConfig
@@ -115,6 +116,43 @@ def examine(
         finally:
             given_up.set()  # otherwise Ctrl-C, or a bucket that fails, would wait for the sandbox
     return Examined(files, source, review, transfer, found)
+
+
+def examine_stages(
+    settings: Settings,
+    review: StagesReview,
+    job: Job,
+    files: Mapping[str, InputFile],
+    bucket: Bucket | None,
+    plans: Plans,
+    *,
+    first: int = 0,
+) -> Examined:
+    """Check every rule for each stage that is still to come; without stages, for the training.
+
+    The result has the files and the design of the whole training. `first` is the place of the stage
+    that trains first, from 0.
+    """
+    if review.frozen is None:
+        return examine(settings, job, files, bucket, plans)
+    coming = review.stages[first:]
+    examined = [
+        examine(
+            stage.settings,
+            replace(job, config=stage.settings.run),
+            stage.files,
+            bucket if number == 0 else None,
+            plans,
+        )
+        for number, stage in enumerate(coming)
+    ]
+    whole = {**coming[0].files, **files}
+    parameters = review_parameters(
+        whole.get(keys.HYPERPARAMETERS_FILE), whole.get(keys.MODEL_METADATA_FILE), None
+    )
+    of_stages = (problem for each in examined for problem in each.problems)
+    found = [*review.problems, *parameters.problems, *of_stages]
+    return replace(examined[0], files=whole, review=parameters, problems=list(dict.fromkeys(found)))
 
 
 def second_races(job: Job) -> list[RaceConfig]:

@@ -1,15 +1,24 @@
 """Checks hyperparameters.json and model_metadata.json, each and together."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TypeVar
 
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Settings
+from drcli.learn.algorithm_config import PPOConfig, SACConfig
 from drcli.modelfiles.custom_files import InputFile
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.modelfiles.network_shape import Design
+
+PPO_ONLY = frozenset(
+    {each.name for each in fields(PPOConfig)} - {each.name for each in fields(SACConfig)}
+) | {"e_greedy_value", "epsilon_steps"}
+"""Keys that SAC does not read."""
+
+_OF_PPO = PPO_ONLY | {"num_episodes_between_training"}
+"""Keys whose usual values are those of PPO."""
 
 T = TypeVar("T", Hyperparameters, ModelMetadata)
 
@@ -35,6 +44,8 @@ def review_parameters(
     if settings is not None and learning is not None and hyperparameters is not None:
         found += _idle_workers(settings, learning, hyperparameters.origin)
     if learning is not None and model is not None and hyperparameters and metadata:
+        if model.training_algorithm == "sac":
+            found = [each for each in found if each.severity == "error" or each.key not in _OF_PPO]
         design = Design(model, learning, metadata.origin, hyperparameters.origin)
         found += design.conflicts()
     return ParametersReview(learning, model, design, found)

@@ -52,8 +52,7 @@ def review_settings(directory: Path, environ: Mapping[str, str] | None = None) -
 
 def _judged(settings: Settings) -> list[Problem]:
     """The problems of settings that load."""
-    unsupported = settings.untrainable
-    found = [] if unsupported is None else [unsupported]
+    found = []
     for name in SCREEN:
         setting = catalogue()[name]
         if name in settings.sources and getattr(settings, setting.field) != setting.default:

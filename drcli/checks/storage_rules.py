@@ -1,6 +1,7 @@
 """Checks the bucket: whether it works, is free for the new model, and has the old one."""
 
 import time
+import uuid
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import Problem, ProblemsError
@@ -36,7 +37,7 @@ def review_owner(prefix: str, bucket: Bucket) -> list[Problem]:
         lease.refuse_other_owner(bucket, prefix)
     except SettingsError as error:
         model = f"s3://{bucket.name}/{prefix}"
-        return [Problem("V-13", "warning", model, None, str(error), error.remedy)]
+        return [Problem("V-13", "error", model, None, str(error), error.remedy)]
     return []
 
 
@@ -66,24 +67,26 @@ def review_pretrained(
 
 
 def probe(bucket: Bucket, prefix: str) -> list[Problem]:
-    """V-50: objects can be written, read, listed and deleted, and the clocks agree.
+    """V-50: objects can be written, read, listed and deleted; returns a warning about the clock.
 
     Tried among the records of the model's runs, because keys may be limited to its folders.
+
+    Raises:
+        StorageError: They cannot.
     """
-    folder = f"{keys.run_folder(prefix)}{keys.TEST_FOLDER}/"
-    key, content = f"{folder}{time.time_ns()}", b"probe"
+    folder = f"{keys.run_folder(prefix)}{keys.TEST_FOLDER}-{uuid.uuid4().hex}/"
+    key, content = f"{folder}object", b"probe"
+    bucket.put(key, content)
     try:
-        bucket.put(key, content)
         came_back = bucket.get(key) == content
         written = [item for item in bucket.list(folder) if item.key == key]
+    finally:
         bucket.delete([key])
-        gone = not bucket.exists(key)
-    except StorageError as error:
-        return [Problem("V-50", "error", bucket.name, None, str(error), error.remedy)]
-    if not (came_back and written and gone):
-        what = "The bucket does not correctly return, list or delete objects."
-        remedy = "Use another S3 server; this one could lose a model."
-        return [Problem("V-50", "error", bucket.name, None, what, remedy)]
+    if not (came_back and written) or bucket.exists(key):
+        raise StorageError(
+            f"The bucket {bucket.name} does not correctly return, list or delete objects.",
+            remedy="Use another S3 server; this one could lose a model.",
+        )
     skew_s = time.time() - written[0].modified.timestamp()
     if abs(skew_s) <= LARGEST_SKEW_S:
         return []

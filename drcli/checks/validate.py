@@ -9,7 +9,13 @@ from pathlib import Path
 
 from drcli.base.errors import StorageError
 from drcli.base.problems import Problem, ProblemsError, of_severity
-from drcli.checks.before_start import Examined, Plans, examine
+from drcli.checks.before_start import (
+    Examined,
+    Plans,
+    as_given,
+    examine_stages,
+    second_races,
+)
 from drcli.checks.check_report import Report, Skipped
 from drcli.checks.compatibility_rules import review_actions, review_balance, review_names
 from drcli.checks.machine_rules import review_gpu, review_memory
@@ -17,7 +23,8 @@ from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.reward_rules import read_source, review_source
 from drcli.checks.reward_style import review_style
 from drcli.checks.settings_rules import SettingsReview, review_settings
-from drcli.checks.stage_rules import review_stages
+from drcli.checks.stage_rules import StagesReview, review_stages
+from drcli.checks.start_rules import start_problems
 from drcli.checks.storage_rules import probe, review_owner
 from drcli.config.settings import Settings
 from drcli.config.track_names import track_problems
@@ -38,6 +45,7 @@ def validate(
     console_compatible: bool = False,
     environ: Mapping[str, str] | None = None,
     reviewed: SettingsReview | None = None,
+    here: bool = True,
 ) -> Report:
     """Check all rules and report all problems; nothing in the folder changes.
 
@@ -47,18 +55,17 @@ def validate(
             anything that a console refuses is then an error.
         environ: Process environment; `os.environ` when None.
         reviewed: The settings, if they have been read already.
+        here: Whether the training is to run on this machine; its room and its runs count then.
     """
     directory = directory.absolute()
     environ = os.environ if environ is None else environ
     reviewed = reviewed or review_settings(directory, environ)
-    validation = _Validation(directory, console_compatible, list(reviewed.problems))
+    validation = _Validation(directory, console_compatible, environ, here, list(reviewed.problems))
     if reviewed.settings is None:
         validation.try_files_alone()
     else:
         validation.try_everything(reviewed.settings, whole=reviewed.whole)
     found = [_relative(each, directory) for each in validation.found]
-    devices = reviewed.settings.sagemaker_cuda_devices if reviewed.settings else ""
-    found += review_gpu(devices, environ)
     return Report(
         str(directory),
         console_compatible,
@@ -75,12 +82,15 @@ class _Validation:
 
     directory: Path
     console: bool
+    environ: Mapping[str, str]
+    here: bool
     found: list[Problem]
     skipped: list[Skipped] = field(default_factory=list)
 
     def try_everything(self, settings: Settings, *, whole: bool) -> None:
         """Check all rules; those of the bucket only if no setting is wrong."""
         trains = self._is_training(settings)
+        self.found += start_problems(settings, here=self.here)
         bucket = self._bucket(settings, trains=trains) if whole else None
         if not whole:
             self._skip(BUCKET_RULES, "The bucket is checked once the settings are correct.")
@@ -88,16 +98,14 @@ class _Validation:
         staged = review_stages(settings, files, bucket, resumes=trains)
         self.found += staged.problems
         if staged.stages:
-            settings, files = staged.stages[0].settings, dict(staged.stages[0].files)
-        examined = self._examined(settings, files, bucket, trains=trains)
-        for stage in staged.stages[1:]:
-            self._examined(stage.settings, stage.files, None, trains=trains)
+            settings = staged.stages[0].settings
+        examined = self._examined(settings, staged, files, bucket, trains=trains)
         self.found += review_names(settings, console=self.console)
         if examined.source is not None:
             self.found += review_style(examined.source, console=self.console)
         parameters, metadata = examined.review.parameters, examined.review.metadata
         if metadata is not None:
-            where = files[keys.MODEL_METADATA_FILE].origin
+            where = examined.files[keys.MODEL_METADATA_FILE].origin
             self.found += review_actions(
                 metadata, parameters, settings, where, console=self.console
             )
@@ -107,11 +115,13 @@ class _Validation:
                 for each in self.found
             ]
         if parameters is not None:
-            origin = files[keys.HYPERPARAMETERS_FILE].origin
+            origin = examined.files[keys.HYPERPARAMETERS_FILE].origin
             self.found += review_balance(settings, parameters, origin)
-        self.found += review_memory(
-            workers_here(settings), settings.place("DR_WORKERS"), parameters, metadata
-        )
+        if self.here:
+            self.found += review_memory(
+                workers_here(settings), settings.place("DR_WORKERS"), parameters, metadata
+            )
+            self.found += review_gpu(settings.sagemaker_cuda_devices, self.environ)
 
     def try_files_alone(self) -> None:
         """Check the three files without the settings, which name the bucket and the track."""
@@ -133,32 +143,19 @@ class _Validation:
         self._skip(("V-05", "V-20", "V-21", *BUCKET_RULES), reason)
 
     def _is_training(self, settings: Settings) -> bool:
-        """Whether this run is being trained; if so, warn."""
+        """Whether this run is being trained here, which is an error of its own."""
         record = RunRecord.read(run_folder(self.directory, settings.run_id))
-        if record is None or not record.alive:
-            return False
-        what = (
-            f"Run {settings.run_id} is training s3://{record.bucket}/{record.prefix} "
-            f"(process {record.pid})."
-        )
-        remedy = "Stop it with `dr-stop-training` before the next start, or change DR_RUN_ID."
-        self.found.append(
-            Problem("V-13", "warning", *settings.place("DR_RUN_ID"), what, remedy, "DR_RUN_ID")
-        )
-        return True
+        return self.here and record is not None and record.alive
 
     def _bucket(self, settings: Settings, *, trains: bool) -> Bucket | None:
         """The bucket, if it can be used."""
         try:
             bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-            bucket.probe(keys.run_folder(settings.model_prefix))
-            wrong = probe(bucket, settings.model_prefix)
+            self.found += probe(bucket, settings.model_prefix)
             if not trains:
-                wrong += review_owner(settings.model_prefix, bucket)
+                self.found += review_owner(settings.model_prefix, bucket)
         except StorageError as error:
-            wrong = [_unusable(error, *settings.place("DR_CLOUD"))]
-        self.found += wrong
-        if any(each.severity == "error" for each in wrong):
+            self.found.append(_unusable(error, *settings.place("DR_CLOUD")))
             self._skip(BUCKET_RULES[:-1], "The bucket cannot be used.")
             return None
         return bucket
@@ -180,6 +177,7 @@ class _Validation:
     def _examined(
         self,
         settings: Settings,
+        staged: StagesReview,
         files: Mapping[str, InputFile],
         bucket: Bucket | None,
         *,
@@ -198,19 +196,21 @@ class _Validation:
             )
             plans = Plans(wiping=trains)  # the prefix of a running training may be in use
             try:
-                examined = examine(settings, job, files, bucket, plans)
+                examined = examine_stages(settings, staged, job, files, bucket, plans)
             except StorageError as error:
                 self.found.append(_unusable(error))
                 self._skip(BUCKET_RULES[:-1], "The bucket failed in the meantime.")
-                examined = examine(settings, job, files, None, plans)
-        tracks = track_problems(settings.races)
-        to_fetch = {each.where: each for each in tracks if each.severity == "note"}
+                examined = examine_stages(settings, staged, job, files, None, plans)
+        configs = [settings.run, *(stage.settings.run for stage in staged.stages)]
+        jobs = [replace(job, config=config) for config in configs]
+        races = [race for each in jobs for race in (*each.config.races, *second_races(each))]
+        to_fetch = {each.where: each for each in track_problems(races) if each.severity == "note"}
         for each in examined.problems:
-            if each.rule == "V-09":  # a start refuses; here it is only a note
+            if each.rule == "V-09":  # the options of a start say what happens to it
                 message = each.message.removesuffix(" Exiting.")
                 each = replace(each, severity="note", message=message)
-            elif each.rule == "V-05":  # a start offers to fetch the track
-                each = to_fetch.get(each.where, each)
+            elif each.rule == "V-05" and each.where in to_fetch:
+                each = as_given(to_fetch[each.where], job)
             self.found.append(each)
         return examined
 

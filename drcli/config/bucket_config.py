@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
+from urllib.parse import urlsplit
 
 from drcli.base.problems import Place
 from drcli.config.checkpoint_words import CheckpointChoice
@@ -33,6 +34,12 @@ class StorageConfig:
     profile: str | None = None
     region: str = "us-east-1"
     idle_minutes: int = 10
+
+    @property
+    def at_amazon(self) -> bool:
+        """Whether Amazon bills the requests; what another server costs is not known."""
+        host = urlsplit(self.endpoint_url or "").hostname or ""
+        return self.cloud == "aws" or (self.cloud != "local" and host.endswith(".amazonaws.com"))
 
     @property
     def aws_profile(self) -> str | None:

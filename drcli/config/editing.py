@@ -282,8 +282,9 @@ def _refuse_mistakes(
     """
     # The environment would hide the values that are to be checked.
     others = {name: value for name, value in environ.items() if name not in wanted}
-    before = check_settings(directory, others).problems
-    after = check_settings(directory, others, contents)
+    # A track may be named before it is fetched.
+    before = check_settings(directory, others, known_suffices=True).problems
+    after = check_settings(directory, others, contents, known_suffices=True)
     new = [error for error in after.errors if error not in before or error.key in wanted]
     if new:
         raise ProblemsError([_as_it_was(problem) for problem in new])

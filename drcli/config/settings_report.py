@@ -143,13 +143,18 @@ def check_settings(
     directory: Path,
     environ: Mapping[str, str] | None = None,
     contents: Mapping[str, bytes] | None = None,
+    *,
+    known_suffices: bool = False,
 ) -> SettingsCheck:
-    """Report everything that is wrong or odd; the arguments are those of `load_settings`."""
+    """Report everything that is wrong or odd.
+
+    The arguments are those of `load_settings` and of `track_problem`.
+    """
     try:
         settings = load_settings(directory, environ=environ, contents=contents)
     except ProblemsError as error:
         return SettingsCheck(str(directory), error.problems)
-    problems = (*settings.problems, *track_problems(settings.races))
+    problems = (*settings.problems, *track_problems(settings.races, known_suffices=known_suffices))
     return SettingsCheck(
         str(directory), problems, without_effect(settings), harmless_summary(settings)
     )

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from drcli.base.problems import Problem, closest, shown
+from drcli.base.problems import Problem, Severity, closest, shown
 from drcli.config.run_config import RaceConfig
 from drcli.config.setting_problems import setting_problem
 
@@ -80,21 +80,27 @@ def own_route_file(race: RaceConfig) -> Path | None:
     return next((path for path in places if _is_file(path)), None)
 
 
-def track_problem(race: RaceConfig) -> Problem | None:
-    """The problem with the track of a race, if any; a note if the track can be fetched."""
+def track_problem(race: RaceConfig, *, known_suffices: bool = False) -> Problem | None:
+    """The problem with the track of a race, if any.
+
+    A community track that is not installed keeps a training from starting, unless the start fetches
+    it without a question, or `known_suffices`: where nothing is to start yet.
+    """
     place, name = race.place("DR_WORLD_NAME"), race.world_name
     if is_installed(race):
         return None
     if _name(race) in COMMUNITY:
         what = f"DR_WORLD_NAME={name} is a community track that is not installed yet."
-        return setting_problem("DR_WORLD_NAME", place, what, remedy(race), severity="note")
+        fetched = known_suffices or race.tracks_fetch == "always"
+        severity: Severity = "note" if fetched else "error"
+        return setting_problem("DR_WORLD_NAME", place, what, remedy(race), severity=severity)
     what = f"DR_WORLD_NAME={shown(name)} is not a known track."
     return setting_problem("DR_WORLD_NAME", place, what, remedy(race))
 
 
-def track_problems(races: Sequence[RaceConfig]) -> list[Problem]:
-    """The problems with the tracks of all workers, each place once."""
-    problems = map(track_problem, races)
+def track_problems(races: Sequence[RaceConfig], *, known_suffices: bool = False) -> list[Problem]:
+    """The problems with the tracks of all workers, each place once; see `track_problem`."""
+    problems = (track_problem(race, known_suffices=known_suffices) for race in races)
     return list(dict.fromkeys(problem for problem in problems if problem is not None))
 
 
@@ -108,10 +114,12 @@ def remedy(race: RaceConfig) -> str:
     """What to do about a track that is not installed."""
     name = _name(race)
     if name in COMMUNITY:
+        add = f"Without a network add its file with `dr-tracks add {name}.npy`."
+        if race.tracks_fetch == "always":
+            return f"The next start fetches it (DR_TRACKS_FETCH=always). {add}"
         return (
             f"Fetch it with `dr-tracks fetch {name}`, or let a start fetch it with "
-            f"DR_TRACKS_FETCH=always. Without a network add its file with `dr-tracks add "
-            f"{name}.npy`."
+            f"DR_TRACKS_FETCH=always. {add}"
         )
     likely = closest(race.world_name, [*_known(race), *COMMUNITY])
     hint = f"Did you mean {likely}? " if likely is not None else ""

@@ -1,6 +1,7 @@
 """Checks of texts for the settings of trainings that nobody watches: money, messages, retention."""
 
 import re
+import shlex
 from math import isfinite
 from typing import Annotated
 
@@ -42,6 +43,17 @@ def _price(value: str) -> str:
             "is not a price per hour", "Write USD per hour as in 0.25, or auto to ask EC2."
         )
     return text
+
+
+def _command(value: str) -> str:
+    try:
+        shlex.split(value)
+    except ValueError as error:
+        raise BadValue(
+            f"cannot be read: {error}",
+            "Close every quotation mark, as in: sh -c 'wait-for-notice --json'.",
+        ) from error
+    return value
 
 
 def _topic(value: str) -> str:
@@ -103,6 +115,7 @@ def retention_rules(value: str) -> tuple[str, ...]:
 
 
 Price = Annotated[str, Check(_price), Shape("USD per hour, auto, or nothing")]
+Command = Annotated[str, Check(_command), Shape("a program and its arguments, or nothing")]
 TopicArn = Annotated[str, Check(_topic), Shape("the ARN of an SNS topic, or nothing")]
 MailAddresses = Annotated[
     str, Check(_mail_addresses), Shape("mail addresses separated by commas, or nothing")

@@ -23,8 +23,8 @@ activated holds all of its names."""
 
 REMEDY = "Keep the lines or remove them."
 
-PASSWORDS = frozenset({"DR_CAR_PASSWORD"})
-"""Variables of the environment that a command reads itself, because no file should hold them."""
+OF_COMMANDS = frozenset({"DR_CAR_PASSWORD", "DR_DROA_PASSWORD", "DR_DEBUG"})
+"""Variables of the environment that commands read themselves: no file should hold them."""
 
 _VIEWER = "the console needs no files of nginx"
 _TOURNAMENT = "`dr-race create NAME --type HEAD_TO_MODEL` makes a tournament"
@@ -157,7 +157,7 @@ def unknown_names(
             outside = entry.place.file == "environment"
             if name in known or name in values:
                 continue
-            if outside and (not ours or name in FORMER or name in PASSWORDS):
+            if outside and (not ours or name in FORMER or name in OF_COMMANDS):
                 continue
             meant = _meant(name)
             if ours and meant is not None and not outside:

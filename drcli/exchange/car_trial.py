@@ -37,7 +37,8 @@ class CarTrials:
     Attributes:
         world: The track.
         cars: One trial for each car.
-        best: The car that suits the model: most laps, then most progress; of equal cars the first.
+        best: The car that suits the model: that of the settings, unless another one completes more
+            laps than by chance.
         present: The car of the settings.
     """
 

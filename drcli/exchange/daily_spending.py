@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base.atomic_file import load_record, save_record
+from drcli.config.run_config import UnattendedConfig
 
 FOLDER = "data/budget"
 """Below the working folder: a folder for each day, in it a file for each start."""
@@ -66,6 +67,16 @@ class DayBudget:
             )
         return None
 
+    @property
+    def remedy(self) -> str:
+        """How to go on once a limit is reached."""
+        hours = 0.0 < self.max_hours <= self.hours
+        name = "DR_DAILY_BUDGET_HOURS" if hours else "DR_DAILY_BUDGET_MONEY"
+        return (
+            "The next day begins at midnight by this machine's clock; continue then with "
+            f"`dr-start-training --resume-or-start`, or raise {name} in system.env."
+        )
+
     def __str__(self) -> str:
         """As in "budget of 2026-05-01: 3.20 of 8 hours, 1.10 of 5 USD"."""
         parts = []
@@ -105,6 +116,16 @@ def read_day(
         max_usd,
         len(known),
         len(found) - len(known),
+    )
+
+
+def budget_of(directory: Path, settings: UnattendedConfig, now_s: float) -> DayBudget:
+    """The budget of the day of a time, in Unix seconds."""
+    return read_day(
+        directory,
+        day_of(now_s),
+        max_hours=settings.daily_budget_hours,
+        max_usd=settings.daily_budget_money,
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 
 from drcli.base.json_record import JsonRecord, MaybeNan, RecordError, parse_json
+from drcli.exchange.laps import Laps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +38,9 @@ class IterationRecord(JsonRecord):
         evaluation_progress: Progress of each evaluation episode of the checkpoint of this number,
             percent.
         evaluation_lap_s: Lap times of its completed evaluation laps, simulated seconds.
+        confirmation_progress: Progress of each episode that it drove again, from other starts,
+            because its evaluation was good enough to end the training or to become the best.
+        confirmation_lap_s: Lap times of the completed laps of these, simulated seconds.
         actor_loss: Actor loss of SAC, mean of the last part of the update; None for PPO.
         critic_loss: Mean loss of the two critics of SAC, likewise.
         alpha: Temperature of SAC, likewise.
@@ -71,6 +75,8 @@ class IterationRecord(JsonRecord):
     elapsed_s: float
     evaluation_progress: list[float] = field(default_factory=list)
     evaluation_lap_s: list[float] = field(default_factory=list)
+    confirmation_progress: list[float] = field(default_factory=list)
+    confirmation_lap_s: list[float] = field(default_factory=list)
     actor_loss: float | None = None
     critic_loss: float | None = None
     alpha: float | None = None
@@ -82,11 +88,38 @@ class IterationRecord(JsonRecord):
     second_progress: list[float] = field(default_factory=list)
     second_lap_s: list[float] = field(default_factory=list)
 
+    @property
+    def evaluation(self) -> Laps | None:
+        """The laps of its evaluation, without those that confirmed it; None without one."""
+        return _laps(self.evaluation_progress, self.evaluation_lap_s)
+
+    @property
+    def confirmation(self) -> Laps | None:
+        """The laps that it drove again; None if it did not."""
+        return _laps(self.confirmation_progress, self.confirmation_lap_s)
+
+    @property
+    def all_laps(self) -> Laps | None:
+        """All evaluation laps of its checkpoint on the training track; None without any."""
+        first, again = self.evaluation, self.confirmation
+        return first if first is None or again is None else first + again
+
+
+def _laps(progress: Sequence[float], lap_s: Sequence[float]) -> Laps | None:
+    return Laps(len(progress), lap_s) if progress else None
+
 
 HISTORY_HEAD, HISTORY_END = b'{"iterations": [', b"]}"
 """What is before and after the records in the file `history.json`."""
 
-LEFT_OUT_IF_EMPTY = ("stage", "second_world", "second_progress", "second_lap_s")
+LEFT_OUT_IF_EMPTY = (
+    "confirmation_progress",
+    "confirmation_lap_s",
+    "stage",
+    "second_world",
+    "second_progress",
+    "second_lap_s",
+)
 """Fields that few trainings have."""
 
 SEPARATOR = b", "

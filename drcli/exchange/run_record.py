@@ -90,6 +90,7 @@ class RunRecord:
         storage: Of its bucket; None in the record of an early version.
         priority: DR_PRIORITY at its start.
         threads: DR_THREADS at its start; 0 for all cores.
+        ending: Whether the supervisor is ending its workers.
     """
 
     run_id: int
@@ -109,6 +110,7 @@ class RunRecord:
     storage: StorageRecord | None = None
     priority: str = "normal"
     threads: int = 0
+    ending: bool = False
 
     def storage_at_start(self, now: StorageConfig, directory: Path) -> StorageConfig:
         """The settings of the run's bucket, which may differ from those of now."""
@@ -133,7 +135,13 @@ class RunRecord:
     ) -> "RunRecord":
         """The record of a run that is over."""
         return replace(
-            self, state=state, exit_code=exit_code, message=message, remedy=remedy, ended_at=now
+            self,
+            state=state,
+            exit_code=exit_code,
+            message=message,
+            remedy=remedy,
+            ended_at=now,
+            ending=False,
         )
 
 

@@ -6,32 +6,62 @@ from typing import Any, Literal
 
 from drcli.base.json_record import JsonRecord, RecordError, from_json, parse_json
 from drcli.exchange.checkpoint import checkpoint_name
+from drcli.exchange.laps import Laps
 
 JudgedWorld = Literal["training", "evaluation", "both"]
 """Whose evaluations decide which checkpoint is best: DR_TRAIN_BEST_MODEL_WORLD."""
 
 
 @dataclass(frozen=True)
-class SecondEvaluation:
-    """The evaluation episodes of a checkpoint on a second track, DR_TRAIN_EVAL_WORLD.
+class EvaluationEpisodes:
+    """Evaluation episodes of a checkpoint, each driven to its first violation.
 
     Attributes:
-        world: Name of the track.
         progress: Percent of the lap, for each episode; never empty.
         reward: Sum of rewards, for each episode.
-        lap_s: Lap times of the completed laps, simulated seconds.
+        lap_s: Times of the completed laps, which are clean, simulated seconds.
     """
 
-    world: str
     progress: list[float]
     reward: list[float]
     lap_s: list[float]
 
     def __post_init__(self) -> None:
         if not self.progress or len(self.reward) != len(self.progress):
-            raise RecordError("'second' needs one progress and one reward for each episode")
+            raise RecordError("an evaluation needs one progress and one reward for each episode")
         if len(self.lap_s) > len(self.progress):
-            raise RecordError("'second' has more laps than episodes")
+            raise RecordError("an evaluation has more laps than episodes")
+
+    @property
+    def laps(self) -> Laps:
+        """How many of them completed their lap, and how fast."""
+        return Laps(len(self.progress), self.lap_s)
+
+    @property
+    def mean_progress(self) -> float:
+        """Percent of the lap."""
+        return sum(self.progress) / len(self.progress)
+
+    def and_again(self, other: "EvaluationEpisodes | None") -> "EvaluationEpisodes":
+        """These episodes and others of the same checkpoint, if there are any."""
+        if other is None:
+            return self
+        return EvaluationEpisodes(
+            [*self.progress, *other.progress],
+            [*self.reward, *other.reward],
+            [*self.lap_s, *other.lap_s],
+        )
+
+
+@dataclass(frozen=True)
+class SecondEvaluation(EvaluationEpisodes):
+    """The evaluation episodes of a checkpoint on a second track, DR_TRAIN_EVAL_WORLD.
+
+    Attributes:
+        world: Name of the track.
+    """
+
+    world: str
 
 
 @dataclass(frozen=True)
@@ -42,10 +72,13 @@ class EvaluationResult(JsonRecord):
         checkpoint: Name.
         progress: Percent of the lap, for each episode; never empty.
         reward: Sum of rewards, for each episode.
-        lap_s: Lap times of the completed laps, simulated seconds.
+        lap_s: Times of the completed laps, simulated seconds.
         steering_per_m: How often the steering changed its side in each metre; None if unknown.
         rollbacks: How often the training had gone back when the checkpoint was published.
         second: Its evaluation on a second track, which comes later; None without one.
+        confirms: How many laps the checkpoint drives again, from other starts, because these
+            episodes are good enough to end the training or to make it the best.
+        confirmation: What it drove again; None before that.
     """
 
     checkpoint: str
@@ -55,27 +88,24 @@ class EvaluationResult(JsonRecord):
     steering_per_m: float | None = None
     rollbacks: int = 0
     second: SecondEvaluation | None = None
+    confirms: int = 0
+    confirmation: EvaluationEpisodes | None = None
 
     def __post_init__(self) -> None:
-        if not self.progress or len(self.reward) != len(self.progress):
-            raise RecordError("it needs one progress and one reward for each episode")
-        if len(self.lap_s) > len(self.progress):
-            raise RecordError("it has more laps than episodes")
         checkpoint_name(self.checkpoint)
+        _ = self.first  # checks the lists
 
-    def on(self, world: JudgedWorld) -> "EvaluationResult":
-        """The result with the episodes of these tracks only, as if there were one track."""
-        second = self.second
-        if second is None or world == "training":
-            return self
-        if world == "evaluation":
-            return EvaluationResult(self.checkpoint, second.progress, second.reward, second.lap_s)
-        return EvaluationResult(
-            self.checkpoint,
-            [*self.progress, *second.progress],
-            [*self.reward, *second.reward],
-            [*self.lap_s, *second.lap_s],
-        )
+    @property
+    def first(self) -> EvaluationEpisodes:
+        """The episodes on the training track, without those that were driven again."""
+        return EvaluationEpisodes(self.progress, self.reward, self.lap_s)
+
+    def on(self, world: JudgedWorld) -> EvaluationEpisodes:
+        """All episodes on these tracks, as if there were one track."""
+        own = self.first.and_again(self.confirmation)
+        if self.second is None or world == "training":
+            return own
+        return self.second if world == "evaluation" else own.and_again(self.second)
 
 
 @dataclass(frozen=True)
@@ -86,13 +116,13 @@ class Score:
         name: Checkpoint.
         avg_eval_metric: Mean of its evaluation episodes; None before its evaluation.
         time_stamp: Simulated seconds when the checkpoint was made.
-        tie_break: Decides between equal means, the lower the better; None if unknown.
+        episodes: All its evaluation episodes, by which checkpoints are compared; None if unknown.
     """
 
     name: str
     avg_eval_metric: float | None = None
     time_stamp: float = 0.0
-    tie_break: float | None = None
+    episodes: EvaluationEpisodes | None = None
 
 
 @dataclass(frozen=True)
@@ -100,7 +130,7 @@ class Scores:
     """The best checkpoint and the newest one, which is not evaluated yet when it is new.
 
     The field names are those of the file. Some tools split its text instead of reading JSON, so
-    our own key, the tie-break of the best, comes last.
+    our own key, the episodes of the best, comes last.
     """
 
     best_checkpoint: Score
@@ -124,8 +154,8 @@ class Scores:
         scores = from_json(Scores, file)
         for score in (scores.best_checkpoint, scores.last_checkpoint):
             checkpoint_name(score.name)
-        tie_break = from_json(_OwnKeys, file).best_tie_break
-        return replace(scores, best_checkpoint=replace(scores.best_checkpoint, tie_break=tie_break))
+        episodes = from_json(_OwnKeys, file).best_episodes
+        return replace(scores, best_checkpoint=replace(scores.best_checkpoint, episodes=episodes))
 
 
 def encode_single(score: Score) -> bytes:
@@ -140,15 +170,15 @@ def encode_single(score: Score) -> bytes:
 
 @dataclass(frozen=True)
 class _OwnKeys:
-    best_tie_break: float | None = None
+    best_episodes: EvaluationEpisodes | None = None
 
 
 def _entry(score: Score) -> dict[str, Any]:
     entry = asdict(score)
-    del entry["tie_break"]
+    del entry["episodes"]
     return entry
 
 
 def _file(entries: dict[str, Any], best: Score) -> bytes:
-    own = {} if best.tie_break is None else asdict(_OwnKeys(best.tie_break))
+    own = {} if best.episodes is None else asdict(_OwnKeys(best.episodes))
     return json.dumps({**entries, **own}, allow_nan=False).encode()

@@ -31,7 +31,7 @@ class TrialScore:
         laps: Completed evaluation laps.
         episodes: Evaluation episodes; 0 if it was not evaluated yet.
         progress: Mean progress of the evaluation, percent; without one, of the best iteration.
-        lap_s: Mean time of the completed laps, simulated seconds; None without one.
+        lap_s: Median time of the clean laps, simulated seconds; None without one.
         reward: Mean reward of an episode in the best iteration.
     """
 

@@ -52,8 +52,8 @@ ERROR_TEXTS: tuple[ErrorText, ...] = (
         "the race's evaluation saw no complete lap: the model does not drive reliably, or only on "
         "the track it was trained on",
         "evaluate more laps (`DR_EVAL_NUMBER_OF_TRIALS=10`) and on the other track "
-        "(`DR_WORLD_NAME=... dr-evaluate`); choose `best` with more trials "
-        "(`DR_TRAIN_MIN_EVAL_TRIALS=15`), or train with disturbances: "
+        "(`DR_WORLD_NAME=... dr-evaluate`); choose `best` by more laps "
+        "(`DR_TRAIN_EVAL_LAPS=40`), or train with disturbances: "
         "[simulation.md](simulation.md)",
     ),
     ErrorText(

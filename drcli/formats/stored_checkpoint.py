@@ -56,15 +56,17 @@ def load_checkpoint(bucket: Bucket, prefix: str, name: str) -> Checkpoint:
     return Checkpoint(record, first.tensors)
 
 
-def driving_graph(bucket: Bucket, prefix: str, name: str, design: Design) -> PolicyFile | None:
+def driving_graph(bucket: Bucket, prefix: str, name: str) -> PolicyFile | None:
     """The frozen graph that drives for a TensorFlow checkpoint of SAC; None for all others.
 
     Raises:
         ObjectMissing: The checkpoint has no frozen graph.
     """
     listed = [info.key for info in bucket.list(keys.model_folder(prefix))]
-    sac = design.metadata.training_algorithm == "sac"
-    if not sac or not is_tensorflow(listed, prefix, name):
+    if not is_tensorflow(listed, prefix, name):
+        return None
+    design = Design.of_model(bucket, prefix)
+    if design.metadata.training_algorithm != "sac":
         return None
     key = keys.checkpoint_graph(prefix, checkpoint_name(name).number)
     data = bucket.get(key)

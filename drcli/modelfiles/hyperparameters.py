@@ -206,8 +206,8 @@ def _unusual(v: Hyperparameters) -> Iterator[tuple[str, str, str]]:
     if v.num_episodes_between_training < 5:
         yield (
             "num_episodes_between_training",
-            "gives the trainer little to learn from; 10, 20 or 40 are usual with clipped_ppo",
-            "Write 20, unless the algorithm is sac.",
+            "gives the trainer little to learn from; 10, 20 or 40 are usual",
+            "Write 20.",
         )
     if v.term_cond_avg_score not in USUAL_SCORES:
         yield (

@@ -37,7 +37,7 @@ def training_parameters(settings: Settings) -> bytes:
         "CHANGE_START_POSITION": s.train_change_start_position,
         "ROUND_ROBIN_ADVANCE_DIST": s.train_round_robin_advance_dist,
         "START_POSITION_OFFSET": s.train_start_position_offset,
-        "MIN_EVAL_TRIALS": s.train_min_eval_trials,
+        "MIN_EVAL_TRIALS": s.eval_laps,
         "BEST_MODEL_METRIC": s.train_best_model_metric,
     }
     return _dump(values)

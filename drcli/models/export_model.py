@@ -2,19 +2,29 @@
 
 from dataclasses import dataclass
 
+from drcli.base import notices
 from drcli.base.errors import SettingsError
+from drcli.base.replaceable import safe_name
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import Settings, catalogue
+from drcli.exchange.checkpoint import CheckpointRecord
 from drcli.formats.stored_checkpoint import load_checkpoint
 from drcli.modelfiles.network_shape import Design
-from drcli.models.checkpoint_choice import OUR_PARTS, CheckpointGone
-from drcli.models.checkpoint_files import Chosen, choose, known_best
+from drcli.models.checkpoint_choice import (
+    OUR_PARTS,
+    CheckpointGone,
+    Chosen,
+    find_choice,
+    sentence_about,
+)
+from drcli.models.checkpoint_files import known_best
 from drcli.models.repair_model import repair_or_warn
 from drcli.models.run_metadata import read_start
 from drcli.models.transfer_buckets import checked_prefix
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.repair import Model
 
 _WORLD = "DR_WORLD_NAME"
 
@@ -26,7 +36,7 @@ _PICKS = 5
 class Selection:
     """Which checkpoint to export; without `prefix`, one of the model in the settings."""
 
-    choice: CheckpointChoice = "last"
+    choice: CheckpointChoice = "best"
     prefix: str | None = None
 
 
@@ -63,9 +73,9 @@ class ExportSource:
         return f"s3://{self.bucket}/{self.prefix}"
 
     @property
-    def name(self) -> str:
-        """The last part of the prefix, which names the model for people."""
-        return self.prefix.rpartition("/")[2]
+    def file_name(self) -> str:
+        """The model as part of the name of a file."""
+        return safe_name(self.prefix)
 
 
 def read_export_source(settings: Settings, selection: Selection) -> ExportSource:
@@ -80,10 +90,11 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
     prefix = checked_prefix(prefix, "-p") if prefix else settings.model_prefix
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     repair_or_warn(settings.model, bucket, prefix)
+    model = Model.of(settings.model, bucket, prefix)
     for attempt in range(_PICKS):
-        chosen = choose(bucket, prefix, selection.choice)
+        chosen = find_choice(model, selection.choice)
         try:
-            weights = load_checkpoint(bucket, prefix, chosen.name).tensors
+            found = load_checkpoint(bucket, prefix, chosen.name)
         except ObjectMissing as e:
             if attempt == _PICKS - 1 or isinstance(selection.choice, int):
                 raise CheckpointGone(
@@ -92,6 +103,7 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
                 ) from e
             continue
         break
+    notices.show(sentence_about(model, chosen))
     weights_part = next(part for part in (*OUR_PARTS, ".index") if part in chosen.parts)
     key = keys.checkpoint_part(prefix, chosen.name, weights_part)
     graph = keys.checkpoint_graph(prefix, chosen.number)
@@ -100,8 +112,8 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
         bucket.name,
         prefix,
         chosen,
-        _design(bucket, prefix),
-        weights,
+        _design(bucket, prefix, found.record),
+        found.tensors,
         f"s3://{bucket.name}/{key}",
         _world(bucket, prefix),
         known_best(bucket, prefix),
@@ -109,9 +121,9 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
     )
 
 
-def _design(bucket: Bucket, prefix: str) -> Design:
+def _design(bucket: Bucket, prefix: str, record: CheckpointRecord) -> Design:
     try:
-        return Design.of_model(bucket, prefix)
+        return Design.of_model(bucket, prefix, record.counters.inputs)
     except ObjectMissing as e:
         raise SettingsError(
             f"Meta-data files are not found. Exiting. {e}",

@@ -5,12 +5,19 @@ from dataclasses import dataclass
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Place, Problem, ProblemsError, refuse
 from drcli.config.bucket_config import PretrainedConfig
-from drcli.config.checkpoint_words import CheckpointChoice
+from drcli.config.checkpoint_words import CheckpointChoice, parse_checkpoint
 from drcli.config.setting_problems import setting_problem
+from drcli.exchange.scores import Score
 from drcli.exchange.training_start import Pretrained
 from drcli.formats.stored_checkpoint import load_checkpoint
 from drcli.modelfiles.network_shape import Design, weight_problems
-from drcli.models.checkpoint_choice import CheckpointGone, ModelCheckpoints, find_choice
+from drcli.models.checkpoint_choice import (
+    CheckpointGone,
+    Chosen,
+    ModelCheckpoints,
+    find_choice,
+    sentence_about,
+)
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import Checkpoint, CheckpointStore
@@ -53,7 +60,7 @@ def find(
         raise _wrong(PREFIX, place, prefix, what, remedy)
     source, found = named_weights(config, bucket)
     try:
-        trained = Design.of_model(bucket, prefix)
+        trained = Design.of_model(bucket, prefix, found.record.counters.inputs)
     except ObjectMissing as e:
         remedy = "Restore that file from a copy, or choose another model."
         raise _wrong(PREFIX, place, prefix, f"that model is not complete: {e}", remedy) from e
@@ -92,7 +99,7 @@ def read_weights(
     scores, _ = readable_scores(model)
     try:
         pointed = store.pointed()
-        if pointed is not None and (checkpoint == "last" or scores is None):
+        if scores is None and pointed is not None:
             chosen = str(pointed)
         elif scores is None:
             remedy = what_helps(bucket, prefix, setting=name)
@@ -114,6 +121,13 @@ def read_weights(
     metric = None if scores is None else scores.metric_of(chosen)
     sha256 = found.record.tensors.sha256
     return Pretrained(prefix, str(checkpoint), chosen, metric, sha256), found
+
+
+def sentence_of(bucket: Bucket, source: Pretrained) -> str:
+    """Which weights those are, how they drove, and the option for others."""
+    model = Model(bucket, source.prefix, keys.metrics_prefix(source.prefix))
+    score = Score(source.name, source.metric)
+    return sentence_about(model, Chosen(parse_checkpoint(source.checkpoint), score, ()))
 
 
 def _wrong(name: str, place: Place, prefix: str, message: str, remedy: str) -> ProblemsError:

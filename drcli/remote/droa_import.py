@@ -100,7 +100,7 @@ def plan_import(
     if errors and not unchecked:
         raise ProblemsError(errors)
     for each in errors:
-        notices.warn(f"{each} Imported nevertheless, because of --unchecked.")
+        notices.warn(f"{each} This does not keep it from being imported, because of --unchecked.")
     return ImportPlan(name, description, wanted)
 
 

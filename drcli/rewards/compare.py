@@ -97,7 +97,13 @@ class ComparisonReport:
 
 
 def compare(
-    settings: Settings, first: Path, second: Path, out: Path | None, directory: Path
+    settings: Settings,
+    first: Path,
+    second: Path,
+    out: Path | None,
+    directory: Path,
+    *,
+    force: bool = False,
 ) -> ComparisonReport:
     """Try two functions on the same drive over the configured track.
 
@@ -105,8 +111,9 @@ def compare(
         settings: The track, the race and the direction.
         first: A function.
         second: Another one.
-        out: A picture to draw, a PNG file, or None; an older one is replaced.
+        out: A picture to draw, a PNG file, or None.
         directory: The racer's working folder.
+        force: Whether an existing picture may be replaced.
 
     Raises:
         SettingsError: A function fails, the track does not exist, or the picture cannot be
@@ -114,7 +121,7 @@ def compare(
     """
     files = files_of([first, second])
     if out is not None:
-        refuse_replacing(out)
+        refuse_replacing(out, force=force)
     course = Course.of(drive(settings.race))
     both = try_rewards(files, course, directory)
     for tried in both:

@@ -37,21 +37,24 @@ class PlotReport:
     laps: dict[str, float]
 
 
-def plot(settings: Settings, file: Path | None, out: Path, directory: Path) -> PlotReport:
+def plot(
+    settings: Settings, file: Path | None, out: Path, directory: Path, *, force: bool = False
+) -> PlotReport:
     """Draw the rewards of a function on the configured track.
 
     Args:
         settings: The track, the race and the direction.
         file: The function; None takes that of a training.
-        out: The picture, a PNG file; an older one is replaced.
+        out: The picture, a PNG file.
         directory: The racer's working folder.
+        force: Whether an existing picture may be replaced.
 
     Raises:
         SettingsError: The function fails, the track does not exist, or the picture cannot be
             written.
     """
     path = file_of(settings, file)
-    refuse_replacing(out)
+    refuse_replacing(out, force=force)
     course = Course.of(drive(settings.race))
     [tried] = try_rewards([path], course, directory)
     tried.refuse_failing()

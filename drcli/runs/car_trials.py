@@ -4,7 +4,9 @@ import os
 import secrets
 import shutil
 import tempfile
+from collections.abc import Sequence
 from dataclasses import replace
+from math import comb
 from pathlib import Path
 
 from drcli.base.errors import WorkerDied
@@ -20,6 +22,9 @@ from drcli.runs.worker_processes import end_process, start_process
 
 STARTS = 16
 """Starts of each car, spread evenly over the lap."""
+
+RARE = 0.05
+"""A difference that chance makes more often than this is none."""
 
 CAR = "DR_SIM_CAR"
 MODEL = "DR_LOCAL_S3_MODEL_PREFIX"
@@ -61,7 +66,10 @@ def try_cars(settings: Settings, checkpoint: str) -> CarTrials:
     )
     try:
         return CarTrials(
-            settings.world_name, found := _run(job, checkpoint), _best(found), settings.sim_car
+            settings.world_name,
+            found := _run(job, checkpoint),
+            best_of(found, settings.sim_car),
+            settings.sim_car,
         )
     finally:
         shutil.rmtree(folder, ignore_errors=True)
@@ -87,5 +95,26 @@ def _run(job: Job, checkpoint: str) -> list[CarTrial]:
         ) from error
 
 
-def _best(trials: list[CarTrial]) -> str:
-    return max(trials, key=lambda trial: (trial.laps, trial.mean_progress)).car
+def best_of(trials: Sequence[CarTrial], present: str) -> str:
+    """The car with the most laps, unless the `present` one may have as many but for chance."""
+    own = next((trial for trial in trials if trial.car == present), None)
+    most = max(trials, key=lambda trial: (trial.laps, trial.mean_progress))
+    if own is None or chance(most.laps, own.laps, own.starts) < RARE:
+        return most.car
+    return present
+
+
+def chance(more: int, fewer: int, starts: int) -> float:
+    """How probable it is that equal cars differ at least so much (Fisher's exact test).
+
+    Args:
+        more: Laps of one car.
+        fewer: Laps of the other car.
+        starts: Of each car.
+    """
+    both = more + fewer
+    ways = (
+        comb(starts, laps) * comb(starts, both - laps)
+        for laps in range(more, min(starts, both) + 1)
+    )
+    return sum(ways) / comb(2 * starts, both)

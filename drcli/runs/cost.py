@@ -14,10 +14,11 @@ from drcli.exchange.spending import Spending, StartSpending
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.outcome import Ending, Outcome
 from drcli.runs.periodic import Periodic, within
+from drcli.runs.spending_report import request_report, usd_text
 from drcli.spot.spot_price import SpotPrice, own_spot_price
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
-from drcli.store.request_count import NIGHT_HOURS, RequestCount, read_counts
+from drcli.store.request_count import RequestCount, read_counts
 
 _logger = get_logger(__name__)
 
@@ -94,8 +95,8 @@ class Cost(Duty):
             return None
         return Outcome(
             0,
-            f"Training is complete: the money limit ({_usd(self._max_usd)}) was reached; "
-            f"{spending.hours:.1f} machine hours cost {_usd(spending.usd)}.",
+            f"Training is complete: the money limit ({usd_text(self._max_usd)}) was reached; "
+            f"{spending.hours:.1f} machine hours cost {usd_text(spending.usd)}.",
         )
 
     def finish(self, ending: Ending) -> None:
@@ -163,15 +164,13 @@ class Cost(Duty):
         text = f"{spending.hours:.2f} machine hours in {spending.starts} start"
         text += "s" if spending.starts > 1 else ""
         if spending.usd is not None:
-            text += f", {_usd(spending.usd)}"
-            text += f" of {_usd(spending.max_usd)}" if spending.max_usd else ""
+            text += f", {usd_text(spending.usd)}"
+            text += f" of {usd_text(spending.max_usd)}" if spending.max_usd else ""
             if spending.unpriced_hours:
                 text += f" (the price of {spending.unpriced_hours:.2f} hours is not known)"
         lines = [f"{text}."]
-        requests = self._requests()
-        if requests.requests and self._hours > 0.0:
-            lines.append(requests_sentence(requests, self._hours))
-        return lines
+        requests = request_report(self._requests(), self._hours, self._job.config.storage)
+        return lines if requests is None else [*lines, str(requests)]
 
     def step(self) -> None:
         """Count, ask for the price, write: whatever is due.
@@ -218,7 +217,8 @@ class Cost(Duty):
             self._usd += found.usd_per_hour * self._unpriced
             self._unpriced = 0.0
         if found.usd_per_hour != self._price:
-            _logger.info("Spot price of %s: %s per hour.", found.place, _usd(found.usd_per_hour))
+            price = usd_text(found.usd_per_hour)
+            _logger.info("Spot price of %s: %s per hour.", found.place, price)
         self._price, self._price_of = found.usd_per_hour, f"spot price of {found.place}"
 
     def _read_earlier(self) -> None:
@@ -271,19 +271,3 @@ class Cost(Duty):
 
     def _requests(self) -> RequestCount:
         return read_counts(self._job.folder, self._job.session)
-
-
-def requests_sentence(requests: RequestCount, hours: float) -> str:
-    """Requests and bytes per hour, and what a night of them costs at Amazon."""
-    night = requests.list_price_usd / hours * NIGHT_HOURS
-    return (
-        f"Requests to the bucket per hour: {requests.puts / hours:,.0f} that write or list, "
-        f"{requests.gets / hours:,.0f} that read; "
-        f"{requests.sent_bytes / hours / 1e6:,.0f} MB sent, "
-        f"{requests.received_bytes / hours / 1e6:,.0f} MB received. At Amazon's list prices, the "
-        f"requests of a night of {NIGHT_HOURS:g} hours cost {_usd(night)}."
-    )
-
-
-def _usd(amount: float) -> str:
-    return f"{amount:.2f} USD" if amount >= 0.1 or amount == 0.0 else f"{amount:.4f} USD"

@@ -11,15 +11,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
-from drcli.base.errors import BudgetUsedUp
 from drcli.base.log import get_logger
-from drcli.config.run_config import UnattendedConfig
 from drcli.exchange.daily_spending import (
     FOLDER,
     DayBudget,
     DaySpending,
+    budget_of,
     day_of,
-    read_day,
     write_day,
 )
 from drcli.exchange.job import Job
@@ -79,7 +77,7 @@ class DailyBudget(Duty):
         budget = self._budget
         if budget is None or budget.used_up is None:
             return None
-        return Outcome(INTERRUPTED, budget.used_up, how_to_go_on(budget))
+        return Outcome(INTERRUPTED, budget.used_up, budget.remedy)
 
     def finish(self, ending: Ending) -> None:
         """Write the last count."""
@@ -116,37 +114,6 @@ class DailyBudget(Duty):
             self._failed = True
         else:
             self._failed = False
-
-
-def budget_of(directory: Path, settings: UnattendedConfig, now_s: float) -> DayBudget:
-    """The budget of the day of a time, in Unix seconds."""
-    return read_day(
-        directory,
-        day_of(now_s),
-        max_hours=settings.daily_budget_hours,
-        max_usd=settings.daily_budget_money,
-    )
-
-
-def refuse_without_budget(directory: Path, settings: UnattendedConfig) -> None:
-    """Refuse to start when the budget of today is used up.
-
-    Raises:
-        BudgetUsedUp: It is.
-    """
-    budget = budget_of(directory, settings, time.time())
-    if budget.used_up is not None:
-        raise BudgetUsedUp(budget.used_up, remedy=how_to_go_on(budget))
-
-
-def how_to_go_on(budget: DayBudget) -> str:
-    """The remedy once a budget is used up."""
-    hours = 0.0 < budget.max_hours <= budget.hours
-    name = "DR_DAILY_BUDGET_HOURS" if hours else "DR_DAILY_BUDGET_MONEY"
-    return (
-        "The next day begins at midnight by this machine's clock; continue then with "
-        f"`dr-start-training --resume-or-start`, or raise {name} in system.env."
-    )
 
 
 def forget_old_days(directory: Path, keep: int = KEPT_DAYS) -> None:

@@ -76,6 +76,13 @@ class Duty:
     def leave(self, ending: Ending) -> None:
         """Do what needs no ownership, when everything is saved."""
 
+    def end_result(self) -> Outcome | None:
+        """What became of the work at the end, once `finish` has returned; None without any.
+
+        Its code is that of the run unless it is 0.
+        """
+        return None
+
     def left(self, ending: Ending) -> Sequence[str]:
         """Names of the work at this end that is not done yet."""
         return ()

@@ -7,6 +7,7 @@ complete what this one had no time for.
 import re
 from typing import Literal, get_args
 
+from drcli.base.errors import NotAvailable, SettingsError, StorageError
 from drcli.base.log import get_logger
 from drcli.config import secret_environment
 from drcli.exchange.job import Job
@@ -14,7 +15,7 @@ from drcli.remote.droa_site import PASSWORD_VARIABLE, URL_SETTING
 from drcli.runs.command_process import CommandEnd, CommandProcess, Start
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.journal import Journal
-from drcli.runs.outcome import Ending
+from drcli.runs.outcome import Ending, Outcome
 
 _logger = get_logger(__name__)
 
@@ -23,6 +24,9 @@ EndWork = Literal["upload", "import"]
 
 PATIENCE_S = 2700.0
 """Longest time for a piece: DeepRacer on AWS may take half an hour to check a model."""
+
+_WHAT = {"upload": "upload of the best checkpoint", "import": "import into DeepRacer on AWS"}
+_AGAIN = {"upload": "dr-upload-model -b", "import": "droa-import-model --best --once"}
 
 _IMPORT = "DR_IMPORT_MODEL_ON_COMPLETION"
 
@@ -53,6 +57,7 @@ class EndOfTraining(Duty):
         self._start = start
         self._journal: Journal | None = None
         self._left: list[str] | None = None
+        self._results: list[Outcome] = []
 
     def start(self, run: RunningTraining) -> None:
         """Say at the beginning what will not work at the end."""
@@ -84,8 +89,20 @@ class EndOfTraining(Duty):
             process = self._start(self._job, *self._command(name))
             if self._note(name, process.wait(within_s, lambda: ending.left_s() <= 0.0)):
                 self._left.remove(name)
-        if self._left:
-            _logger.warning("Left to do at the end of the training: %s.", ", ".join(self._left))
+        for name in self._left[sum(result.code != 0 for result in self._results) :]:
+            text = f"There was no time for the {_WHAT[name]}."
+            self._results.append(Outcome(StorageError.code, text, _again(name)))
+            _logger.warning("%s", text)
+
+    def end_result(self) -> Outcome | None:
+        """What was done, and what failed with the command that makes up for it."""
+        if not self._results:
+            return None
+        return Outcome(
+            max(result.code for result in self._results),
+            " ".join(result.message for result in self._results),
+            " ".join(result.remedy for result in self._results).strip(),
+        )
 
     def left(self, ending: Ending) -> list[str]:
         """Names of the pieces that are not done: before `finish`, all that it is going to do.
@@ -108,13 +125,11 @@ class EndOfTraining(Duty):
 
     def _note(self, name: str, end: CommandEnd) -> bool:
         """Tell how a piece ended; whether it is done."""
-        what = {
-            "upload": "upload of the best checkpoint",
-            "import": "import into DeepRacer on AWS",
-        }[name]
+        what = _WHAT[name]
         if not end.ok:
-            again = {"upload": "dr-upload-model -b", "import": "droa-import-model --best --once"}
-            text = f"The {what} failed: {end.reason} `{again[name]}` makes up for it."
+            text = f"The {what} failed: {end.reason}"
+            self._results.append(Outcome(_code(end), text, _again(name)))
+            text = f"{text} {_again(name)}"
             _logger.warning("%s", text)
             if self._journal is not None:
                 self._journal.note("fault", text, event="upload", what=name)
@@ -122,10 +137,21 @@ class EndOfTraining(Duty):
         report = end.report
         place = report.get("target") or f"{report.get('site', '')} ({report.get('model_id', '')})"
         text = f"The {what} is done: {place}."
+        self._results.append(Outcome(0, text))
         _logger.info("%s", text)
         if self._journal is not None:
             self._journal.note("upload", text, what=name, seconds=round(end.seconds, 1))
         return True
+
+
+def _again(name: str) -> str:
+    return f"Repeat it with `{_AGAIN[name]}`, or with `dr-start-training --resume-or-start`."
+
+
+def _code(end: CommandEnd) -> int:
+    """The exit code of a command that failed, if it has a meaning for a training too."""
+    known = (SettingsError.code, StorageError.code, NotAvailable.code)
+    return end.code if end.code in known else StorageError.code
 
 
 def import_name(prefix: str) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError
 from drcli.config.checkpoint_words import parse_checkpoint
@@ -17,7 +18,7 @@ from drcli.exchange.evaluation_record import claim, sweep
 from drcli.exchange.job import Job
 from drcli.exchange.policy_source import PolicySource, Runtime
 from drcli.modelfiles.params_yaml import evaluation_parameters
-from drcli.models.checkpoint_choice import find_choice
+from drcli.models.checkpoint_choice import Chosen, find_choice, sentence_about
 from drcli.models.repair_model import repair_or_warn
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -172,7 +173,11 @@ def _driven(
     settings: Settings, bucket: Bucket, prefix: str, choice: str, source: PolicySource
 ) -> str:
     """The name of the checkpoint or file that drives."""
-    return _choose(settings, bucket, prefix, choice) if source.file is None else source.file.name
+    if source.file is not None:
+        return source.file.name
+    chosen = _found(settings, bucket, prefix, choice)
+    notices.show(sentence_about(Model.of(settings.model, bucket, prefix), chosen))
+    return chosen.name
 
 
 def check_model(bucket: Bucket, prefix: str, setting: str) -> None:
@@ -186,8 +191,16 @@ def check_model(bucket: Bucket, prefix: str, setting: str) -> None:
             )
 
 
-def _choose(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> str:
-    """The checkpoint of a model that DR_EVAL_CHECKPOINT or DR_EVAL_OPP_CHECKPOINT asks for."""
+def choose_checkpoint(settings: Settings, bucket: Bucket, prefix: str) -> str:
+    """The checkpoint of a model that DR_EVAL_CHECKPOINT asks for.
+
+    Raises:
+        SettingsError: The model has none.
+    """
+    return _found(settings, bucket, prefix, settings.eval_checkpoint).name
+
+
+def _found(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> Chosen:
     model = Model.of(settings.model, bucket, prefix)
     scores, _ = readable_scores(model)
     if scores is None:
@@ -195,16 +208,7 @@ def _choose(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> str
             f"s3://{bucket.name}/{prefix} has no checkpoint yet.",
             remedy=what_helps(bucket, prefix),
         )
-    return find_choice(model, parse_checkpoint(choice)).name
-
-
-def choose_checkpoint(settings: Settings, bucket: Bucket, prefix: str) -> str:
-    """The checkpoint of a model that DR_EVAL_CHECKPOINT asks for.
-
-    Raises:
-        SettingsError: The model has none.
-    """
-    return _choose(settings, bucket, prefix, settings.eval_checkpoint)
+    return find_choice(model, parse_checkpoint(choice))
 
 
 def _cloned(settings: Settings, bucket: Bucket) -> Settings:

@@ -3,14 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from drcli.base import notices
 from drcli.base.errors import SettingsError
+from drcli.checks.start_rules import refuse_second_run
 from drcli.config.bucket_config import StorageConfig
 from drcli.config.checkpoint_words import parse_checkpoint
 from drcli.config.run_env import RunEnvEdit, plan_edit, raised, refuse_stronger_values, written
 from drcli.config.settings import Settings
 from drcli.exchange.run_record import run_folder
 from drcli.exchange.training_start import Pretrained
-from drcli.models.pretrained import read_weights
+from drcli.models.pretrained import read_weights, sentence_of
 from drcli.models.repair_model import repair_or_warn
 from drcli.runs.increment_overrides import (
     CHECKPOINT,
@@ -22,7 +24,6 @@ from drcli.runs.increment_overrides import (
     check_settings,
     write_files,
 )
-from drcli.runs.take_model import refuse_second_run
 from drcli.store import lease
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.model_prefix import contains, is_used, wipe
@@ -100,10 +101,11 @@ def plan_increment(
 
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     repair_or_warn(settings.model, bucket, before)
-    files = changed_files(settings, overrides, bucket)
     checkpoint = parse_checkpoint(others.get(CHECKPOINT, settings.pretrained_checkpoint))
     place = settings.place(MODEL)
     pretrained, _ = read_weights(bucket, before, checkpoint, MODEL, place)
+    notices.show(sentence_of(bucket, pretrained))
+    files = changed_files(settings, overrides, bucket, pretrained.name)
     used = is_used(bucket, after)
     if used and not wiping:
         raise SettingsError(

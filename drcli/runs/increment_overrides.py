@@ -98,8 +98,12 @@ def check_settings(settings: Settings, values: Mapping[str, str]) -> Settings:
     return after
 
 
-def changed_files(settings: Settings, overrides: Overrides, bucket: Bucket) -> dict[str, bytes]:
+def changed_files(
+    settings: Settings, overrides: Overrides, bucket: Bucket, checkpoint: str
+) -> dict[str, bytes]:
     """New contents of files in `custom_files/`, by name; everything in them is checked.
+
+    The weights are those of a checkpoint, by its name.
 
     Raises:
         ProblemsError: A file or a value is wrong, or the weights do not fit the new values.
@@ -115,7 +119,7 @@ def changed_files(settings: Settings, overrides: Overrides, bucket: Bucket) -> d
         name = keys.HYPERPARAMETERS_FILE
         base = found.get(name) or InputFile(name, model_file(name).read_bytes(), name)
         changed[name] = _parameters(base, overrides.hyperparameters)
-        _refuse_other_shape(settings, bucket, changed[name], found)
+        _refuse_other_shape(settings, bucket, checkpoint, changed[name], found)
     examples = {str(model_file(name)) for name in found}
     for name, file in found.items():  # one file alone would be a mistake before a start
         if file.origin in examples:
@@ -193,12 +197,16 @@ def _parameters(base: InputFile, texts: Sequence[str]) -> bytes:
 
 
 def _refuse_other_shape(
-    settings: Settings, bucket: Bucket, parameters: bytes, found: Mapping[str, InputFile]
+    settings: Settings,
+    bucket: Bucket,
+    checkpoint: str,
+    parameters: bytes,
+    found: Mapping[str, InputFile],
 ) -> None:
-    """Refuse values for which the weights of the model do not fit."""
+    """Refuse values for which the weights of a checkpoint do not fit."""
     metadata = found.get(keys.MODEL_METADATA_FILE)
     try:
-        trained = Design.of_model(bucket, settings.model_prefix)
+        trained = Design.of_checkpoint(bucket, settings.model_prefix, checkpoint)
     except (ObjectMissing, ProblemsError):
         return  # a start says so
     if metadata is None:

@@ -19,6 +19,7 @@ from drcli.base.errors import OwnershipLost, SettingsError
 from drcli.base.json_record import RecordError, from_json
 from drcli.base.process_identity import started_s
 from drcli.checks.reward_timeout import exit_of_stuck
+from drcli.checks.start_rules import refuse_second_run
 from drcli.config.run_config import RaceConfig
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job, WorkerExit
@@ -32,7 +33,7 @@ from drcli.runs import training
 from drcli.runs.join_check import refuse_other_machine
 from drcli.runs.outcome import CTRL_C, INTERRUPTED, TERMINATED
 from drcli.runs.run_logs import LogUpload, begin_logs
-from drcli.runs.take_model import refuse_second_run, taken
+from drcli.runs.take_model import taken
 from drcli.runs.worker_deaths import died_too_often
 from drcli.runs.worker_processes import Child, end_process, start_process
 from drcli.runs.worker_stacks import REWARD_REMEDY

@@ -28,6 +28,8 @@ class Outcome:
         save_within_s: How long its process may still run: the machine goes away, or a scheduler
             kills it. None if there is no hurry.
         stays_ended: Whether only an explicit `--resume` continues the run.
+        complete: Whether the training is complete although the code is not 0: work at its end
+            failed.
     """
 
     code: int
@@ -35,11 +37,12 @@ class Outcome:
     remedy: str = ""
     save_within_s: float | None = None
     stays_ended: bool = False
+    complete: bool = False
 
     @property
     def state(self) -> State:
         """The state of the run from then on."""
-        if self.code == 0:
+        if self.code == 0 or self.complete:
             return "finished"
         if self.code == INTERRUPTED:
             return "interrupted"

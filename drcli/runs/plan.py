@@ -6,32 +6,31 @@ from dataclasses import dataclass, replace
 
 from drcli.base import notices
 from drcli.base.errors import SettingsError
-from drcli.base.problems import ProblemsError, of_severity, refuse
-from drcli.checks.before_start import Plans
-from drcli.checks.storage_rules import review_prefix
+from drcli.base.problems import of_severity, refuse
+from drcli.checks.before_start import Plans, examine_stages
+from drcli.checks.start_rules import refuse_start
+from drcli.checks.storage_rules import probe, review_prefix
 from drcli.config.bucket_config import CustomFilesConfig
 from drcli.config.settings import Settings, catalogue
 from drcli.exchange.checkpoint import Counters
 from drcli.exchange.job import Job
 from drcli.exchange.journal_entry import JournalEntry
 from drcli.exchange.run_outcome import RunOutcome
-from drcli.exchange.run_record import run_folder
 from drcli.exchange.training_start import Pretrained, TrainingStart
 from drcli.modelfiles.custom_files import Inputs, find
 from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.network_shape import Design
-from drcli.models.continue_reference import Conversion, plan_conversion
+from drcli.modelfiles.network_shape import Design, model_files
+from drcli.models.continue_reference import plan_conversion
+from drcli.models.pretrained import sentence_of
 from drcli.models.repair_model import repair_all
 from drcli.models.run_metadata import describe_start, read_start
-from drcli.runs.daily_budget import refuse_without_budget
-from drcli.runs.freeze_inputs import freeze, parameter_files
+from drcli.runs.freeze_inputs import files_to_train_with, freeze, parameter_files
 from drcli.runs.journal_of_start import start_entries
 from drcli.runs.planned_job import begun_by, first_start, planned_job
-from drcli.runs.planned_stages import examine_stages, plan_stages
+from drcli.runs.planned_stages import plan_stages
 from drcli.runs.record_keeping import StartRecorder
 from drcli.runs.run_logs import begin_logs
-from drcli.runs.take_model import refuse_second_run, taken
-from drcli.spot.notice_watch import command_words
+from drcli.runs.take_model import taken
 from drcli.store import keys, lease
 from drcli.store.best_checkpoint import forget_scores
 from drcli.store.bucket import Bucket
@@ -42,7 +41,6 @@ from drcli.store.model_kind import what_helps
 from drcli.store.model_prefix import is_aborted_start, is_used, newest_checkpoint, wipe
 from drcli.store.notes import describe
 from drcli.store.repair import Model
-from drcli.tracking.open_sinks import check_figures
 from drcli.workers.goals import ending
 
 NOT_SHOWN = ("V-20",)
@@ -117,14 +115,9 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             "-w deletes the model and --resume continues it; they cannot be combined.",
             remedy="Choose one of them.",
         )
-    if settings.untrainable is not None and not settings.curriculum_file:
-        raise ProblemsError([settings.untrainable])
-    refuse_second_run(settings.run_id, run_folder(directory, settings.run_id))
-    refuse_without_budget(directory, settings.run.unattended)
-    command_words(settings.interruption_command)
-    check_figures(settings.run.figures)
+    refuse_start(settings)
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-    bucket.probe(keys.run_folder(prefix))
+    clock = probe(bucket, prefix)
     lease.refuse_other_owner(bucket, prefix)
 
     newest = newest_checkpoint(bucket, prefix)
@@ -140,7 +133,11 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         # Show these now: the plan's warnings are lost if the start is refused.
         notices.warn(sentence)
     before = read_start(bucket, prefix) if options.resume else None
-    resumes, damaged, trained = _resumed(bucket, prefix, conversion) if options.resume else _FRESH
+    resumes, damaged = None, []
+    if conversion is not None:
+        resumes, damaged = conversion.name, [conversion.sentence]
+    elif options.resume:
+        resumes, damaged = _resumable(bucket, prefix)
     continues = options.resume or options.over_aborted
     previous = read_outcome(bucket, prefix) if continues else None
     began_at = first_start(previous, before)
@@ -151,23 +148,23 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     staged = plan_stages(settings, files, bucket, resumes=options.resume)
     settings = staged.settings
     job = _job(settings, options, _seed(settings, options, before), began_at)
+    trained = Design.of_checkpoint(bucket, prefix, resumes) if resumes else None
+    plans = Plans(
+        wiping=options.wipe or options.over_aborted,
+        resumed=trained if conversion is None else conversion.design,
+    )
     examined = examine_stages(
-        staged,
-        job,
-        files,
-        bucket,
-        Plans(
-            wiping=options.wipe or options.over_aborted,
-            resumed=trained,
-        ),
+        settings, staged.review, job, files, bucket, plans, first=staged.first
     )
     refuse(examined.problems)
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
-    found = of_severity(examined.problems, "warning")
+    found = of_severity([*clock, *examined.problems], "warning")
     shown = (str(problem) for problem in found if problem.rule not in NOT_SHOWN)
     warnings = [*damaged, *settings.warnings, *staged.warnings, *shown]
-    job = replace(job, stages=staged.stages)
+    job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
     source = transfer.source if transfer is not None else None
+    if source is not None:
+        notices.show(sentence_of(bucket, source))
     ends = ending(job, design.parameters)
 
     def review() -> None:
@@ -186,16 +183,17 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         begun = begun_by(job, began_at, ends)
         # First of all: a start that is cut off here must be known as one.
         write_outcome(bucket, prefix, begun)
-        freeze(settings, bucket, inputs, design, staged.frozen)
+        freeze(settings, bucket, inputs, job.inputs, staged.frozen, plans.resumed)
         warnings += _forget_other_scores(settings, bucket, before)
         start = describe_start(settings, directory, job.seed, source, before, training)
         bucket.put(keys.training_start(prefix), start.encode())
-        training = records.record(start, begun, resumes, previous)
+        training = records.record(start, begun, resumes, previous, job.inputs)
         describe(bucket, prefix, settings.model_description, is_new=not options.resume)
         noted = start_entries(start, resumes, previous, repairs)
         if transfer is not None:
             # Checkpoint 0 with a fresh optimizer: steps, episodes and time count from 0.
-            counters = Counters(critic_warmup=transfer.critic_warmup)
+            own = {name: job.inputs[name] for name in model_files(prefix)}
+            counters = Counters(critic_warmup=transfer.critic_warmup, inputs=own)
             CheckpointStore(bucket, prefix).save(0, 0, transfer.tensors, counters=counters)
         if conversion is not None:
             conversion.write()
@@ -215,7 +213,7 @@ def prepare_end_work(settings: Settings, outcome: RunOutcome) -> EndWorkPlan:
     seed = settings.train_seed or 0  # nothing is learned, so nothing is drawn
     job = _job(settings, StartOptions(whole_run=True), seed, outcome.began_at)
     begun = replace(begun_by(job, outcome.began_at, outcome.goals), message=outcome.message)
-    text = f"A start on {begun.host} does what was left to do: {', '.join(outcome.left)}."
+    text = f"A start on {begun.host} tries what is left to do: {', '.join(outcome.left)}."
     noted = JournalEntry(time.time(), "start", text, {"host": begun.host})
     job = replace(job, begun=begun, end_work=outcome.left, noted=(noted,))
     with taken(job, bucket, lambda: None):
@@ -264,18 +262,6 @@ def resumed_files(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
         hyperparameters_key=keys.hyperparameters(prefix),
         metadata_key=keys.model_metadata(prefix),
     )
-
-
-_FRESH: tuple[str | None, list[str], Design | None] = (None, [], None)
-
-
-def _resumed(
-    bucket: Bucket, prefix: str, conversion: Conversion | None
-) -> tuple[str | None, list[str], Design | None]:
-    """The checkpoint to continue from, sentences about it, and what it was trained with."""
-    if conversion is not None:
-        return conversion.name, [conversion.sentence], conversion.design
-    return *_resumable(bucket, prefix), Design.of_model(bucket, prefix)
 
 
 def _resumable(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:

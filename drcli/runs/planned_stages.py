@@ -1,18 +1,15 @@
 """Plans the stages of a training: checks each, and finds the one to begin or to go on with."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from drcli.base.json_record import RecordError
 from drcli.base.problems import Problem, refuse, shown
-from drcli.checks.before_start import Examined, Plans, examine
-from drcli.checks.parameter_rules import review_parameters
 from drcli.checks.stage_files import SETTING
 from drcli.checks.stage_rules import StagesReview, review_stages
 from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Settings
 from drcli.exchange.frozen_curriculum import FrozenCurriculum
-from drcli.exchange.job import Job
 from drcli.exchange.stage import Stage, StageMark
 from drcli.modelfiles.custom_files import InputFile
 from drcli.store import keys
@@ -52,7 +49,7 @@ def plan_stages(
 ) -> StagesPlan:
     """Read the curriculum, and find the stage of the newest checkpoint.
 
-    Stages may be wrong: `examine_stages` finds these problems together with all others.
+    Stages may be wrong: `before_start.examine_stages` finds these problems with all others.
 
     Raises:
         ProblemsError: The curriculum cannot be read, or has no longer the stage that the model is
@@ -76,39 +73,6 @@ def plan_stages(
         first,
         (*(_changed(settings, bucket, review.frozen, mark) if resumes else ()),),
     )
-
-
-def examine_stages(
-    plan: StagesPlan,
-    job: Job,
-    files: Mapping[str, InputFile],
-    bucket: Bucket,
-    plans: Plans,
-) -> Examined:
-    """Check every rule for each stage that is still to come; without stages, for the training.
-
-    The result has the files and the design of the whole training.
-    """
-    if plan.frozen is None:
-        return examine(plan.settings, job, files, bucket, plans)
-    coming = plan.review.stages[plan.first :]
-    examined = [
-        examine(
-            stage.settings,
-            replace(job, config=stage.settings.run),
-            stage.files,
-            bucket if number == 0 else None,
-            plans,
-        )
-        for number, stage in enumerate(coming)
-    ]
-    whole = {**coming[0].files, **files}
-    review = review_parameters(
-        whole.get(keys.HYPERPARAMETERS_FILE), whole.get(keys.MODEL_METADATA_FILE), None
-    )
-    of_stages = (problem for each in examined for problem in each.problems)
-    found = [*plan.review.problems, *review.problems, *of_stages]
-    return replace(examined[0], files=whole, review=review, problems=list(dict.fromkeys(found)))
 
 
 def _without_curriculum(mark: StageMark | None) -> tuple[str, ...]:

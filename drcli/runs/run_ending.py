@@ -110,6 +110,7 @@ class RunEnding:
         _logger.log(level, "%s", f"{outcome.message} {outcome.remedy}".rstrip())
         if not lost and not self._silent:
             self._save(outcome, ending)
+            outcome = self._with_results(outcome)
         if not lost:
             self._logs.finish(self._logs_s(deadline_s), self._hurried)
         self._lease.stop(wait_s=1.0)  # or it might write the lease after its release
@@ -152,6 +153,20 @@ class RunEnding:
             attempt(duty, partial(duty.finish, ending))
         self._record(outcome, self._left(ending), RECORD_PATIENCE_S)
         self._journal.finish(RECORD_PATIENCE_S, self._hurried)
+
+    def _with_results(self, outcome: Outcome) -> Outcome:
+        """The outcome for who waits for it: told only now, because some of it may have failed."""
+        for duty in self._duties:
+            result = attempt(duty, duty.end_result)
+            if result is not None:
+                outcome = replace(
+                    outcome,
+                    code=outcome.code or result.code,
+                    message=f"{outcome.message} {result.message}".lstrip(),
+                    remedy=f"{outcome.remedy} {result.remedy}".strip(),
+                    complete=True,
+                )
+        return outcome
 
     def _left(self, ending: Ending) -> tuple[str, ...]:
         """Work at the end of a complete training that is not done yet."""

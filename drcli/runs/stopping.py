@@ -81,17 +81,20 @@ def stop_waiting(directory: Path, run_id: int) -> list[Stopped]:
 
     The workers that `dr-start-worker` has started here end, too. A sweep interrupts its trainings
     first, so that it can continue them.
+
+    Raises:
+        WorkerDied: A process did not exit.
     """
     waiting = WaitingStart.all(run_folder(directory, run_id))
     for one in waiting:
         with suppress(ProcessLookupError, PermissionError):
             os.kill(one.pid, signal.SIGTERM)
-    sweeps = [one for one in waiting if one.kind == "sweep"]
     wait_until(
-        lambda: not any(is_alive(one.pid, one.pid_started) for one in sweeps),
+        lambda: not any(is_alive(one.pid, one.pid_started) for one in waiting),
         patience_s=TRAINING_PATIENCE_S,
         last_s=0.1,
     )
+    _refuse_left(waiting)
     return [
         Stopped(one.kind, run_id, f"s3://{one.bucket}/{one.prefix}", one.pid) for one in waiting
     ]
@@ -178,16 +181,20 @@ def _stop(
         _terminate(trainings, directory)  # at the second signal a supervisor kills its workers
         _wait(trainings, KILLED_PATIENCE_S)
     _wait(evaluations, EVALUATION_PATIENCE_S)
+    _refuse_left(runs)
+    return [
+        Stopped(kind_of(run), run.run_id, f"s3://{run.bucket}/{run.prefix}", run.pid)
+        for run in runs
+    ]
+
+
+def _refuse_left(runs: Sequence[Run | WaitingStart]) -> None:
     left = " ".join(str(run.pid) for run in runs if is_alive(run.pid, run.pid_started))
     if left:
         raise WorkerDied(
             f"Process {left.replace(' ', ', ')} did not exit.",
             remedy=f"End it with `kill -9 {left}`; its workers exit with it.",
         )
-    return [
-        Stopped(kind_of(run), run.run_id, f"s3://{run.bucket}/{run.prefix}", run.pid)
-        for run in runs
-    ]
 
 
 def kind_of(run: Run) -> Literal["training", "evaluation"]:

@@ -119,7 +119,7 @@ class Supervisor:
         except DrError as error:
             outcome = Outcome(error.code, str(error), error.remedy)
         finally:
-            self._end(outcome)
+            outcome = self._end(outcome)
         return outcome.code
 
     def _note_signal(self, number: int, _frame: FrameType | None) -> None:
@@ -224,17 +224,20 @@ class Supervisor:
             return outcome
         if words is not None and words.silent and self._server_began < child.started:
             # A server may answer a health check and still be stuck with some objects.
-            restarted = self._server.ask(self._restart_server)
+            restarted = self._server.ask(self._revive)
             while not restarted.wait(POLL_S) and self._signal is None:
                 pass
             self._server_began = time.monotonic()
-            self._journal.note("recovery", "The server of the bucket was started again.")
         child.restarts += 1
         self._start(child)
         again = f"{child.name} was started again (restart {child.restarts})."
         self._journal.note("recovery", again, worker=child.name, restarts=child.restarts)
         self._publish("running")
         return None
+
+    def _revive(self) -> None:
+        self._restart_server()
+        self._journal.note("recovery", "The server of the bucket was started again.")
 
     def _restored(self, words: WorkerExit) -> bool:
         """Whether a worker ended because of a damaged parameter file, which is whole again."""
@@ -247,8 +250,10 @@ class Supervisor:
             self._journal.note("recovery", sentence)
         return bool(sentences)
 
-    def _end(self, outcome: Outcome) -> None:
+    def _end(self, outcome: Outcome) -> Outcome:
         """End the run, and record its outcome on this machine."""
+        self._record = replace(self._record, ending=True)
+        self._write_record()
         run_ending = RunEnding(
             self._job,
             self._bucket,
@@ -268,6 +273,7 @@ class Supervisor:
         self._write_record()
         for duty in self._duties:
             attempt(duty, partial(duty.leave, ending))
+        return outcome
 
     def _with_workers(self) -> RunRecord:
         workers = [

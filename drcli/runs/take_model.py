@@ -2,30 +2,13 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import only_writer
+from drcli.checks.start_rules import refuse_second_run
 from drcli.exchange.job import Job
-from drcli.exchange.run_record import RunRecord
 from drcli.store import lease
 from drcli.store.bucket import Bucket
-
-
-def refuse_second_run(run_id: int, folder: Path) -> None:
-    """Return if no training of this run number is alive on this machine.
-
-    Raises:
-        ModelInUse: One is.
-    """
-    record = RunRecord.read(folder)
-    if record is not None and record.alive:
-        raise lease.ModelInUse(
-            f"Run {run_id} is training s3://{record.bucket}/{record.prefix} already "
-            f"(process {record.pid}).",
-            remedy="Stop it with `dr-stop-training`, or give this one another DR_RUN_ID and "
-            "another DR_LOCAL_S3_MODEL_PREFIX.",
-        )
 
 
 @contextmanager

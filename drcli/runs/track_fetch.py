@@ -2,7 +2,6 @@
 
 from typing import TYPE_CHECKING
 
-from drcli.config.run_config import RaceConfig
 from drcli.config.settings import Settings
 
 if TYPE_CHECKING:
@@ -11,9 +10,19 @@ if TYPE_CHECKING:
 
 def missing_tracks(settings: Settings) -> list[str]:
     """Their names, unless DR_TRACKS_FETCH is never."""
+    return [] if settings.tracks_fetch == "never" else tracks_to_fetch(settings)
+
+
+def tracks_to_fetch(settings: Settings) -> list[str]:
+    """Their names, for every race of a training: of its stages, and on its second track."""
+    from drcli.checks.stage_rules import review_stages
     from drcli.config.track_names import to_fetch
 
-    return [] if settings.tracks_fetch == "never" else to_fetch(_races(settings))
+    staged = review_stages(settings, {})
+    run = settings.run
+    races = [race for stage in staged.stages for race in stage.settings.races]
+    second = run.second_race(run.race())
+    return to_fetch([*(races or settings.races), *([second] if second is not None else ())])
 
 
 def fetch_allowed(settings: Settings) -> "list[TrackFacts]":
@@ -35,14 +44,3 @@ def fetch(settings: Settings, name: str) -> "TrackFacts":
     from drcli.tracks.community import fetch_track
 
     return fetch_track(name, settings.tracks_url, settings.tracks_folder)
-
-
-def _races(settings: Settings) -> list[RaceConfig]:
-    """Every race of a training: of its stages, and on its second track."""
-    from drcli.checks.stage_rules import review_stages
-
-    staged = review_stages(settings, {})
-    run = settings.run
-    races = [race for stage in staged.stages for race in stage.settings.races]
-    second = run.second_race(run.race())
-    return [*(races or settings.races), *([second] if second is not None else ())]

@@ -12,6 +12,7 @@ from drcli.base.json_log import JsonLog
 from drcli.base.log import LogFile, get_logger
 from drcli.base.low_priority import lower_priority
 from drcli.base.process_identity import started_s
+from drcli.checks.start_rules import refuse_second_run
 from drcli.exchange.job import Job
 from drcli.exchange.log_places import json_log, log_file
 from drcli.exchange.run_record import RunRecord, StorageRecord
@@ -32,7 +33,6 @@ from drcli.runs.record_keeping import RecordKeeping
 from drcli.runs.run_messages import Messages
 from drcli.runs.stage_watch import StageWatch
 from drcli.runs.supervisor import Supervisor
-from drcli.runs.take_model import refuse_second_run
 from drcli.runs.timed_uploads import TimedUploads
 from drcli.runs.warnings_board import WarningsBoard
 from drcli.runs.watches import watches

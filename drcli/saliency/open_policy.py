@@ -28,12 +28,12 @@ def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy
         ProblemsError: A parameter file is wrong.
         SettingsError: The weights do not fit the parameter files.
     """
-    design = Design.of_model(bucket, prefix)
-    graph = driving_graph(bucket, prefix, checkpoint, design)
+    graph = driving_graph(bucket, prefix, checkpoint)
     if graph is not None:
-        return ExplainedPolicy(policy_of_file(graph), design.metadata, is_complete=False)
-    model = build_policy(design.metadata, design.parameters)
+        return ExplainedPolicy(policy_of_file(graph), graph.metadata, is_complete=False)
     found = load_checkpoint(bucket, prefix, checkpoint)
+    design = Design.of_model(bucket, prefix, found.record.counters.inputs)
+    model = build_policy(design.metadata, design.parameters)
     load_weights(model, found.tensors, found.record.name)
     fresh_critic = bool(found.record.counters.critic_warmup)
     return ExplainedPolicy(model, design.metadata, is_complete=not fresh_critic)

@@ -35,7 +35,8 @@ class StoppedStack:
     Attributes:
         stack: Name of the stack.
         model: Prefix of the model in the bucket.
-        checkpoint: Newest one, whose files are whole; empty if there is none.
+        checkpoint: Newest one in the bucket; empty if there is none.
+        whole: Whether its files were found whole.
         machines: Machines that ran.
         objects: Objects of the machines that were removed from the bucket; models stay.
     """
@@ -45,6 +46,7 @@ class StoppedStack:
     checkpoint: str
     machines: tuple[str, ...]
     objects: int
+    whole: bool = False
 
 
 @dataclass(frozen=True)
@@ -151,6 +153,12 @@ def remove_training(
 ) -> StoppedStack:
     """End the machines, and delete the stack and its files; models stay.
 
+    Args:
+        account: Holds the stack.
+        stack: What is removed.
+        checkpoint: The newest one if its files were found whole, else empty.
+        pause: Waits, for tests.
+
     Raises:
         StorageError: Amazon failed.
     """
@@ -158,8 +166,10 @@ def remove_training(
     with suppress(DrError):  # a stack that was never made has no groups
         end_groups(account, stack)
     delete_stack(account, stack.name, pause)
-    objects = forget_files(account.bucket(stack.bucket), stack.name)
-    return StoppedStack(stack.name, stack.model, checkpoint, there, objects)
+    bucket = account.bucket(stack.bucket)
+    objects = forget_files(bucket, stack.name)
+    newest = checkpoint or str(newest_checkpoint(bucket, stack.model) or "")
+    return StoppedStack(stack.name, stack.model, newest, there, objects, whole=bool(checkpoint))
 
 
 def content_of_bucket(account: Account, stack: Stack) -> BucketContent | None:

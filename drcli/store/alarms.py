@@ -138,7 +138,7 @@ def trends(records: Sequence[IterationRecord]) -> list[Alarm]:
 
 def _entropy_rises(records: Sequence[IterationRecord]) -> Alarm | None:
     """PPO only: the temperature of SAC steers its entropy."""
-    if any(record.actor_loss is not None for record in records):
+    if _is_sac(records):
         return None
     entropy = [record.entropy for record in records if not math.isnan(record.entropy)]
     means = _means(entropy, ENTROPY_WINDOW)
@@ -158,7 +158,14 @@ def _entropy_rises(records: Sequence[IterationRecord]) -> Alarm | None:
     )
 
 
+def _is_sac(records: Sequence[IterationRecord]) -> bool:
+    return any(record.actor_loss is not None for record in records)
+
+
 def _reward_zigzags(records: Sequence[IterationRecord]) -> Alarm | None:
+    """PPO only: an iteration of SAC may be a single episode."""
+    if _is_sac(records):
+        return None
     rewards = [record.mean_reward for record in records[-REWARD_WINDOW:]]
     if len(rewards) < REWARD_WINDOW:
         return None

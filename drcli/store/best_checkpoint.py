@@ -8,44 +8,97 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from drcli.exchange.scores import EvaluationResult, Score, Scores
+from drcli.exchange.laps import CONFIRMING_CLEAN, CONFIRMING_LAPS, share_interval
+from drcli.exchange.scores import EvaluationEpisodes, EvaluationResult, Score, Scores
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, read_record
 
 UNFINISHED_MS = 999_999.0
 """Lap time of an unfinished lap, milliseconds. Source: the reference simulator."""
 
+RELIABLE = share_interval(CONFIRMING_CLEAN, CONFIRMING_LAPS)[0]
+"""Lower bound of the share of clean laps above which the faster checkpoint is the better one.
 
-def metric_of(metric: str, result: EvaluationResult) -> float:
+It is what a goal asks for. Without it, chance would decide: of two checkpoints that complete 19 of
+20 laps, one drives 40 and the other 38 of 40 clean, and a slow one could never be replaced.
+"""
+
+
+def metric_of(metric: str, episodes: EvaluationEpisodes) -> float:
     """An evaluation by DR_TRAIN_BEST_MODEL_METRIC: percent, reward or milliseconds."""
     if metric == "laptime":
-        return _mean_lap_ms(result)
-    return _mean(result.reward if metric == "reward" else result.progress)
+        unfinished = len(episodes.progress) - len(episodes.lap_s)
+        times = [1000.0 * lap_s for lap_s in episodes.lap_s]
+        return _mean([*times, *[UNFINISHED_MS] * unfinished])
+    return _mean(episodes.reward) if metric == "reward" else episodes.mean_progress
 
 
-def tie_break_of(metric: str, result: EvaluationResult) -> float:
-    """Decides between equal means, the lower the better: lap time, or progress for `laptime`."""
-    return -_mean(result.progress) if metric == "laptime" else _mean_lap_ms(result)
-
-
-def score_of(result: EvaluationResult, metric: str, time_stamp: float) -> Score:
+def score_of(
+    checkpoint: str, episodes: EvaluationEpisodes, metric: str, time_stamp: float
+) -> Score:
     """The score of a checkpoint that was made at some simulated time, seconds."""
-    tie_break = tie_break_of(metric, result)
-    return Score(result.checkpoint, metric_of(metric, result), time_stamp, tie_break)
+    return Score(checkpoint, metric_of(metric, episodes), time_stamp, episodes)
 
 
-def with_evaluation(scores: Scores, score: Score, metric: str) -> Scores:
-    """The scores after the evaluation of a checkpoint.
-
-    It beats a checkpoint that was never evaluated. The tie-break decides between equal means; if it
-    is equal too, or unknown, the later evaluation wins.
-    """
+def with_evaluation(
+    scores: Scores, score: Score, metric: str, most_s: float | None = None
+) -> Scores:
+    """The scores after the evaluation of a checkpoint; for `most_s` see `is_better`."""
     best, last = scores.best_checkpoint, scores.last_checkpoint
-    is_best = score.name == best.name or _beats(score, best, lower_is_better=metric == "laptime")
+    is_best = score.name == best.name or is_better(score, best, metric, most_s)
     return Scores(
         best_checkpoint=score if is_best else best,
         last_checkpoint=score if score.name == last.name else last,
     )
+
+
+def is_better(score: Score, best: Score, metric: str, most_s: float | None = None) -> bool:
+    """Whether a checkpoint that is evaluated later is better than the best one so far.
+
+    With DR_TRAIN_BEST_MODEL_METRIC "reward", the higher mean reward is better. Otherwise, and
+    between equal rewards: the higher lower bound of the share of clean laps, up to `RELIABLE`;
+    then the same of laps within `most_s`; then the lower median time of clean laps, or without any
+    the higher mean progress. Where everything is equal, the later one is better. One that was never
+    evaluated is the worst.
+
+    Args:
+        score: Of the later one.
+        best: Of the other.
+        metric: DR_TRAIN_BEST_MODEL_METRIC.
+        most_s: The lap time of --until-lap-time, if there is one, simulated seconds: the checkpoint
+            that reaches it is the best.
+    """
+    if best.avg_eval_metric is None or score.avg_eval_metric is None:
+        return best.avg_eval_metric is None
+    if score.episodes is None or best.episodes is None:  # of version 0.1.0
+        if metric == "laptime":
+            return score.avg_eval_metric <= best.avg_eval_metric
+        return score.avg_eval_metric >= best.avg_eval_metric
+    mean = metric == "reward"
+    own = (mean * score.avg_eval_metric, *_rank(score.episodes, most_s))
+    return own >= (mean * best.avg_eval_metric, *_rank(best.episodes, most_s))
+
+
+def is_hopeful(
+    scores: Scores | None, result: EvaluationResult, metric: str, most_s: float | None = None
+) -> bool:
+    """Whether a checkpoint would be the best if it drove as well again as in this evaluation.
+
+    One that completed no lap need not drive again: how far such checkpoints get varies little.
+    """
+    if scores is None or not result.lap_s:
+        return False
+    twice = score_of(result.checkpoint, result.first.and_again(result.first), metric, 0.0)
+    best = scores.best_checkpoint
+    return twice.name == best.name or is_better(twice, best, metric, most_s)
+
+
+def _rank(episodes: EvaluationEpisodes, most_s: float | None) -> tuple[float, ...]:
+    """What is compared of two checkpoints, the higher the better."""
+    laps = episodes.laps
+    bounds = [min(RELIABLE, each.interval[0]) for each in (laps, laps.within(most_s))]
+    median_s = laps.median_s
+    return *bounds, episodes.mean_progress if median_s is None else -median_s
 
 
 def read_scores(bucket: Bucket, prefix: str) -> Scores | None:
@@ -72,7 +125,7 @@ def forget_scores(bucket: Bucket, prefix: str) -> None:
 
 def unscored(score: Score) -> Score:
     """A checkpoint as if it was not evaluated yet."""
-    return replace(score, avg_eval_metric=None, tie_break=None)
+    return replace(score, avg_eval_metric=None, episodes=None)
 
 
 def read_evaluation(bucket: Bucket, prefix: str, number: int) -> EvaluationResult:
@@ -98,20 +151,3 @@ def evaluated_numbers(bucket: Bucket, prefix: str) -> list[int]:
 
 def _mean(values: Sequence[float]) -> float:
     return sum(values) / len(values)
-
-
-def _mean_lap_ms(result: EvaluationResult) -> float:
-    unfinished = len(result.progress) - len(result.lap_s)
-    return _mean([1000.0 * lap_s for lap_s in result.lap_s] + [UNFINISHED_MS] * unfinished)
-
-
-def _beats(score: Score, best: Score, *, lower_is_better: bool) -> bool:
-    if best.avg_eval_metric is None:
-        return True
-    if score.avg_eval_metric is None:
-        return False
-    if score.avg_eval_metric == best.avg_eval_metric:
-        if score.tie_break is None or best.tie_break is None:
-            return True
-        return score.tie_break <= best.tie_break
-    return (score.avg_eval_metric < best.avg_eval_metric) == lower_is_better

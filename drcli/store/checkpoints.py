@@ -262,7 +262,11 @@ class CheckpointStore:
         return None if scores is None else scores.best_checkpoint.name
 
     def record_evaluation(
-        self, result: EvaluationResult, metric: str, world: JudgedWorld = "training"
+        self,
+        result: EvaluationResult,
+        metric: str,
+        world: JudgedWorld = "training",
+        most_s: float | None = None,
     ) -> bool:
         """Record the evaluation of a checkpoint; True if it is now the best.
 
@@ -272,6 +276,7 @@ class CheckpointStore:
             result: Of its evaluation.
             metric: DR_TRAIN_BEST_MODEL_METRIC.
             world: DR_TRAIN_BEST_MODEL_WORLD; milestones are of the training track in any case.
+            most_s: The lap time of --until-lap-time; see `best_checkpoint.is_better`.
         """
         scores = read_scores(self._bucket, self._prefix)
         try:
@@ -281,8 +286,9 @@ class CheckpointStore:
         self._marked.add(result)
         if scores is None:
             return False
-        score = best_checkpoint.score_of(result.on(world), metric, time_stamp)
-        after = best_checkpoint.with_evaluation(scores, score, metric)
+        episodes = result.on(world)
+        score = best_checkpoint.score_of(result.checkpoint, episodes, metric, time_stamp)
+        after = best_checkpoint.with_evaluation(scores, score, metric, most_s)
         write_scores(self._bucket, self._prefix, after)
         return after.best_checkpoint == score
 

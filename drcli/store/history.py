@@ -14,7 +14,7 @@ from drcli.exchange.iteration import (
     encode_history,
     encode_iteration,
 )
-from drcli.exchange.scores import SecondEvaluation
+from drcli.exchange.scores import EvaluationResult
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing, read_record
 from drcli.store.complete_files import combined_history
@@ -85,24 +85,23 @@ class History:
             older = [r for r in self.records[:-REMEMBERED] if r.evaluation_progress]
             self.records = older[-REMEMBERED:] + self.records[-REMEMBERED:]
 
-    def add_evaluation(
-        self,
-        iteration: int,
-        progress: list[float],
-        lap_s: list[float],
-        steering_per_m: float | None = None,
-        second: SecondEvaluation | None = None,
-    ) -> None:
-        """Add the evaluation of a checkpoint, maybe with that on a second track, and publish."""
+    def add_evaluation(self, iteration: int, result: EvaluationResult) -> None:
+        """Add the evaluation of the checkpoint of this number, and publish."""
         for at in reversed(range(len(self.records))):
             if self.records[at].iteration == iteration:
                 changed = replace(
                     self.records[at],
-                    evaluation_progress=progress,
-                    evaluation_lap_s=lap_s,
-                    evaluation_steering_per_m=steering_per_m,
+                    evaluation_progress=result.progress,
+                    evaluation_lap_s=result.lap_s,
+                    evaluation_steering_per_m=result.steering_per_m,
                 )
-                if second is not None:
+                if (again := result.confirmation) is not None:
+                    changed = replace(
+                        changed,
+                        confirmation_progress=again.progress,
+                        confirmation_lap_s=again.lap_s,
+                    )
+                if (second := result.second) is not None:
                     changed = replace(
                         changed,
                         second_world=second.world,

@@ -183,7 +183,8 @@ def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | Non
     for result in readable_evaluations(bucket, prefix).values():
         record = by_name.get(result.checkpoint)
         if record is not None:
-            score = score_of(result, metric, record.sim_time_s)
+            episodes = result.on("training")
+            score = score_of(result.checkpoint, episodes, metric, record.sim_time_s)
             scores = with_evaluation(scores, score, metric)
     if scores.best_checkpoint.avg_eval_metric is None:
         return Scores(last, last)

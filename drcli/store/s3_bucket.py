@@ -4,7 +4,6 @@ import copy
 import io
 import threading
 import time
-import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from email.utils import parsedate_to_datetime
@@ -17,7 +16,6 @@ from drcli.base.errors import StorageError
 from drcli.config import secret_environment
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
 from drcli.store.endpoint import Endpoint
-from drcli.store.keys import TEST_FOLDER
 from drcli.store.outage import outage_of
 from drcli.store.profiles import lend_to_refreshes, session_of
 from drcli.store.request_count import counter
@@ -168,26 +166,6 @@ class S3Bucket:
     def client(self) -> "S3Client":
         """The client of boto3, for requests that no other method makes; they are not repeated."""
         return self._client
-
-    def probe(self, folder: str) -> None:
-        """Check that objects can be written, read, listed and deleted; StorageError if not.
-
-        Args:
-            folder: Where to try it, with a slash at its end. The keys of the bucket may be limited
-                to the folders that a training uses.
-        """
-        folder = f"{folder}{TEST_FOLDER}-{uuid.uuid4().hex}/"
-        key, content = folder + "object", b"probe"
-        self.put(key, content)
-        try:
-            if self.get(key) != content or [o.key for o in self.list(folder)] != [key]:
-                raise StorageError(
-                    f"{self.endpoint.place} returned other data than was written to "
-                    f"'{self.name}' ({self.endpoint.names.bucket}).",
-                    remedy="Use another S3 server; this one would lose a model.",
-                )
-        finally:
-            self.delete([key])
 
     def _retry(self, call: Callable[[], T], action: str, key: str, size_bytes: int = 0) -> T:
         """Repeat a call while its failure may be temporary; the rest is for `Attempt`."""

@@ -22,7 +22,7 @@ class TrialReport:
         laps: Completed laps of its best evaluation.
         episodes: Episodes of that; 0 if it was not evaluated.
         progress: Mean progress of that, percent; null before the first iteration.
-        lap_s: Mean time of the completed laps, simulated seconds; null without one.
+        lap_s: Median time of the clean laps, simulated seconds; null without one.
         reward: Mean reward of an episode in its best iteration; null before the first.
         checkpoint: Number of the checkpoint that was evaluated; null without one.
         best: Whether it is the best training.

@@ -335,7 +335,7 @@ class SweepRun:
 
     def _refuse_interruption(self) -> None:
         name = self._progress.record.name
-        said = f"The sweep {name} was interrupted; its trainings are saved."
+        said = f"The sweep {name} was interrupted."
         self._signals.refuse(said, "Continue it with the same command.")
 
     @property

@@ -4,12 +4,14 @@ from collections.abc import Sequence
 from statistics import fmean
 
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.laps import share_interval
 from drcli.exchange.sweep_record import Metric, Resource, TrialRecord, TrialScore
+from drcli.store.best_checkpoint import RELIABLE
 
 SMOOTH = 3
 """Iterations over which training episodes are averaged, because they vary by chance."""
 
-_FIRST = 10_000.0
+_FIRST = 1e6
 """How much more the first value of a rank counts than the second, in `number_of`."""
 
 Rank = tuple[float, float, float]
@@ -55,7 +57,8 @@ def score_of(records: Sequence[IterationRecord], metric: Metric) -> TrialScore |
 def rank(score: TrialScore | None, metric: Metric) -> Rank:
     """What decides between two trainings.
 
-    By `lap_time`, complete evaluations come first, the fastest of them first, then the others by
+    By `lap_time`, as two checkpoints of a training are compared: the lower bound of the share of
+    clean laps, up to that of a reliable checkpoint, then their median time, without any the
     progress. A training that was not evaluated has only the progress of its training episodes.
     """
     if score is None:
@@ -66,9 +69,9 @@ def rank(score: TrialScore | None, metric: Metric) -> Rank:
     time = 0.0 if score.lap_s is None else -score.lap_s
     if metric == "progress":
         return (score.progress, time, reward)
-    if score.episodes and score.laps == score.episodes:
-        return (1.0, time, reward)
-    return (0.0, score.progress, time)
+    if not score.laps:
+        return (0.0, score.progress, reward)
+    return (min(RELIABLE, share_interval(score.laps, score.episodes)[0]), time, reward)
 
 
 def number_of(score: TrialScore | None, metric: Metric) -> float:
@@ -78,8 +81,15 @@ def number_of(score: TrialScore | None, metric: Metric) -> float:
 
 
 def best_of(trials: Sequence[TrialRecord], metric: Metric) -> str:
-    """Name of the best training; empty if none has a result."""
-    scored = [trial for trial in trials if trial.score is not None]
+    """Name of the best training; empty if none has a result.
+
+    That is an evaluation, or the reward of an iteration if that is what counts.
+    """
+    scored = [
+        trial
+        for trial in trials
+        if trial.score is not None and (trial.score.episodes or metric == "reward")
+    ]
     if not scored:
         return ""
     return max(scored, key=lambda trial: rank(trial.score, metric)).name
@@ -93,13 +103,14 @@ def _used(record: IterationRecord, resource: Resource, count: int, episodes: int
 
 
 def _of_evaluation(record: IterationRecord, reward: float) -> TrialScore:
-    laps = record.evaluation_lap_s
+    laps = record.all_laps
+    assert laps is not None
     return TrialScore(
         checkpoint=record.iteration,  # the evaluation is that of the checkpoint of this number
-        laps=len(laps),
-        episodes=len(record.evaluation_progress),
-        progress=fmean(record.evaluation_progress),
-        lap_s=fmean(laps) if laps else None,
+        laps=laps.clean,
+        episodes=laps.driven,
+        progress=fmean([*record.evaluation_progress, *record.confirmation_progress]),
+        lap_s=laps.median_s,
         reward=reward,
     )
 

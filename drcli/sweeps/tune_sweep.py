@@ -141,7 +141,7 @@ class TuneSweep:
         if watch.error is not None:
             raise watch.error
         name = self._progress.record.name
-        said = f"The sweep {name} was interrupted; its trainings are saved."
+        said = f"The sweep {name} was interrupted."
         self._signals.refuse(said, "Continue it with the same command.")
         left = [trial.name for trial in self._progress.record.trials if not trial.is_over]
         if left:
@@ -231,9 +231,9 @@ class TuneSweep:
         self._end_all()
         name = self._progress.record.name
         if self._signals.first is None:
-            self._say(f"Ray has ended. The trainings of the sweep {name} are saved.")
+            self._say(f"Ray has ended, and with it the sweep {name}.")
         else:
-            self._say(f"The sweep {name} was interrupted; its trainings are saved.")
+            self._say(f"The sweep {name} was interrupted.")
         self._say("Continue it with the same command.")
         codes = {None: WorkerDied.code, signal.SIGINT: CTRL_C, signal.SIGTERM: TERMINATED}
         sys.stderr.flush()

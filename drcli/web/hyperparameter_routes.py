@@ -2,18 +2,16 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any
 
 from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.problems import ProblemsError
-from drcli.checks.parameter_rules import review_parameters
+from drcli.checks.parameter_rules import PPO_ONLY, review_parameters
 from drcli.config.settings import Settings
 from drcli.explain.hyperparameter_texts import HYPERPARAMETER_TEXTS
 from drcli.explain.lookup import shipped_value, value_if_left_out
-from drcli.learn.algorithm_config import PPOConfig, SACConfig
 from drcli.modelfiles.custom_files import InputFile
 from drcli.modelfiles.hyperparameters import KEYS, OWN_KEYS, Hyperparameters
 from drcli.modelfiles.json_file import read_json_object
@@ -21,11 +19,6 @@ from drcli.store.keys import HYPERPARAMETERS_FILE, MODEL_METADATA_FILE
 from drcli.web.answers import BadRequest, accepts, answers, placed, text_of
 from drcli.web.own_files import OwnFile, base_of, own_file, save_own_file, values_of
 from drcli.web.served_folder import ServedFolder
-
-PPO_ONLY = frozenset(
-    {each.name for each in fields(PPOConfig)} - {each.name for each in fields(SACConfig)}
-) | {"e_greedy_value", "epsilon_steps"}
-"""Keys that SAC does not read."""
 
 NO_EFFECT = ("term_cond_avg_score",)
 

@@ -11,12 +11,13 @@ from drcli.base.errors import DrError
 from drcli.base.plain_json import plain
 from drcli.config.settings import Settings
 from drcli.exchange.run_record import RunRecord, run_folder
+from drcli.runs.track_fetch import tracks_to_fetch
 from drcli.store.connect import open_running_bucket
 from drcli.store.model_prefix import is_used, newest_checkpoint
 from drcli.web.answers import BadRequest, accepts, answers, placed
 from drcli.web.apart import run_apart
 from drcli.web.served_folder import ServedFolder
-from drcli.web.start_work import start_training, tracks_to_fetch
+from drcli.web.start_work import start_training
 from drcli.web.tasks import Progress
 
 if TYPE_CHECKING:

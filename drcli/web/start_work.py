@@ -4,23 +4,11 @@ from typing import TYPE_CHECKING, Any
 
 from drcli.base.errors import WorkerDied
 from drcli.config.settings import Settings
-from drcli.config.track_names import to_fetch
 from drcli.runs.status import inspect
 from drcli.web.tasks import Progress
 
 if TYPE_CHECKING:
     from drcli.runs.plan import StartOptions
-
-
-def tracks_to_fetch(settings: Settings) -> list[str]:
-    """Community tracks that a start needs and that are not installed."""
-    from drcli.checks.stage_rules import review_stages
-
-    staged = review_stages(settings, {})
-    run = settings.run
-    races = [race for stage in staged.stages for race in stage.settings.races]
-    second = run.second_race(run.race())
-    return to_fetch([*(races or settings.races), *([second] if second is not None else ())])
 
 
 def start_training(
@@ -38,12 +26,12 @@ def start_training(
         DrError: It cannot start.
     """
     from drcli.runs import plan, training
-    from drcli.tracks.community import fetch_track
+    from drcli.runs.track_fetch import fetch, missing_tracks
 
-    missing = tracks_to_fetch(settings) if fetches and settings.tracks_fetch != "never" else []
+    missing = missing_tracks(settings) if fetches else []
     for name in missing:
         progress(f"Fetching the track {name} ...")
-        fetch_track(name, settings.tracks_url, settings.tracks_folder)
+        fetch(settings, name)
     progress("Checking settings, files and reward function ...")
     planned = plan.prepare(settings, options)
     progress("Starting the workers ...")

@@ -10,14 +10,13 @@ from drcli.exchange.job import Job
 from drcli.exchange.scores import EvaluationResult
 from drcli.exchange.trace import csv_text, schedule, steering_changes
 from drcli.store import keys
-from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.bucket import Bucket, ObjectDamaged
 from drcli.store.rollbacks import read_rollbacks
 from drcli.store.trace_retention import TraceRetention
 from drcli.tracking.open_sinks import sender_of_episodes
 from drcli.workers import reference_log
 from drcli.workers.cores import max_lag
-from drcli.workers.driven_episode import Driven
+from drcli.workers.driven_episode import Driven, columns_of
 from drcli.workers.live_figures import episode_points
 from drcli.workers.metrics_file import TrainingMetrics
 from drcli.workers.training_simulation import TrainingSimulation
@@ -122,7 +121,7 @@ class DriveResults:
     def score(
         self, name: CheckpointName, episodes: list[Driven], rollbacks: int
     ) -> EvaluationResult | None:
-        """Give the trainer the results of all trials of a checkpoint, which are sorted.
+        """The results of all trials of a checkpoint, which are sorted.
 
         Returns:
             These results, marked with the number of rollbacks so far; None if the reward function
@@ -140,16 +139,12 @@ class DriveResults:
             )
             return None
         changes, metres = steering_changes(sound)
-        result = EvaluationResult(
-            checkpoint=str(name),
-            progress=[float(e.progress) for e in sound],
-            reward=[float(e.reward) for e in sound],
-            lap_s=[float(e.duration_s) for e in sound if e.completed],
+        return EvaluationResult(
+            str(name),
+            *columns_of(sound),
             steering_per_m=changes / metres if metres > 1.0 else None,
             rollbacks=rollbacks,
         )
-        write_evaluation(self._bucket, self._prefix, name.number, result)
-        return result
 
     def publish_evaluation(
         self,

@@ -83,6 +83,15 @@ class Driven(Episode):
     objects: list[NDArray[np.float64]] = field(default_factory=list)
 
 
+def columns_of(driven: Sequence[Driven]) -> tuple[list[float], list[float], list[float]]:
+    """Progress in percent and reward of evaluation episodes, and lap times of those completed."""
+    return (
+        [float(e.progress) for e in driven],
+        [float(e.reward) for e in driven],
+        [float(e.duration_s) for e in driven if e.completed],
+    )
+
+
 def rollout_of(driven: Sequence[Driven]) -> Rollout:
     """Training episodes as the learner takes them.
 

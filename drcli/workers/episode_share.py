@@ -84,6 +84,11 @@ class EvaluationBudget:
         """Whether the evaluations so far took no more than their share."""
         return self._spent_s <= self._share * (self._clock() - self._began_s)
 
+    def __str__(self) -> str:
+        """Such as "4.1 s, 3.2 % of the time"."""
+        passed_s = max(1e-9, self._clock() - self._began_s)
+        return f"{self._spent_s:.1f} s, {100.0 * self._spent_s / passed_s:.1f} % of the time"
+
     def spend(self, seconds: float) -> None:
         """Count the time of an evaluation."""
         self._spent_s += seconds

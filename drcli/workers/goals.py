@@ -2,14 +2,120 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
+from statistics import fmean
 
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job
+from drcli.exchange.laps import CONFIRMING_CLEAN, CONFIRMING_LAPS, Laps
+from drcli.exchange.stage import Stage
 from drcli.modelfiles.hyperparameters import Hyperparameters
 
 SCORED_EPISODES = 100
 """Episodes over which the mean reward of a stage is taken, as in the lists of the Gym."""
+
+CONFIRMED = f"and then {CONFIRMING_CLEAN} of {CONFIRMING_LAPS} laps from other starts are as good"
+"""What follows the words of all targets."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """What the evaluations of checkpoints must show to end a training or a stage.
+
+    Checkpoints are evaluated again and again, so one that is not good enough passes by luck some
+    day. Therefore a checkpoint whose evaluation shows it drives again, from starts that it has not
+    driven before, and these laps decide.
+
+    Attributes:
+        name: The setting or option.
+        laps: All laps are clean, so many at least; None if they need not be completed.
+        most_s: Most simulated seconds of each lap.
+        mean_s: Most simulated seconds of a lap on average.
+        progress: Least mean progress, percent.
+        evaluations: How many evaluations in a row must show it.
+    """
+
+    name: str
+    laps: int | None = None
+    most_s: float | None = None
+    mean_s: float | None = None
+    progress: float | None = None
+    evaluations: int = 1
+
+    def shown_by(self, progress: Sequence[float], lap_s: Sequence[float]) -> bool:
+        """Whether an evaluation is good enough, by the progress of all and the times of clean laps.
+
+        The times are simulated seconds, the progress is percent.
+        """
+        clean = self.laps is None or len(lap_s) >= max(self.laps, len(progress))
+        within = self.most_s is None or max(lap_s, default=0.0) <= self.most_s
+        return clean and within and self._averages_hold(progress, lap_s)
+
+    def confirmed_by(self, progress: Sequence[float], lap_s: Sequence[float]) -> bool:
+        """The same of the `CONFIRMING_LAPS` that it drove again."""
+        fast = Laps(len(progress), lap_s).within(self.most_s).clean
+        clean = self.laps is None or fast >= CONFIRMING_CLEAN
+        return bool(progress) and clean and self._averages_hold(progress, lap_s)
+
+    def _averages_hold(self, progress: Sequence[float], lap_s: Sequence[float]) -> bool:
+        if self.mean_s is not None and (not lap_s or fmean(lap_s) > self.mean_s):
+            return False
+        return self.progress is None or fmean(progress) >= self.progress
+
+    def reached(self, records: Sequence[IterationRecord]) -> str | None:
+        """Which checkpoint has reached it with which laps, as a phrase; None if none has.
+
+        Args:
+            records: Iterations, oldest first; older ones may be missing.
+        """
+        newest = [record for record in records if record.evaluation_progress][-self.evaluations :]
+        if len(newest) < self.evaluations or not all(
+            self.shown_by(r.evaluation_progress, r.evaluation_lap_s) for r in newest
+        ):
+            return None
+        last = newest[-1]
+        if not self.confirmed_by(last.confirmation_progress, last.confirmation_lap_s):
+            return None
+        laps = Laps(len(last.confirmation_progress), last.confirmation_lap_s)
+        words = f"checkpoint {last.iteration} drove {laps}"
+        within = laps.within(self.most_s).clean
+        if within < laps.clean:
+            words += f", {within} of them in {self.most_s:g} s or less"
+        if self.laps is None:
+            words += f", {fmean(last.confirmation_progress):.1f} % of the lap on average"
+        return f"{words}, from starts that it had not driven before ({self.name})"
+
+
+def target_of(stage: Stage) -> Target:
+    """The target of a stage whose goal evaluations decide."""
+    goal = stage.goal
+    laps = goal.laps if goal.lap_time is None else goal.laps or 1
+    name = f"goal of stage {stage.name}"
+    return Target(name, laps, None, goal.lap_time, goal.progress, goal.evaluations)
+
+
+def targets_of(job: Job, stage: Stage | None = None) -> list[Target]:
+    """The targets that may end a training, or the stage that is given.
+
+    Those of the whole training count in its last stage only.
+    """
+    settings, targets = job.config.train, []
+    if stage is not None and stage.goal.evaluated:
+        targets.append(target_of(stage))
+    if stage is not None and stage != job.stages[-1]:
+        return targets
+    if job.until_lap_time_s is not None:
+        name = f"--until-lap-time {job.until_lap_time_s:g}"
+        targets.append(Target(name, job.wanted_laps, job.until_lap_time_s))
+    elif job.until_laps is not None:
+        targets.append(Target(f"--until-laps {job.until_laps}", job.until_laps))
+    if (mean_s := settings.train_stop_lap_time) > 0.0:
+        targets.append(Target(f"DR_TRAIN_STOP_LAP_TIME={mean_s:g}", 1, mean_s=mean_s))
+    if (progress := settings.train_stop_progress) > 0.0:
+        name, in_a_row = f"DR_TRAIN_STOP_PROGRESS={progress:g}", settings.train_stop_evaluations
+        targets.append(Target(name, progress=progress, evaluations=in_a_row))
+    return targets
 
 
 class Goals:
@@ -91,34 +197,17 @@ class Goals:
 
     def _target(self, records: Sequence[IterationRecord]) -> str | None:
         """Why the training is complete because the car drives well enough."""
-        job, settings = self._job, self._job.config.train
-        evaluated = [record for record in records if record.evaluation_progress]
-        most_s = job.until_lap_time_s
-        if job.wanted_laps and evaluated and all_laps(evaluated[-1], job.wanted_laps, most_s):
-            within = f", each in {most_s:g} s or less" if most_s is not None else ""
-            return (
-                f"Training is complete: all evaluation laps of a checkpoint were completed{within}."
-            )
-        slowest_s, lap_s = settings.train_stop_lap_time, mean_lap_s(evaluated[-1:])
-        if lap_s is not None and lap_s <= slowest_s:
-            return (
-                "Training is complete: all evaluation laps of a checkpoint were completed, in "
-                f"{lap_s:.2f} s on average; DR_TRAIN_STOP_LAP_TIME is {slowest_s:g}."
-            )
+        for target in targets_of(self._job):
+            phrase = target.reached(records)
+            if phrase is not None:
+                return f"Training is complete: {phrase}."
+        settings = self._job.config.train
         scored, good_enough = settings.train_stop_score_episodes, settings.train_stop_mean_score
         score = mean_score(records, scored)
         if score is not None and good_enough is not None and score >= good_enough:
             return (
                 f"Training is complete: the mean reward of the last {_episodes(scored)} "
                 f"is {score:.1f}, DR_TRAIN_STOP_MEAN_SCORE is {good_enough:g}."
-            )
-        wanted, last = settings.train_stop_progress, settings.train_stop_evaluations
-        progress = [record.evaluation_progress for record in evaluated[-last:]]
-        means = [sum(each) / len(each) for each in progress]
-        if wanted > 0 and len(means) == last and min(means) >= wanted:
-            return (
-                f"Training is complete: the last {last} evaluations reached {min(means):.1f} % "
-                f"and more, DR_TRAIN_STOP_PROGRESS is {wanted:g}."
             )
         return None
 
@@ -135,21 +224,6 @@ def mean_score(records: Sequence[IterationRecord], scored: int = SCORED_EPISODES
     return None
 
 
-def mean_lap_s(evaluated: Sequence[IterationRecord]) -> float | None:
-    """Mean lap time of these evaluations, simulated seconds; None unless each lap was completed."""
-    laps = [lap_s for record in evaluated for lap_s in record.evaluation_lap_s]
-    if not laps or len(laps) != sum(len(record.evaluation_progress) for record in evaluated):
-        return None
-    return sum(laps) / len(laps)
-
-
-def all_laps(record: IterationRecord, wanted: int, most_s: float | None = None) -> bool:
-    """Whether all laps of an evaluation were completed, at least so many, each within `most_s`."""
-    laps = record.evaluation_lap_s
-    complete = len(laps) >= wanted and len(laps) == len(record.evaluation_progress)
-    return complete and (most_s is None or max(laps, default=0.0) <= most_s)
-
-
 def ending(job: Job, parameters: Hyperparameters) -> str:
     """A sentence with everything that ends the training."""
     settings = job.config.train
@@ -161,12 +235,12 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
     if job.until_lap_time_s is not None:
         ways.append(
             f"once each evaluation lap of a checkpoint{judged}, at least {job.wanted_laps}, takes "
-            f"{job.until_lap_time_s:g} s or less (--until-lap-time)"
+            f"{job.until_lap_time_s:g} s or less, {CONFIRMED} (--until-lap-time)"
         )
     elif job.until_laps is not None:
         ways.append(
             f"once a checkpoint completes all its evaluation laps{judged}, "
-            f"at least {job.until_laps} (--until-laps)"
+            f"at least {job.until_laps}, {CONFIRMED} (--until-laps)"
         )
     if job.max_minutes is not None:
         given = job.max_minutes == settings.train_max_minutes
@@ -188,7 +262,7 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
     if settings.train_stop_lap_time > 0.0:
         ways.append(
             f"once all evaluation laps of a checkpoint take {settings.train_stop_lap_time:g} s or "
-            f"less on average{judged} (DR_TRAIN_STOP_LAP_TIME)"
+            f"less on average{judged}, {CONFIRMED} (DR_TRAIN_STOP_LAP_TIME)"
         )
     if settings.train_stop_mean_score is not None:
         ways.append(
@@ -198,8 +272,8 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
     if settings.train_stop_progress > 0:
         ways.append(
             f"at {settings.train_stop_progress:g} % of mean progress in "
-            f"{settings.train_stop_evaluations} evaluations in a row{judged} "
-            "(DR_TRAIN_STOP_PROGRESS)"
+            f"{settings.train_stop_evaluations} evaluations in a row{judged}, and on "
+            f"{CONFIRMING_LAPS} laps from other starts (DR_TRAIN_STOP_PROGRESS)"
         )
     return f"Ends {', or '.join([*ways, 'with dr-stop-training'])}."
 

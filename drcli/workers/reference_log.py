@@ -14,7 +14,7 @@ from drcli.modelfiles.model_metadata import ModelMetadata
 
 EVALUATION_END = "## agent: Finished evaluation phase. Success rate = 0.0, Avg Total Reward = "
 """Text before the reward of an evaluation episode. The rate is always 0.0 in the reference, and
-log-guru only knows the line with that number."""
+log-guru only knows the line with that number. A line of our own tells the true one."""
 
 OWN_LINE = ""
 """Ends a line that a reward function may have left unfinished."""
@@ -93,6 +93,11 @@ def evaluation_lines(
             f"Training iteration={iteration}",
             f"{EVALUATION_END}{episode.reward:.2f}",
         ]
+    done = sum(episode.completed for episode in episodes)
+    lines.append(
+        f"## agent: {done} of {len(episodes)} evaluation episodes completed the lap: success rate "
+        f"{done / len(episodes):.2f}. The 0.0 above is part of the format that log-guru reads."
+    )
     progress = [float(episode.progress) for episode in episodes]
     mean = sum(progress) / len(progress)
     lines += [

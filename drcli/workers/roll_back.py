@@ -116,10 +116,13 @@ class RollbackControl:
         write_rollbacks(self._bucket, self._prefix, self.known)
         return rollback
 
-    def nan_failure(self, error: NonFiniteLossError, iteration: int) -> TrainingFailed:
+    def nan_failure(
+        self, error: NonFiniteLossError, iteration: int, *, sac: bool
+    ) -> TrainingFailed:
         """The failure of a training that cannot go back from a loss that is NaN."""
+        shorter = "" if sac else ", or set `max_grad_norm` to 0.5,"  # which only PPO reads
         remedy = (
-            "Lower `lr` to a third, or set `max_grad_norm` to 0.5, in hyperparameters.json, then "
+            f"Lower `lr` to a third{shorter} in hyperparameters.json, then "
             "continue with `dr-start-training --resume`. DR_TRAIN_MAX_ROLLBACKS=2 does it "
             "without you."
         )

@@ -32,9 +32,10 @@ class Scoring:
     """The evaluations of a model that are still expected.
 
     Scores go to `checkpoints`, compared by `metric` (DR_TRAIN_BEST_MODEL_METRIC) on the track that
-    `world` means (DR_TRAIN_BEST_MODEL_WORLD), and to `history`. With `second`, checkpoints are
-    evaluated on DR_TRAIN_EVAL_WORLD too. Those of checkpoints that were given up in one of the
-    `rollbacks` do not count. `lag` is by how many iterations driving may be ahead of learning.
+    `world` means (DR_TRAIN_BEST_MODEL_WORLD) and with the lap time `most_s` that is asked for, and
+    to `history`. With `second`, checkpoints are evaluated on DR_TRAIN_EVAL_WORLD too. Those of
+    checkpoints that were given up in one of the `rollbacks` do not count. `lag` is by how many
+    iterations driving may be ahead of learning.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class Scoring:
         world: JudgedWorld = "training",
         *,
         second: bool = False,
+        most_s: float | None = None,
         rollbacks: Rollbacks = NO_ROLLBACKS,
         lag: int = 1,
     ) -> None:
@@ -59,6 +61,7 @@ class Scoring:
         self._metric = metric
         self._world = world
         self._second = second
+        self._most_s = most_s
         self._since = 0
         self._expected: set[int] = set()
         self._ahead: int | None = None
@@ -92,18 +95,21 @@ class Scoring:
     def score(self, newest: CheckpointName, *, last: bool = False) -> None:
         """Score the checkpoints whose evaluations have arrived; the log also names the newest.
 
-        At the `last` time, an evaluation counts even if that on the second track is missing.
+        At the `last` time, and when it is so late that nobody waits for it any longer, an
+        evaluation counts even if it is not complete.
         """
         for iteration in sorted(self._expected):
             result = self._result(iteration)
-            if result is not None and (last or self._is_complete(result)):
+            late = last or iteration <= newest.number - self._remembered
+            if result is not None and (late or self._is_complete(result)):
                 self._expected.discard(iteration)
-                self._history.add_evaluation(
+                self._history.add_evaluation(iteration, result)
+                driven = result.on("training")
+                _logger.info(
+                    "Checkpoint %d: %s, mean progress %.1f %%.",
                     iteration,
-                    result.progress,
-                    result.lap_s,
-                    result.steering_per_m,
-                    result.second,
+                    driven.laps,
+                    driven.mean_progress,
                 )
                 self._compare(result, newest)
 
@@ -130,17 +136,19 @@ class Scoring:
         def arrived() -> bool:
             if not self._bucket.exists(key):
                 return False
-            result = self._result(evaluates) if self._second else None
+            result = self._result(evaluates)
             return result is None or self._is_complete(result)
 
         wait_until(
             lambda: should_stop() or arrived(),
-            patience_s=max(LAST_EVALUATION_S, patience_s) * (2.0 if self._second else 1.0),
+            # A confirmation is up to twice as long, and there may be a second track.
+            patience_s=max(LAST_EVALUATION_S, patience_s) * (4.0 if self._second else 3.0),
             first_s=0.1,
         )
 
     def _is_complete(self, result: EvaluationResult) -> bool:
-        return result.second is not None or not self._second
+        """Whether nothing of the evaluation is still being driven."""
+        return not result.confirms and (result.second is not None or not self._second)
 
     def _result(self, iteration: int) -> EvaluationResult | None:
         """The evaluation of a checkpoint; None if it has not arrived or is damaged.
@@ -163,7 +171,7 @@ class Scoring:
         """Record how good a checkpoint is, and log which one is the best now."""
         if checkpoint_name(result.checkpoint).number < self._since:
             return
-        self._checkpoints.record_evaluation(result, self._metric, self._world)
+        self._checkpoints.record_evaluation(result, self._metric, self._world, self._most_s)
         best = CheckpointName.parse(self._checkpoints.best_name() or "")
         if best is not None:
             plain.info(

@@ -6,8 +6,9 @@ from drcli.config.run_config import RaceConfig
 from drcli.exchange.scores import SecondEvaluation
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.workers.build_race import build_simulation, load_world, longest_episode
-from drcli.workers.driven_episode import Driven, Plan
+from drcli.workers.driven_episode import Driven, columns_of
 from drcli.workers.driving import Driver, Racer
+from drcli.workers.evaluation_starts import fresh_starts
 from drcli.workers.live_moment import Onlooker
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import RewardFunction
@@ -45,8 +46,8 @@ class SecondTrack:
         onlooker: Onlooker | None = None,
     ) -> None:
         self.world = race.world_name
-        self._offset = race.train_start_position_offset
-        track = directed(load_world(race), reverse=race.train_reverse_direction)
+        self._seed = seed
+        self._track = track = directed(load_world(race), reverse=race.train_reverse_direction)
         self._simulation = build_simulation(
             race,
             "training",
@@ -70,19 +71,11 @@ class SecondTrack:
             StopRequested: `should_stop` returned True.
         """
         episodes: list[Driven] = []
-        plans = [
-            Plan(trial, "evaluation", (self._offset + trial / trials) % 1.0)
-            for trial in range(trials)
-        ]
+        plans = fresh_starts(self._track, trials, self._seed)
         self._driver.drive(plans, episodes.append, should_stop)
         episodes.sort(key=lambda episode: episode.number)
         sound = [episode for episode in episodes if not episode.discarded] or episodes
-        return SecondEvaluation(
-            self.world,
-            [float(e.progress) for e in sound],
-            [float(e.reward) for e in sound],
-            [float(e.duration_s) for e in sound if e.completed],
-        )
+        return SecondEvaluation(*columns_of(sound), self.world)
 
     def close(self) -> None:
         """Stop the threads that render."""
@@ -91,7 +84,4 @@ class SecondTrack:
 
 def sentence_of(result: SecondEvaluation) -> str:
     """The result after the name of a checkpoint, for the log."""
-    mean = sum(result.progress) / len(result.progress)
-    word = "lap" if len(result.progress) == 1 else "laps"
-    laps = f"{len(result.lap_s)} of {len(result.progress)} {word}"
-    return f"drives {mean:.1f} % of the lap on {result.world} ({laps})."
+    return f"drives {result.mean_progress:.1f} % of the lap on {result.world} ({result.laps})."

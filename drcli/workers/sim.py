@@ -15,10 +15,11 @@ from drcli.base import signal_guard
 from drcli.base.fingerprint import Fingerprint
 from drcli.base.log import get_logger, plain
 from drcli.base.wakeup import Wakeup, wake
-from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord
+from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord, checkpoint_name
 from drcli.exchange.job import Job
+from drcli.exchange.laps import CONFIRMING_LAPS
 from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
-from drcli.exchange.scores import EvaluationResult
+from drcli.exchange.scores import EvaluationEpisodes, EvaluationResult
 from drcli.exchange.stage import Stage, StageMark
 from drcli.formats.build_network import build_policy, load_weights
 from drcli.learn.compute import driving_format, flush_denormals
@@ -26,7 +27,9 @@ from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.encoders import compute_in
 from drcli.learn.gpu_policy import GpuPolicy
 from drcli.modelfiles.network_shape import Design
-from drcli.store.best_checkpoint import write_evaluation
+from drcli.store import keys
+from drcli.store.best_checkpoint import is_hopeful, read_scores, write_evaluation
+from drcli.store.bucket import ObjectDamaged
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.members import read_shares
 from drcli.store.repair import Model, repair_metrics
@@ -35,7 +38,7 @@ from drcli.workers import worker_process
 from drcli.workers.build_race import actions_of
 from drcli.workers.cores import cores, driving_threads, max_lag, usable_cores
 from drcli.workers.drive_results import DriveResults
-from drcli.workers.driven_episode import Driven, episodes_of
+from drcli.workers.driven_episode import Driven, columns_of, episodes_of
 from drcli.workers.driving import Racer
 from drcli.workers.episode_log import log_evaluation, log_training
 from drcli.workers.episode_share import AssignedShare, EvaluationBudget
@@ -92,7 +95,7 @@ class SimWorker:
         self._activity = Activity(self._bucket, self._prefix, f"sim-{worker}", lifeline.pulse)
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
-        design = Design.of_model(self._bucket, self._prefix)
+        design = Design.of_model(self._bucket, self._prefix, job.inputs)
         self._design = design
         threads = driving_threads(train) if membership is None else usable_cores(train)
         torch.set_num_threads(1)
@@ -117,9 +120,11 @@ class SimWorker:
         self._results = DriveResults(job, self._bucket, self._simulation)
         self._results.forget_given_up()
         self._budget = EvaluationBudget(train.train_eval_share)
+        self._judged = train.train_best_model_world if train.train_eval_world else "training"
         self._lag = max_lag(train)
         self._evaluated = -1
         self._rollbacks = 0
+        self._drives_as_trained = True
         self._loaded: Fingerprint | None = None
         self._drives = 0
         self._lapped = False
@@ -181,6 +186,8 @@ class SimWorker:
             self._results.close()
             raise
         finally:
+            if self._simulation.trials:
+                _logger.info("Evaluations took %s.", self._budget)
             self._activity.close()
             self._wakeup.close()
         self._results.close()
@@ -219,6 +226,8 @@ class SimWorker:
                 self._waiter.learn_from(record)
                 self._load(record)
             self._rollbacks = counters.rollbacks or 0
+            own = counters.inputs.get(keys.MODEL_METADATA_FILE)
+            self._drives_as_trained = own in (None, self._design.texts[keys.MODEL_METADATA_FILE])
             if self._is_assigned(iteration, counters.shares):
                 self._iterate(iteration, name)
             else:
@@ -281,7 +290,9 @@ class SimWorker:
                 evaluation.append(episode)
                 if len(evaluation) == trials:  # now, so that they count even if the drive fails
                     self._result = self._results.score(name, evaluation, self._rollbacks)
-                    wake(self._job.folder, "trainer")
+                    if self._result is not None:
+                        again = self._laps_to_confirm(self._result)
+                        self._give(replace(self._result, confirms=again))
                 return
             log_training(episode, iteration, self._worker)
             training.append(episode)
@@ -348,18 +359,57 @@ class SimWorker:
             self._results.publish_evaluation(iteration, name, evaluation, numbers.stop, begin)
             self._failures.count_calls(simulation.reward_calls)
             self._failures.save()  # with the failures of evaluation episodes that ended later
-            if simulation.second is not None and self._result is not None:
-                self._activity.say(
-                    f"evaluates checkpoint {name.number} on {simulation.second.world}"
-                )
-                second = simulation.second.evaluate(trials, self._lifeline.step_done)
+            if self._result is not None:
+                self._evaluate_further(self._result, name.number)
                 alone_s = driven_s() - took_s
-                write_evaluation(
-                    self._bucket, self._prefix, name.number, replace(self._result, second=second)
-                )
-                _logger.info("Checkpoint %d %s", name.number, sentence_of(second))
             if self._drives > 1:  # the first drive may include compilation
                 self._budget.spend(share * took_s + alone_s)
+
+    def _give(self, result: EvaluationResult) -> None:
+        """Give the trainer the evaluation of a checkpoint as far as it is driven."""
+        self._result = result
+        number = checkpoint_name(result.checkpoint).number
+        write_evaluation(self._bucket, self._prefix, number, result)
+        wake(self._job.folder, "trainer")
+
+    def _laps_to_confirm(self, result: EvaluationResult) -> int:
+        """How many laps a checkpoint drives again after this evaluation; 0 for none."""
+        simulation, config = self._simulation, self._job.config
+        if any(each.shown_by(result.progress, result.lap_s) for each in simulation.targets):
+            return CONFIRMING_LAPS
+        if self._judged != "training":
+            return 0
+        try:
+            scores = read_scores(self._bucket, self._prefix)
+        except ObjectDamaged:  # which the trainer repairs
+            return 0
+        most_s = self._job.until_lap_time_s
+        return simulation.trials * is_hopeful(scores, result, config.model.metric, most_s)
+
+    def _evaluate_further(self, result: EvaluationResult, number: int) -> None:
+        """Let a checkpoint drive again, and on the second track, as far as that is wanted."""
+        simulation = self._simulation
+        if result.confirms:
+            self._activity.say(f"lets checkpoint {number} drive again from other starts")
+            again: list[Driven] = []
+            plans = simulation.confirmation_plans(number, result.confirms)
+            simulation.drive(plans, again.append, self._lifeline.step_done, 0)
+            again.sort(key=lambda episode: episode.number)
+            sound = [episode for episode in again if not episode.discarded]
+            confirmation = EvaluationEpisodes(*columns_of(sound)) if sound else None
+            result = replace(result, confirms=0, confirmation=confirmation)
+            self._give(result)
+            if confirmation is not None:
+                _logger.info(
+                    "Checkpoint %d drove again from other starts: %s.", number, confirmation.laps
+                )
+        if simulation.second is not None:
+            self._activity.say(f"evaluates checkpoint {number} on {simulation.second.world}")
+            # Where they decide which checkpoint is the best, it drives as many as a confirmed one.
+            laps = simulation.trials * (1 if self._judged == "training" else 2)
+            second = simulation.second.evaluate(laps, self._lifeline.step_done)
+            self._give(replace(result, second=second))
+            _logger.info("Checkpoint %d %s", number, sentence_of(second))
 
     def _is_late(self) -> bool:
         """Whether nobody needs the episodes any more that this worker drives."""
@@ -390,6 +440,8 @@ class SimWorker:
         """Whether to evaluate the checkpoint during this drive, which takes time."""
         if not self._simulation.trials or name.number == self._evaluated:
             return False
+        if not self._drives_as_trained:
+            return False  # its score would be that of other actions
         assigned = self._simulation.assigned
         if assigned is not None and not assigned.evaluates:
             return False

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.stage import Stage, StageMark
 from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.workers.goals import all_laps, mean_lap_s, mean_score
+from drcli.workers.goals import mean_score, target_of
 
 
 @dataclass(frozen=True)
@@ -130,26 +130,15 @@ class StageProgress:
         """Which targets are reached, if all are."""
         stage = self.stage
         assert stage is not None
-        goal, reached = stage.goal, []
-        if goal.evaluated:
-            newest = [record for record in own if record.evaluation_progress][-goal.evaluations :]
-            if len(newest) < goal.evaluations:
+        reached = []
+        if stage.goal.evaluated:
+            phrase = target_of(stage).reached(own)
+            if phrase is None:
                 return None
-            means = [sum(r.evaluation_progress) / len(r.evaluation_progress) for r in newest]
-            if goal.laps is not None and not all(all_laps(r, goal.laps) for r in newest):
-                return None
-            if goal.progress is not None and min(means) < goal.progress:
-                return None
-            lap_s = mean_lap_s(newest)
-            if goal.lap_time is not None and (lap_s is None or lap_s > goal.lap_time):
-                return None
-            if lap_s is not None:
-                reached.append(f"all evaluation laps are completed, in {lap_s:.2f} s on average")
-            else:
-                reached.append(f"evaluations reach {min(means):.1f} %")
-        if goal.mean_reward is not None:
+            reached.append(phrase)
+        if stage.goal.mean_reward is not None:
             score = mean_score(own)
-            if score is None or score < goal.mean_reward:
+            if score is None or score < stage.goal.mean_reward:
                 return None
             reached.append(f"the mean reward of 100 episodes is {score:.1f}")
         return " and ".join(reached) or None

@@ -1,10 +1,12 @@
 """What a simulation worker drives in a training, or in one stage of it."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from drcli.base.log import plain
 from drcli.config.run_config import RaceConfig
 from drcli.exchange.job import Job
+from drcli.exchange.laps import CONFIRMING_LAPS
 from drcli.exchange.stage import Stage
 from drcli.modelfiles.network_shape import Design
 from drcli.store.bucket import Bucket
@@ -14,6 +16,8 @@ from drcli.workers.cores import driving_threads, usable_cores
 from drcli.workers.driven_episode import Driven, Plan
 from drcli.workers.driving import Driver, Racer
 from drcli.workers.episode_share import AssignedShare, Share
+from drcli.workers.evaluation_starts import fresh_starts
+from drcli.workers.goals import targets_of
 from drcli.workers.live_moment import Onlooker
 from drcli.workers.reward_failures import RewardFailures
 from drcli.workers.second_track import SecondTrack
@@ -25,6 +29,9 @@ from drsim.track.worlds import directed
 SEED_STRIDE = 7_919
 """Keeps the random numbers of workers apart."""
 
+CONFIRMATION_STRIDE = 1_000_003
+"""Keeps the starts of the confirmations of different checkpoints apart."""
+
 
 class TrainingSimulation:
     """The cars of one worker, and which episodes they drive.
@@ -34,6 +41,7 @@ class TrainingSimulation:
         share: The worker's part of the training episodes, as long as no worker has joined.
         assigned: Its part since the trainer says who drives what; None before.
         trials: Episodes of an evaluation; 0 for workers that never evaluate.
+        targets: What evaluations must show to end the stage or the training.
         track_length_m: Of the lap.
         second: Evaluates on a second track; None without one, or for workers that never evaluate.
     """
@@ -72,6 +80,7 @@ class TrainingSimulation:
             SettingsError: The reward function cannot be loaded, the track is not installed, or
                 there is no room for obstacles or bots.
         """
+        self._job = job
         train, prefix, metadata = job.config.train, job.config.model.prefix, design.metadata
         race = job.config.race(worker) if stage is None else stage.race(worker)
         self._race = race
@@ -91,18 +100,19 @@ class TrainingSimulation:
             ),
         )
         plain.info(reference_log.start_lines(prefix, race, metadata, self._parameters, "TRAINING"))
+        self.targets = targets_of(job, stage)
         # Every checkpoint is evaluated at least once, or there would be no best checkpoint.
-        wanted = job.wanted_laps, (stage.goal.laps or 0) if stage is not None else 0
-        trials = max(1, train.train_min_eval_trials, *wanted)
+        trials = max([train.eval_laps, *(target.laps or 0 for target in self.targets)])
         # Without a worker of its own, any of those that have joined may have to evaluate.
         evaluates = train.workers == 0 if joined else worker == 0
         self.trials = trials if evaluates else 0
         episodes = self.share.most if joined else self.share.count
         num_cars = -(-(race.train_lanes or episodes + self.trials) // divisor)
         folder = job.folder / f"sim-{worker}"
-        reward = load_reward(bucket, prefix, folder, num_cars, stage)
+        reward = load_reward(bucket, prefix, folder, num_cars, stage, job.inputs)
         track = directed(load_world(race), reverse=race.train_reverse_direction)
         self.track_length_m = track.length_m
+        self._track = track
         threads = usable_cores(train) if joined else driving_threads(train)
         seed = job.seed + SEED_STRIDE * worker
         self._simulation = build_simulation(
@@ -126,7 +136,7 @@ class TrainingSimulation:
                 second,
                 metadata,
                 racer,
-                load_reward(bucket, prefix, folder, -(-trials // divisor), stage),
+                load_reward(bucket, prefix, folder, -(-trials // divisor), stage, job.inputs),
                 num_threads=threads,
                 seed=seed,
                 # Counted apart: its calls are none of the training.
@@ -179,11 +189,18 @@ class TrainingSimulation:
             )
             for number in numbers
         ]
-        # A deterministic policy drives every lap from the same start alike. So trials start at
-        # different places, and together they show whether the car gets around from everywhere.
-        return plans + [
-            Plan(trial, "evaluation", (offset + trial / trials) % 1.0) for trial in range(trials)
-        ]
+        return plans + (fresh_starts(self._track, trials, self._job.seed) if trials else [])
+
+    def confirmation_plans(self, number: int, count: int) -> list[Plan]:
+        """Evaluation episodes of the checkpoint of this number, from starts of its own.
+
+        They have other numbers, and so other random numbers, than those of any evaluation.
+        """
+        first = self.trials + number * CONFIRMING_LAPS
+        plans = fresh_starts(
+            self._track, count, self._job.seed + CONFIRMATION_STRIDE * (number + 1)
+        )
+        return [replace(plan, number=first + plan.number) for plan in plans]
 
     def close(self) -> None:
         """Stop the threads that render."""

@@ -31,6 +31,7 @@ NAMES = (
     "reference",
     "guide_values",
     "fast_lap",
+    "goal",
     "flame",
     "rewards",
     "runtimes",

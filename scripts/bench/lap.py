@@ -112,7 +112,7 @@ def run_seed(seed: int, arguments: argparse.Namespace) -> dict[str, Any]:
         done = [t["lap_s"] for t in trials if t["status"] == "Lap complete"]
         result["first_evaluation_lap_processor_s"] = processor_s
         result |= {"seed": seed, "evaluation_laps": len(done), "lap_s": min(done, default=None)}
-        _stop_storage(folder)
+        stop_storage(folder)
         return result
 
 
@@ -210,11 +210,16 @@ def _first_lap(folder: Path, status: dict[str, Any]) -> tuple[float | None, int 
     return None, None
 
 
+def command_of(*words: str) -> list[str]:
+    """A command of ours, beside the interpreter."""
+    return [str(Path(sys.executable).parent / "dr"), *words]
+
+
 def _dr(
     folder: Path, environment: dict[str, str], command: str, *options: str, check: bool = True
 ) -> str:
     done = subprocess.run(
-        [str(Path(sys.executable).parent / "dr"), command, *options],
+        command_of(command, *options),
         cwd=folder,
         env=environment,
         stdout=subprocess.PIPE,
@@ -224,7 +229,8 @@ def _dr(
     return done.stdout
 
 
-def _stop_storage(folder: Path) -> None:
+def stop_storage(folder: Path) -> None:
+    """Stop the embedded server of a folder."""
     server.stop(load_settings(folder).storage)
 
 

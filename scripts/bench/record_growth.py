@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.scores import EvaluationResult
 from drcli.exchange.trace import Episode, Row
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch
 from drcli.store.history import History
@@ -19,7 +20,7 @@ from drcli.workers.episode_share import Share
 from drcli.workers.learner_metrics import LearnerMetrics, row_of
 from drcli.workers.metrics_file import TrainingMetrics
 
-EPISODES, TRIALS = 20, 5
+EPISODES, TRIALS = 20, 20
 """Of an iteration and of an evaluation, as in the shipped files."""
 
 EVALUATED_EVERY = 5
@@ -115,7 +116,8 @@ def _history(bucket: CountingBucket) -> Any:
     def add(iteration: int) -> None:
         history.add(_record(iteration))
         if iteration % EVALUATED_EVERY == 0:
-            history.add_evaluation(iteration, [50.0, 60.5, 70.25, 80.0, 100.0], [12.5])
+            name, trials = f"{iteration}_Step-{3000 * iteration}.ckpt", [100.0 / 3] * TRIALS
+            history.add_evaluation(iteration, EvaluationResult(name, trials, trials, [12.5]))
         history.collapse(None)
 
     return add

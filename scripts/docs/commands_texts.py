@@ -15,8 +15,7 @@ REFERENCE_HEAD = """
 ## Commands of DeepRacer-for-Cloud
 
 *same*: works as it does there. *better*: works as it does there, with the differences given.
-*later*: not available yet; the command says what to use instead and exits 7 (commands that stop
-something exit 0). *not needed*: there is nothing to do here.
+*not needed*: there is nothing to do here.
 """
 
 KEYS_HEAD = """

@@ -5,7 +5,7 @@ from typing import Literal
 
 from drcli.cli.command_table import program_names
 
-Verdict = Literal["same", "better", "not needed", "later"]
+Verdict = Literal["same", "better", "not needed"]
 
 
 @dataclass(frozen=True)
@@ -14,8 +14,8 @@ class Row:
 
     Attributes:
         name: What it is called there.
-        verdict: "same" and "better" do its work under that name or the one in `here`; "later" is a
-            name that says what is not built yet; "not needed" has nothing to do here.
+        verdict: "same" and "better" do its work under that name or the one in `here`; "not needed"
+            has nothing to do here.
         why: What differs, or why nothing is needed.
         here: Our program or script; the reference's name where it is empty.
     """
@@ -225,9 +225,10 @@ REFERENCE: tuple[Row, ...] = (
     ),
     Row(
         "utils/sample-createspot.sh",
-        "not needed",
-        "an instance installs with scripts/install.sh and runs "
-        "`dr-start-training --resume --foreground`",
+        "better",
+        "`dr-spot create` makes the machine, installs drcli on it, trains, and goes on after "
+        "interruptions; `dr-spot stop` saves the model and removes the machine",
+        "dr-spot",
     ),
     Row(
         "utils/download-car-model.py",

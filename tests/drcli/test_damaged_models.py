@@ -68,14 +68,11 @@ class UntilFailure:
     step_done = should_stop
 
 
-class ProbedBucket(MemoryBucket):
-    """Can be asked whether it answers, and copied."""
+class CopiedBucket(MemoryBucket):
+    """Can be copied."""
 
-    def probe(self, folder: str) -> None:
-        """It always does."""
-
-    def copied(self) -> "ProbedBucket":
-        copy = ProbedBucket(self.name)
+    def copied(self) -> "CopiedBucket":
+        copy = CopiedBucket(self.name)
         for info in self.list(""):
             copy.put(info.key, self.get(info.key))
         return copy
@@ -84,10 +81,10 @@ class ProbedBucket(MemoryBucket):
 class World:
     """A working folder and its buckets, which the commands find."""
 
-    def __init__(self, folder: Path, patch: pytest.MonkeyPatch, here: ProbedBucket) -> None:
+    def __init__(self, folder: Path, patch: pytest.MonkeyPatch, here: CopiedBucket) -> None:
         self.folder = folder
         self.here = here
-        self.there = ProbedBucket("uploads")
+        self.there = CopiedBucket("uploads")
         places = (
             *("runs.plan", "runs.increment", "runs.evaluation_plan", "workers.worker_process"),
             *("models.upload", "models.download", "models.transfer_buckets"),
@@ -136,12 +133,12 @@ def write_folder(folder: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> ProbedBucket:
+def trained(tmp_path_factory: pytest.TempPathFactory) -> CopiedBucket:
     """A model as the real workers leave it, after two iterations."""
     folder = tmp_path_factory.mktemp("trained")
     write_folder(folder)
     with pytest.MonkeyPatch.context() as patch:
-        world = World(folder, patch, ProbedBucket("bucket"))
+        world = World(folder, patch, CopiedBucket("bucket"))
         job = world.planned().job
         lifeline: Any = UntilFailure()
 
@@ -176,7 +173,7 @@ def shrink(bucket: MemoryBucket) -> None:
 
 
 @pytest.fixture
-def world(working_folder: Path, trained: ProbedBucket, monkeypatch: pytest.MonkeyPatch) -> World:
+def world(working_folder: Path, trained: CopiedBucket, monkeypatch: pytest.MonkeyPatch) -> World:
     """The same model, to be damaged, after its training has ended."""
     for name in ("run.env", "system.env"):
         (working_folder / name).unlink()
@@ -368,7 +365,7 @@ def upload_model(world: World) -> list[str]:
 
 
 def download_model(world: World) -> list[str]:
-    world.there, world.here = world.here, ProbedBucket("bucket")
+    world.there, world.here = world.here, CopiedBucket("bucket")
     options = DownloadOptions(f"s3://uploads/{PREFIX}", "mine")
     planned = plan_download(world.settings, options)
     download(planned, world.settings, no_bar)
@@ -406,7 +403,7 @@ def test_a_command_says_what_is_damaged_and_goes_on(world, name, reader, told):
     whole = world.here
     for damage in DAMAGES:
         world.here = whole.copied()
-        world.there = ProbedBucket("uploads")
+        world.there = CopiedBucket("uploads")
         told.clear()
         key = damaged(world, name, damage)
 

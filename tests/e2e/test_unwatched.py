@@ -52,14 +52,14 @@ def test_a_complete_training_uploads_its_best_tells_its_cost_and_runs_a_command(
     assert status["money_left"] == pytest.approx(50.0 - float(cost), abs=0.001)
     assert status["iterations"] == 2
     assert status["requests"]["puts"] > 20
-    assert status["requests"]["night_usd"] > 0.0
+    assert status["requests"]["night_usd"] is None  # the bucket is local
     shown = workspace.run("status").stdout
     assert "Spent: 2 iterations" in shown
-    assert "requests that write or list" in shown
+    assert "that write or list" in shown
 
     log = workspace.log("supervisor")
     assert "on end: I am done" in log
-    assert "At Amazon's list prices" in log
+    assert "Requests to the bucket" in log
     records = "".join(path.read_text("utf-8", "replace") for path in _texts(workspace.folder))
     assert "hook-secret" not in records
     assert "canary-secret" not in records

@@ -8,7 +8,7 @@ from commands_page import document
 from drfc_commands import REFERENCE, SCRIPTS, missing
 
 from drcli.cli.command_line import EPILOG
-from drcli.cli.command_table import program_names
+from drcli.cli.command_table import COMMANDS, program_names
 from drcli.explain.exit_code_texts import EXIT_CODES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -28,6 +28,13 @@ def test_the_page_in_docs_is_what_the_commands_say(page):
 def test_every_command_of_the_reference_that_is_kept_exists():
     assert missing() == []
     assert [script for script in SCRIPTS if not (ROOT / script).exists()] == []
+
+
+def test_nothing_of_the_reference_is_called_not_needed_that_a_command_of_ours_does():
+    idle = [row.name for row in REFERENCE if row.verdict == "not needed"]
+    words = [command.name for command in COMMANDS]
+
+    assert [(name, word) for name in idle for word in words if word in name] == []
 
 
 def test_the_table_of_the_reference_names_nothing_twice():

@@ -17,6 +17,18 @@ NOTEBOOK = DOCS / "notebooks" / "train_in_colab.ipynb"
 
 GUIDES = ["car-guide.md", "platforms.md", "lessons/README.md", "glossary.md", "hyperparameters.md"]
 
+REVIEWED = ROOT / "tests" / "data" / "reviewed_denials.txt"
+"""Sentences that deny something and were looked at: `page: sentence`."""
+
+GENERATED = ("commands.md", "settings.md", "errors.md")
+
+DENIAL = re.compile(
+    r"(?:^|\|)(?:(?!\||\b(?:if|where|whether|that|what|which|who|although|because|when|so)\b).)*"
+    r"\b(?:cannot|can not|not (?:available|needed|possible|supported|implemented)|only there"
+    r"|there (?:is|are) no(?:ne)?|not .*\byet)\b",
+    re.IGNORECASE,
+)
+
 WORKFLOW = ROOT / ".github" / "workflows" / "tests.yml"
 
 
@@ -64,6 +76,50 @@ def test_commands_of_a_guide_exist_with_their_options(name):
 )
 def test_the_check_of_command_lines_finds_what_is_wrong(line, problem):
     assert problem_of(line) == problem
+
+
+def claims(page: Path) -> list[str]:
+    """The sentences of a page that deny something, without conditions such as "if there is no"."""
+    text = re.sub(r"```.*?```", "", page.read_text("utf-8"), flags=re.DOTALL)
+    blocks = re.split(r"\n\s*\n|\n(?=[-*#|] |\d+\. )", text)
+    sentences = [
+        sentence
+        for block in blocks
+        for sentence in re.split(r"(?<=[.:;!?])\s+", " ".join(block.split()))
+    ]
+    return [sentence for sentence in sentences if DENIAL.search(sentence)]
+
+
+def test_what_the_pages_deny_was_reviewed():
+    """The product grows: what it could not do in one month it does in the next.
+
+    A sentence that fails here is new. Look whether a command or a setting does what it denies; if
+    really none does, add the sentence to the list.
+    """
+    reviewed = {tuple(line.split(": ", 1)) for line in REVIEWED.read_text("utf-8").splitlines()}
+    pages = [page for page in DOCS.rglob("*.md") if page.name not in GENERATED]
+
+    found = {(str(page.relative_to(DOCS)), sentence) for page in pages for sentence in claims(page)}
+
+    assert sorted(found - reviewed) == []
+    assert sorted(reviewed - found) == [], "These are gone: remove them from the list."
+
+
+def test_no_page_denies_a_command_that_exists():
+    name = r"`(dr[a-z]*[- ][a-z-]+)"
+    state = r"(?:available|exist|implemented|supported|possible)"
+    denied = re.compile(
+        rf"{name}[^`]*` (?:is|are|does|do) not {state}|[Tt]here is no (?:command )?{name}"
+    )
+    named = [
+        (page.name, name)
+        for page in DOCS.rglob("*.md")
+        for match in denied.finditer(" ".join(page.read_text("utf-8").split()))
+        for name in match.groups()
+        if name and not problem_of(name)
+    ]
+
+    assert named == []
 
 
 def test_the_car_guide_has_all_its_subjects():

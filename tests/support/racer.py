@@ -61,10 +61,3 @@ class Racer:
     def note(self, prefix: str) -> dict[str, Any]:
         note: dict[str, Any] = json.loads(self.bucket.get(f"{prefix}/ip/run.json"))
         return note
-
-
-class ProbedBucket(MemoryBucket):
-    """Can be asked whether it answers, as the real one."""
-
-    def probe(self, folder: str) -> None:
-        """It always does."""

@@ -23,11 +23,8 @@ PREFIX = "team/model"
 REWARD = "def reward_function(params):\n    return 1.0\n"
 
 
-class ProbedBucket(MemoryBucket):
-    """Can be asked whether it answers, and copied."""
-
-    def probe(self, folder: str) -> None:
-        """It always does."""
+class CopiedBucket(MemoryBucket):
+    """Can be copied."""
 
     def copy_to(self, other: MemoryBucket) -> None:
         """Put all objects into another bucket."""
@@ -55,7 +52,7 @@ class TrainingInMemory:
 
     def __init__(self, folder: Path, patch: pytest.MonkeyPatch, **settings: Any) -> None:
         self.folder = folder
-        self.bucket: Any = ProbedBucket()
+        self.bucket: Any = CopiedBucket()
         given = {
             "DR_WORLD_NAME": "reinvent_base",
             "DR_LOCAL_S3_MODEL_PREFIX": PREFIX,

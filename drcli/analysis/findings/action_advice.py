@@ -28,7 +28,8 @@ def no_exploration(evidence: Evidence) -> Advice | None:
     trend = present_trend(evidence.curve)
     improving = evidence.fall is None and trend.rises and trend.gain >= LEAST_GAIN
     single = use.top_share >= TOP_SHARE
-    same = use.variety is not None and use.variety <= VARIETY
+    known = [spread for spread in (use.variety, evidence.spread) if spread is not None]
+    same = bool(known) and min(known) <= VARIETY
     if not single and (not same or improving):
         return None
     numbers = {"top_share": use.top_share, "progress": evidence.level}
@@ -39,6 +40,8 @@ def no_exploration(evidence: Evidence) -> Advice | None:
             f" At the same place of the lap it varies its actions by {100 * use.variety:.0f} % of "
             "what is possible."
         )
+    if evidence.spread is not None:
+        numbers["spread"] = evidence.spread
     setting, value = _more_exploration(evidence)
     return Advice(
         "no-exploration",
@@ -52,7 +55,7 @@ def no_exploration(evidence: Evidence) -> Advice | None:
 
 
 def _more_exploration(evidence: Evidence) -> tuple[str, str]:
-    if is_sac(evidence.run.hyperparameters):
+    if is_sac(evidence.run):
         alpha = evidence.number("sac_alpha") or 0.1
         return "sac_alpha", rounded(2.0 * alpha)
     beta = evidence.number("beta_entropy") or 0.0

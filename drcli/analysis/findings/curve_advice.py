@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drcli.analysis.findings.advice_item import Advice, rounded, train_on
+from drcli.analysis.findings.advice_item import TRAIN_ON, Advice, rounded, train_on
 from drcli.analysis.findings.curve_trend import (
     LEAST_GAIN,
     UNDER,
@@ -10,18 +10,14 @@ from drcli.analysis.findings.curve_trend import (
     rise,
     window,
 )
-from drcli.analysis.findings.evidence import Evidence
+from drcli.analysis.findings.evidence import Evidence, is_sac
 from drcli.analysis.findings.reward_advice import REWARD_CHECK
-from drcli.analysis.findings.update_advice import USUAL_LR, lower_lr
+from drcli.analysis.findings.update_advice import LOW_LR, USUAL_LR, lower_lr
 from drcli.analysis.findings.verdict import LEAST_ITERATIONS, LOW, NOT_LEARNING
 
 BEHIND, BEHIND_T = 15.0, 3.5
 """Percent of a lap by which evaluations are far behind, and how sure that must be. In healthy
 trainings they are ahead of the training episodes, which explore."""
-
-
-LOW_LR = 1e-5
-"""A learning rate at or below this hardly moves anything."""
 
 
 def collapse(evidence: Evidence) -> Advice | None:
@@ -85,8 +81,8 @@ def evaluation_behind(evidence: Evidence) -> Advice | None:
     if gap is None or gap.behind < BEHIND or gap.t < BEHIND_T:
         return None
     what = f"the last {gap.count} evaluations" if not gap.alone else f"{gap.count} trials"
-    beta = evidence.number("beta_entropy")
-    lower = rounded(beta / 3.0) if beta else "0.003"
+    key, usual = ("sac_alpha", 0.1) if is_sac(evidence.run) else ("beta_entropy", 0.01)
+    lower = rounded((evidence.number(key) or usual) / 3.0)
     return Advice(
         "evaluation-behind",
         "Evaluations are far behind the training",
@@ -94,8 +90,8 @@ def evaluation_behind(evidence: Evidence) -> Advice | None:
         f"{gap.evaluation:.0f} %. An evaluation always takes the most likely action, so the "
         "policy gets round by its random actions. Make it surer of itself.",
         {"training": gap.training, "evaluation": gap.evaluation, "behind": gap.behind, "t": gap.t},
-        "beta_entropy",
-        train_on(f"beta_entropy={lower}"),
+        key,
+        train_on(f"{key}={lower}"),
     )
 
 
@@ -118,8 +114,7 @@ def under_training(evidence: Evidence) -> Advice | None:
         f"{evidence.level:.0f} % of the lap, and it has not stopped rising. More training is "
         "likely to help more than any change.",
         {"progress": evidence.level, "gain": trend.gain, "t": trend.t, "iterations": len(curve)},
-        "DR_TRAIN_MAX_MINUTES",
-        "dr-start-training --resume",
+        *TRAIN_ON,
     )
 
 

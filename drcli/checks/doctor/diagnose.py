@@ -2,11 +2,11 @@
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from drcli.base.atomic_file import read_json
-from drcli.base.problems import ProblemsError
+from drcli.base.problems import Problem, ProblemsError, of_severity
 from drcli.checks.doctor.bucket_health import examine_bucket, examine_upload_bucket
 from drcli.checks.doctor.findings import DoctorReport, Examination, Finding, Probe
 from drcli.checks.doctor.installed import (
@@ -25,8 +25,10 @@ from drcli.checks.doctor.libraries import (
 )
 from drcli.checks.doctor.room import examine_disks, examine_memory
 from drcli.checks.doctor.surroundings import examine_language, examine_limits, examine_place
+from drcli.checks.start_rules import start_problems
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
+from drcli.config.track_names import track_problems
 from drcli.models.run_metadata import installed_versions
 from drcli.workers.ray_extra import workers_here
 
@@ -71,19 +73,28 @@ def _settings(directory: Path) -> tuple[Settings | None, list[Finding]]:
     try:
         settings = load_settings(directory)
     except ProblemsError as error:
-        found = [
-            Finding("settings", "problem", str(problem), problem.remedy)
-            for problem in error.errors[:MOST_SETTINGS]
-        ]
+        found = _wrong(error.errors)
         more = len(error.errors) - len(found)
         text = f"the bucket was not examined{f'; {more} more settings are wrong' if more else ''}."
         return None, [*found, Finding("settings", "warning", text, "Correct the settings first.")]
+    problems = [*track_problems(settings.races), *start_problems(settings, here=True)]
+    # A training that runs is told among the runs.
+    errors = [each for each in of_severity(problems, "error") if each.rule != "V-13"]
+    if errors:
+        return settings, _wrong(errors)
     names = {place.file for place in settings.sources.values() if place.line is not None}
     files = " and ".join(sorted(names)) or "no file"
     text = f"{len(settings.sources)} settings of {files} are right"
     odd = len(settings.problems)
     text += f"; {odd} remarks, which `dr config check` shows" if odd else ""
     return settings, [Finding("settings", "ok", text, facts={"warnings": odd})]
+
+
+def _wrong(errors: Sequence[Problem]) -> list[Finding]:
+    return [
+        Finding("settings", "problem", str(problem), problem.remedy)
+        for problem in errors[:MOST_SETTINGS]
+    ]
 
 
 def _on_this_machine(directory: Path, settings: Settings | None) -> list[Probe]:

@@ -6,11 +6,13 @@ from typing import Annotated, Literal, get_args
 
 import typer
 
+from drcli.base.replaceable import refuse_existing
 from drcli.cli import console, prompts
 from drcli.cli.droa_options import Connection, connected
 from drcli.cli.options import (
     AsJson,
     DryRun,
+    Replace,
     best_option,
     checkpoint_choice,
     checkpoint_option,
@@ -208,7 +210,7 @@ def droa_download_logs(
     summary: Annotated[
         bool, typer.Option("--summary", help="Also show means of the metrics in the logs.")
     ] = False,
-    force: _Yes = False,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Download logs of a model, or the model itself, from DeepRacer on AWS.
@@ -234,7 +236,7 @@ def droa_download_logs(
         output or Path(),
         f"{model_id}-{kind.lower()}.tar.gz",
         progress=partial(console.progress, unit="bytes"),
-        replaces=lambda path: prompts.agree(f"Replace {path}?", yes=force),
+        replaces=partial(refuse_existing, force=force),
     )
     report = droa_download.DownloadedAsset(
         droa.place, model_id, kind, str(file), file.stat().st_size

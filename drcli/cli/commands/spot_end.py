@@ -45,7 +45,7 @@ def stop(
 ) -> None:
     """Stop the training of a stack, check that the model is in the bucket, and remove the stack.
 
-    Nothing is deleted until the model has been checked. The model stays in the bucket.
+    Nothing is deleted until the model has been checked; what the bucket holds of it stays.
 
     Example: dr-spot stop my-run
     """
@@ -112,8 +112,8 @@ def delete(
         )
     prompts.agree(
         f"Delete the stack {stack} and its machines? A running training loses what it has done "
-        f"since its last checkpoint; `dr-spot stop {stack}` saves it first. The model "
-        f"{found.model} stays.",
+        f"since its last checkpoint; `dr-spot stop {stack}` saves it first. What the "
+        f"bucket holds of the model {found.model} stays.",
         yes=yes,
         words=[stack],
     )

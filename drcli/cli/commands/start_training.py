@@ -93,7 +93,8 @@ def start_training(
             "--until-laps",
             min=1,
             metavar="N",
-            help="Stop when a checkpoint completes all its evaluation laps, N or more.",
+            help="Stop when all evaluation laps of a checkpoint are clean, N or more, and then 38 "
+            "of 40 from other starts.",
         ),
     ] = None,
     until_lap_time: Annotated[
@@ -104,7 +105,7 @@ def start_training(
             max=_LONGEST_LAP_S,
             callback=_a_number,
             metavar="S",
-            help="Stop when each evaluation lap of a checkpoint takes S seconds or less.",
+            help="Stop when each of these laps takes S seconds or less.",
         ),
     ] = None,
     seed: Annotated[
@@ -149,9 +150,10 @@ def start_training(
     With --resume-or-start, --max-minutes counts the time of all starts together, and a training
     that SIGTERM or the cloud ends exits 75: it can be resumed.
 
-    --until-lap-time asks for five evaluation laps, or for as many as --until-laps says. Each
-    checkpoint is evaluated once a training episode has completed a lap; until then, evaluations
-    keep to DR_TRAIN_EVAL_SHARE.
+    --until-lap-time asks for five evaluation laps at least, or for as many as --until-laps says.
+    DR_TRAIN_EVAL_LAPS (20) are driven, and all must hold it. A checkpoint that does drives 40 more
+    laps from other starts, of which 38 must hold it, too. Each checkpoint is evaluated once a
+    training episode has completed a lap; until then, evaluations keep to DR_TRAIN_EVAL_SHARE.
 
     Example: dr-start-training --until-laps 3
     """
@@ -312,8 +314,10 @@ def _followed(
 def _end(report: "RunReport", *, as_json: bool) -> int:
     """Say how the training ended, and return its exit code."""
     console.emit(report, None, as_json=as_json)
-    if report.state in ("finished", "stopped", "interrupted"):
+    if report.state in ("stopped", "interrupted") or report.exit_code == 0:
         console.say(views.end_text(report))
+        if commands := views.next_commands(report):
+            console.suggest(commands)
     else:
         console.fail(report.message, report.remedy)
     return WorkerDied.code if report.exit_code is None else report.exit_code

@@ -59,14 +59,18 @@ def update(
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Check whether the settings are right.
+    """Check whether the settings are right, and their tracks are installed.
 
     Every command reads run.env and system.env itself, so there is nothing to reload. Exits 3 when
     a setting is wrong.
 
     Example: dr-update
     """
+    from drcli.base.problems import refuse
+    from drcli.config.track_names import track_problems
+
     loaded = settings()
+    refuse(track_problems(loaded.races))
     names = {place.file for place in loaded.sources.values() if place.line is not None}
     report = Checked(sorted(names), len(loaded.sources), list(loaded.warnings))
     if not quiet:

@@ -53,16 +53,16 @@ def _cars(trials: "CarTrials") -> list[RenderableType]:
         )
         for trial in trials.cars
     ]
-    names = ("car", "laps", "progress", "fastest s", "slowest s")
+    names = ("car", "clean laps", "progress", "fastest s", "slowest s")
     best = next(trial for trial in trials.cars if trial.car == trials.best)
     if not best.laps:
         advice = (
-            f"It completes no lap on {trials.world}; if it learned another track, try that one "
+            f"It drives no clean lap on {trials.world}; if it learned another track, try that one "
             "with --world."
         )
     elif trials.best == trials.present:
-        advice = f"The car of the settings suits it best: DR_SIM_CAR={trials.best}."
+        advice = f"No car suits it better than that of the settings: DR_SIM_CAR={trials.best}."
     else:
-        advice = f"The car that suits it best: write DR_SIM_CAR={trials.best} into run.env."
+        advice = f"The car that suits it better: write DR_SIM_CAR={trials.best} into run.env."
     title = f"Likeliest actions on {trials.world}:"
     return [title, Rows(names, rows, left=("car",)), advice]

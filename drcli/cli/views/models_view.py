@@ -103,7 +103,4 @@ def models(columns: int, found: "ModelList") -> RenderableType:
 
 
 def _checkpoint(entry: "CheckpointEntry | None") -> str:
-    if entry is None:
-        return "-"
-    number = entry.name.partition("_")[0]
-    return number if entry.metric is None else f"{number} ({entry.metric:.4g})"
+    return "-" if entry is None else entry.told

@@ -145,10 +145,10 @@ def _problem(item: "Problem") -> list[RenderableType]:
 
 def _sum(found: "Report") -> str:
     counts = f"{counted(len(found.errors), 'error')}, {counted(len(found.warnings), 'warning')}."
+    if not found.ok and all(item.rule == "V-13" for item in found.errors):
+        return f"{counts} A training can start when the present one has ended."
     if not found.ok:
         return f"{counts} A training would not start."
-    if any(item.rule == "V-13" for item in found.warnings):
-        return f"{counts} A training can start when the present one has ended."
     if found.notes:
         return f"{counts} A training can start with what the notes say."
     return f"{counts} A training can start."

@@ -205,8 +205,13 @@ def cost(report: "StackCost") -> RenderableType:
 
 def stopped(report: "StoppedStack") -> RenderableType:
     """A training that was stopped and removed."""
-    newest = f" Its newest checkpoint, {report.checkpoint}, is whole." if report.checkpoint else ""
-    return Text(f"Removed {report.stack}. The model {report.model} stays in the bucket.{newest}")
+    if not report.checkpoint:
+        return Text(f"Removed {report.stack}. There is no checkpoint of {report.model}.")
+    state = "is whole" if report.whole else "was not checked"
+    return Text(
+        f"Removed {report.stack}. The model {report.model} stays in the bucket. Its newest "
+        f"checkpoint, {report.checkpoint}, {state}."
+    )
 
 
 def content(found: "BucketContent") -> str:

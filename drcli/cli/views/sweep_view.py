@@ -30,7 +30,8 @@ def sweep(report: "SweepReport") -> RenderableType:
         f"{report.most:,.12g} {report.resource if report.most != 1 else report.resource[:-1]} each",
     )
     varied = list(dict.fromkeys(key for trial in report.trials for key in trial.varied))
-    names = ["", "training", *varied, "state", report.resource, "laps", "progress", "lap"]
+    results = ("clean laps", "progress", "mean lap")
+    names = ["", "training", *varied, "state", report.resource, *results]
     rows: list[list[str | Text]] = [
         [
             Text("*" if trial.best else "", style="bold"),
@@ -51,7 +52,10 @@ def sweep(report: "SweepReport") -> RenderableType:
         if trial.state == "failed"
     ]
     if report.best:
-        parts.append(Text(f"* best; its model is {_best(report).model}"))
+        word = "best" if report.ended else "best so far"
+        parts.append(Text(f"* {word}; its model is {_best(report).model}"))
+    elif report.ended:
+        parts.append(Text("None is the best: no training was evaluated."))
     if report.comparison is not None:
         parts.append(Text(f"Comparison: {report.comparison}"))
     return Group(*parts)

@@ -1,5 +1,6 @@
 """How a training looks: a live display, its state, what is said at its start and end."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
@@ -13,7 +14,6 @@ if TYPE_CHECKING:
     from drcli.exchange.training_start import Pretrained
     from drcli.runs.increment import Increment
     from drcli.runs.plan import EndWorkPlan, RunPlan
-    from drcli.runs.spending_report import RequestReport
     from drcli.runs.status import JoinedReport, RunReport, WorkerReport
 
 LIVE_ROWS = 6
@@ -81,7 +81,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     if report.state in ("failed", "interrupted") and report.remedy:
         parts.append(indented(f"Try: {report.remedy}"))
     if report.state in ("starting", "running"):
-        parts += [indented(_worker(worker)) for worker in report.workers]
+        parts += [indented(_worker(worker, ending=report.ending)) for worker in report.workers]
         parts += [indented(_joined(worker)) for worker in report.joined]
         if limits := _limits(report):
             parts.append(indented(limits))
@@ -90,14 +90,16 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     if report.history:
         last = report.history[-1]
         laps = sum(record.full_laps for record in report.history)
+        episodes = sum(record.episodes for record in report.history)
         parts += [
             iterations.table(report.history[-STATUS_ROWS:], 0, columns),
             *iterations.curves(report.history, columns),
             Text(
                 f"{last.total_steps:,} steps in {iterations.clock(report.elapsed_s)}, "
-                f"{last.steps_per_s:.0f} steps/s, {last.real_time_factor:.0f} x real time, "
-                f"{laps} full training laps."
+                f"{last.steps_per_s:.0f} steps/s, {last.real_time_factor:.0f} x real time."
             ),
+            Text(f"{laps:,} of {counted(episodes, 'training episode')} completed a lap."),
+            *(Text(line) for line in [_newest(report)] if line),
             Text(_checkpoints(report)),
             *(Text(line) for line in [_convergence(report)] if line),
             *(Text(line) for line in _milestones(report)),
@@ -105,7 +107,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
         if report.warning:
             parts += [_warning(report), *(indented(f"Try: {each}") for each in report.advice)]
     parts += [Text(line) for line in _failures(report)]
-    lines = (_spent(report), _left(report), _requests(report), _budget(report))
+    lines = (_spent(report), _left(report), str(report.requests or ""), _budget(report))
     parts += [Text(line) for line in lines if line]
     parts += [Text(f"Note: {notes_view.short(text)}") for text in report.notes[-NOTES:]]
     return Group(*parts)
@@ -126,7 +128,7 @@ def _milestones(report: "RunReport") -> list[str]:
     numbers = {each.checkpoint: each for each in report.milestones}
     return [
         f"{', '.join(words[name])}: {name.partition('_')[0]} ({found.laps} of "
-        f"{found.episodes} laps, {found.best_lap_s:.2f} s)"
+        f"{found.episodes} laps clean, best {found.best_lap_s:.2f} s)"
         for name, found in numbers.items()
     ]
 
@@ -151,7 +153,7 @@ def _second(report: "RunReport") -> str:
     last = evaluated[-1]
     return (
         f"On {last.second_world}, checkpoint {last.iteration} drove "
-        f"{iterations.second_evaluation(last)} laps."
+        f"{iterations.second_evaluation(last)}."
     )
 
 
@@ -205,23 +207,6 @@ def _left(report: "RunReport") -> str:
     return f"Left: {', '.join(parts)}." if parts else ""
 
 
-def _requests(report: "RunReport") -> str:
-    """Requests per hour, and what a night of them costs."""
-    made = report.requests
-    if made is None:
-        return ""
-    sent, received = (f"{size / made.hours / 1e6:,.0f} MB" for size in _traffic(made))
-    return (
-        f"Bucket, per hour: {made.puts / made.hours:,.0f} requests that write or list, "
-        f"{made.gets / made.hours:,.0f} that read, {sent} sent, {received} received; a night of "
-        f"10 hours at Amazon's list prices: {made.night_usd:.2f} USD."
-    )
-
-
-def _traffic(made: "RequestReport") -> tuple[int, int]:
-    return made.sent_bytes, made.received_bytes
-
-
 def start_text(plan: "RunPlan") -> str:
     """What will be trained, and from which files and weights."""
     config, inputs = plan.job.config, plan.inputs
@@ -251,8 +236,7 @@ def end_work_text(plan: "EndWorkPlan") -> str:
     config = plan.job.config
     model = f"s3://{config.storage.bucket}/{config.model.prefix}"
     return (
-        f"{model}: {plan.outcome.message} What was left to do at its end is done now: "
-        f"{', '.join(plan.outcome.left)}."
+        f"{model}: {plan.outcome.message} Still to do at its end: {', '.join(plan.outcome.left)}."
     )
 
 
@@ -262,20 +246,40 @@ def increment(step: "Increment") -> RenderableType:
 
 
 def end_text(report: "RunReport") -> str:
-    """How a training ended."""
-    best = f" Best checkpoint: {report.best.name}." if report.best else ""
+    """How a training ended, and how its best checkpoint drives."""
+    evaluated = report.best is not None and report.best.metric is not None
+    best = f" Best checkpoint {_driven(report)}." if evaluated else ""
     return f"{report.message}{best} {report.remedy}".strip()
 
 
-def _worker(worker: "WorkerReport") -> str:
+def next_commands(report: "RunReport") -> list[tuple[str, str]]:
+    """What a racer wants after a training, with the purpose of each command."""
+    if report.best is None or report.state not in ("finished", "stopped"):
+        return []
+    if report.best_laps is not None and report.best_laps.clean:
+        return [
+            ("dr-evaluate", "drive more laps with the best checkpoint"),
+            ("dr-video --checkpoint best", "watch a lap of it"),
+            ("dr-export car --best", "write the archive for the car"),
+        ]
+    return [
+        ("dr-analyze", "see what keeps it from completing a lap"),
+        ("dr-video --checkpoint best", "watch how far its best checkpoint comes"),
+        ("dr-start-training --resume", "train on"),
+    ]
+
+
+def _worker(worker: "WorkerReport", *, ending: bool) -> str:
     """A line about a worker."""
     if worker.pid is None:
         return f"{worker.name}: not started, or left out"
-    state = f"{'alive' if worker.alive else 'DEAD'}, process {worker.pid}"
+    gone = "ended" if ending else "DEAD"
+    state = f"{'alive' if worker.alive else gone}, process {worker.pid}"
     state += f", restarted {worker.restarts} x" if worker.restarts else ""
     health = f" ({worker.health.words(worker.name)})" if worker.health and worker.alive else ""
     host = f" on {worker.host}" if worker.host else ""
-    return f"{worker.name} ({state}){host}: {worker.activity}{health}"
+    activity = "" if ending and not worker.alive else f": {worker.activity}{health}"
+    return f"{worker.name} ({state}){host}{activity}"
 
 
 def _source(pretrained: "Pretrained") -> str:
@@ -354,5 +358,21 @@ def _checkpoints(report: "RunReport") -> str:
     best, last = report.best, report.last
     if best is None or last is None:
         return "No checkpoint yet."
-    metric = f" ({best.metric:.1f})" if best.metric is not None else ""
-    return f"best {best.name}{metric}   last {last.name}"
+    number = last.name.partition("_")[0]
+    if best.metric is None:
+        return f"last {number}, none was evaluated yet"
+    return f"best {_driven(report)}   last {number}"
+
+
+def _driven(report: "RunReport") -> str:
+    """Number of the best checkpoint, and how it drives: its laps, or its score without any."""
+    assert report.best is not None
+    laps = report.best_laps
+    return (report.best if laps is None else replace(report.best, laps=laps.text)).told
+
+
+def _newest(report: "RunReport") -> str:
+    newest = report.newest_laps
+    if newest is None:
+        return ""
+    return f"newest evaluation {newest.checkpoint}: {newest.text}"

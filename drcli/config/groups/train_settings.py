@@ -106,12 +106,22 @@ class TrainSettings(Group, title="Training"):
         False,
         "Read the track and race of the second and all further workers from worker-N.env.",
     )
+    train_eval_laps: int | None = setting(
+        "DR_TRAIN_EVAL_LAPS",
+        None,
+        "Laps that each checkpoint drives in its evaluation during training; if empty, as many as "
+        "DR_TRAIN_MIN_EVAL_TRIALS says.",
+        between=(1, 1000),
+    )
     train_min_eval_trials: int = setting(
-        "DR_TRAIN_MIN_EVAL_TRIALS", 5, "Evaluation episodes per checkpoint during training.", low=0
+        "DR_TRAIN_MIN_EVAL_TRIALS",
+        20,
+        "The same in folders of DeepRacer-for-Cloud, where a file does not set DR_TRAIN_EVAL_LAPS.",
+        low=0,
     )
     train_eval_share: float = setting(
         "DR_TRAIN_EVAL_SHARE",
-        0.1,
+        0.05,
         "Largest share of the time that evaluations may take; evaluations beyond that are skipped.",
         between=(0.001, 1),
     )
@@ -211,7 +221,8 @@ class TrainSettings(Group, title="Training"):
     train_best_model_metric: Literal["progress", "reward", "laptime"] = setting(
         "DR_TRAIN_BEST_MODEL_METRIC",
         "progress",
-        "What decides which checkpoint is best; with equal progress, the faster lap.",
+        "What decides which checkpoint is best: clean laps, then their median time, for progress "
+        "and laptime; the mean reward of its evaluation episodes for reward.",
     )
     train_max_steps_per_iteration: int = setting(
         "DR_TRAIN_MAX_STEPS_PER_ITERATION",
@@ -227,3 +238,9 @@ class TrainSettings(Group, title="Training"):
     train_rtf: float | None = setting(
         "DR_TRAIN_RTF", None, "Speed of the simulated clock.", low=0, ignored=FULL_SPEED
     )
+
+    @property
+    def eval_laps(self) -> int:
+        """Evaluation episodes per checkpoint during training, at least one."""
+        laps = self.train_eval_laps
+        return max(1, self.train_min_eval_trials) if laps is None else laps

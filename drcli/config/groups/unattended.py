@@ -4,6 +4,7 @@ from typing import Literal
 
 from drcli.config.fields import Group, setting
 from drcli.config.unattended_types import (
+    Command,
     MailAddresses,
     MessageEvents,
     Price,
@@ -34,7 +35,7 @@ class InterruptionSettings(Group, title="Interruptions"):
         "Whose notices to watch for: those of the cloud that this machine belongs to, or this one.",
         file="system.env",
     )
-    interruption_command: str = setting(
+    interruption_command: Command = setting(
         "DR_INTERRUPTION_COMMAND",
         "",
         "Program that ends with exit code 0 when this machine is about to be taken away.",

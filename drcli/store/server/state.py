@@ -60,12 +60,12 @@ class ServerState:
             ) from e
         except RecordError as e:
             kept = path.with_name(f"{path.name}.damaged")
-            with suppress(OSError):
+            try:
                 path.replace(kept)
-            notices.warn(
-                f"{path} is damaged: {e}. The local server gets new access keys; the damaged file "
-                f"is kept as {kept}."
-            )
+                where = f"the damaged file is kept as {kept}"
+            except OSError:
+                where = "the damaged file is replaced"
+            notices.warn(f"{path} is damaged: {e}. The local server gets new access keys; {where}.")
             return None
 
     def write(self, path: Path) -> None:

@@ -39,8 +39,12 @@ export function workerCards(runId, signal) {
         if (worker.name.startsWith("sim-"))
           found.set(worker.name, {
             place: "here",
-            activity: worker.alive ? worker.activity : "does not run; it is started again",
-            alive: worker.alive,
+            activity: worker.alive
+              ? worker.activity
+              : run.ending
+                ? "has ended"
+                : "does not run; it is started again",
+            alive: worker.alive || run.ending,
             world: run.world,
             restarts: worker.restarts,
             memory: worker.health?.memory_mb,

@@ -47,7 +47,7 @@ const STOP = [
   ["DR_TRAIN_STOP_LAP_TIME", "Mean lap time of evaluations, s"],
   ["DR_MAX_COST", "Cost, USD"],
   ["DR_SPOT_PRICE", "Price of this machine, USD per hour"],
-  ["DR_TRAIN_MIN_EVAL_TRIALS", "Evaluation laps per checkpoint"],
+  ["DR_TRAIN_EVAL_LAPS", "Evaluation laps per checkpoint"],
 ];
 
 export async function show(main, params, { signal, query }) {

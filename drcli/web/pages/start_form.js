@@ -92,7 +92,7 @@ export function startSteps({ unsaved, lead }, signal) {
           h(
             "p",
             { class: "help" },
-            "Ends when a checkpoint completes all its evaluation laps, this many or more.",
+            "Ends when all evaluation laps of a checkpoint are clean, this many or more, and then 38 of 40 from other starts.",
           ),
         ),
         h(
@@ -103,7 +103,7 @@ export function startSteps({ unsaved, lead }, signal) {
           h(
             "p",
             { class: "help" },
-            "Ends when each evaluation lap of a checkpoint takes this many seconds or less: five laps, or as many as stand beside.",
+            "Ends when each of these laps takes this many seconds or less.",
           ),
         ),
         h(

@@ -21,19 +21,12 @@ from memory_bucket import MemoryBucket
 REWARD = "def reward_function(params):\n    return float(params['speed'])\n"
 
 
-class ProbedBucket(MemoryBucket):
-    """Can be asked whether it answers, as the real one."""
-
-    def probe(self, folder: str) -> None:
-        """It always does."""
-
-
 class Folder:
     """The racer's files, with the values that a test changes."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.bucket = ProbedBucket()
+        self.bucket = MemoryBucket()
         (path / "custom_files").mkdir()
         (path / "system.env").write_text("DR_CLOUD=local\n")
         self.settings()

@@ -1,6 +1,7 @@
 """Every rule on a folder that keeps it, and on one that breaks it."""
 
 import re
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -9,12 +10,18 @@ from typing import Any
 
 import pytest
 
-from drcli.base.errors import SettingsError, StorageError
+from drcli.base.errors import DrError, SettingsError, StorageError
+from drcli.base.problems import ProblemsError
+from drcli.config.loading import load_settings
+from drcli.exchange.daily_spending import DaySpending, day_of, write_day
+from drcli.exchange.run_record import run_folder
 from drcli.formats.reference_checkpoint import refuse_other_networks
 from drcli.learn.policy import PolicySpec
+from drcli.runs.plan import StartOptions, prepare
 from drcli.store import lease
 from drcli.store.bucket import ObjectInfo
 from drcli.store.keys import TEST_FOLDER
+from own_run import own_run
 
 Spoil = Callable[[Any], object]
 """Changes a folder."""
@@ -135,8 +142,22 @@ CASES = (
         "V-05",
         lambda f: f.settings(DR_WORLD_NAME="reinvent_base_cw"),
         lambda f: f.settings(DR_WORLD_NAME="reInvent2019_track"),
-        "note",
+        "error",
         ("run.env line 1", "a community track", "`dr-tracks fetch reInvent2019_track`"),
+    ),
+    Case(
+        "V-05",
+        lambda f: f.settings(DR_TRAIN_EVAL_WORLD="reinvent_base"),
+        lambda f: f.settings(DR_TRAIN_EVAL_WORLD="LGSWide"),
+        "error",
+        ("run.env line 3", "DR_TRAIN_EVAL_WORLD=LGSWide is a community track"),
+    ),
+    Case(
+        "V-05",
+        lambda f: f.settings(DR_TRACKS_FETCH="always"),
+        lambda f: f.settings(DR_TRACKS_FETCH="always", DR_TRAIN_EVAL_WORLD="LGSWide"),
+        "note",
+        ("run.env line 4", "DR_TRAIN_EVAL_WORLD=LGSWide is a community track"),
     ),
     Case(
         "V-06",
@@ -205,8 +226,29 @@ CASES = (
         "V-13",
         lambda f: lease.take(f.bucket, "model-2", "abc"),
         lambda f: lease.take(f.bucket, "model-1", "abc"),
-        "warning",
+        "error",
         ("s3://bucket/model-1", "is being trained by process"),
+    ),
+    Case(
+        "V-13",
+        lambda f: own_run().write(run_folder(f.path, 1)),
+        lambda f: own_run().write(run_folder(f.path, 0)),
+        "error",
+        ("Run 0 is training s3://bucket/model-1", "dr-stop-training"),
+    ),
+    Case(
+        "V-12",
+        lambda f: spend(f, 1.0),
+        lambda f: spend(f, 3.0),
+        "error",
+        ("run.env line 3", "3.00 machine hours", "next day"),
+    ),
+    Case(
+        "V-12",
+        lambda f: f.settings(DR_INTERRUPTION_COMMAND="\"sh -c 'wait'\""),
+        lambda f: f.settings(DR_INTERRUPTION_COMMAND='"sh -c \'wait"'),
+        "error",
+        ("run.env line 3", "No closing quotation", "Close every quotation mark"),
     ),
     Case(
         "V-20",
@@ -465,6 +507,13 @@ CASES = (
         ("line 2", "lr=0.5", "above 0.001"),
     ),
     Case(
+        "V-41",
+        lambda f: sac(f, num_episodes_between_training=1, num_epochs=1),
+        lambda f: f.hyperparameters(num_episodes_between_training=1),
+        "warning",
+        ("num_episodes_between_training=1 gives the trainer little", "Write 20."),
+    ),
+    Case(
         "V-42",
         lambda f: (f.settings(DR_WORKERS=2), f.hyperparameters(num_episodes_between_training=40)),
         lambda f: (f.settings(DR_WORKERS=2), f.hyperparameters(num_episodes_between_training=20)),
@@ -560,6 +609,12 @@ CASES = (
 )
 
 
+def spend(folder, hours):
+    """Train for so many hours today; the budget has two."""
+    folder.settings(DR_DAILY_BUDGET_HOURS=2)
+    write_day(folder.path, day_of(time.time()), "abc", DaySpending(hours))
+
+
 def pretrain(folder, prefix):
     """Start from another model's weights."""
     folder.settings(DR_LOCAL_S3_PRETRAINED=True, DR_LOCAL_S3_PRETRAINED_PREFIX=prefix)
@@ -640,7 +695,7 @@ class _Any(str):
 
 def late(folder):
     """A listing of a server whose clock is 20 minutes late; nothing lies where models go."""
-    if not folder.endswith(f"{TEST_FOLDER}/"):
+    if TEST_FOLDER not in folder:
         return []
     return [ObjectInfo(_Any(), 5, "", datetime.now(UTC) - timedelta(minutes=20))]
 
@@ -663,6 +718,41 @@ def test_a_folder_that_breaks_a_rule_is_told_where_and_what_to_do(folder, case):
     told = [f"{item.where} {item.message} {item.remedy}" for item in breaches]
     assert case.severity in {item.severity for item in breaches}
     assert [text for text in told if all(word in text for word in case.words)], told
+
+
+@pytest.mark.parametrize(
+    "case",
+    [case for case in CASES if case.severity != "note" and not case.console],
+    ids=lambda case: f"{case.rule}-{case.severity}",
+)
+def test_a_start_stops_at_what_is_an_error_and_at_nothing_else(folder, case, monkeypatch):
+    monkeypatch.setattr("drcli.runs.plan.open_bucket", lambda *_, **__: folder.bucket)
+    case.spoil(folder)
+    ok = folder.report().ok
+
+    try:
+        prepare(load_settings(folder.path, environ={}), StartOptions())
+        starts = True
+    except DrError:
+        starts = False
+
+    assert starts == ok == (case.severity != "error")
+
+
+def test_a_folder_whose_stages_hide_what_is_wrong_does_not_start_either(folder, monkeypatch):
+    monkeypatch.setattr("drcli.runs.plan.open_bucket", lambda *_, **__: folder.bucket)
+    folder.settings(DR_CURRICULUM_FILE="stages.yaml", DR_RACE_TYPE="HEAD_TO_MODEL")
+    folder.hyperparameters(lr=1)
+    stages = "stages:\n- {name: one, hyperparameters: {lr: 0.001}, goal: {iterations: 3}, "
+    stages += "settings: {DR_RACE_TYPE: TIME_TRIAL}}\n- {name: two, hyperparameters: {lr: 0.001}, "
+    stages += "settings: {DR_RACE_TYPE: TIME_TRIAL}}\n"
+    folder.write("../stages.yaml", stages)
+    told = [error.rule for error in folder.report().errors]
+
+    with pytest.raises(ProblemsError) as refusal:
+        prepare(load_settings(folder.path, environ={}), StartOptions())
+
+    assert told == [error.rule for error in refusal.value.errors] == ["V-41"]
 
 
 def test_every_documented_rule_is_tried_here_but_those_that_have_tests_of_their_own():

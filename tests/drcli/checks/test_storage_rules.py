@@ -1,5 +1,8 @@
 """Rule V-50: a bucket that works, and one that does not."""
 
+import pytest
+
+from drcli.base.errors import StorageError
 from drcli.checks.storage_rules import probe
 from memory_bucket import MemoryBucket
 
@@ -18,8 +21,10 @@ def test_a_bucket_that_works_is_left_empty():
     assert bucket.list("") == []
 
 
-def test_a_bucket_that_gives_back_something_else_is_an_error():
-    [found] = probe(ForgetfulBucket(), "model")
+def test_a_bucket_that_gives_back_something_else_is_an_error_and_left_empty():
+    bucket = ForgetfulBucket()
 
-    assert (found.rule, found.severity) == ("V-50", "error")
-    assert "does not correctly return" in found.message
+    with pytest.raises(StorageError, match="does not correctly return"):
+        probe(bucket, "model")
+
+    assert bucket.list("") == []

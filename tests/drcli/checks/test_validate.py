@@ -156,15 +156,15 @@ def test_no_reward_function_is_too_bad_to_report(folder, content):
     assert all(item.where.startswith("custom_files/reward_function.py") for item in report.errors)
 
 
-def test_a_training_that_goes_on_is_told_and_its_model_is_no_error(folder):
+def test_a_training_that_goes_on_keeps_another_from_starting_and_its_model_is_no_error(folder):
     own_run().write(folder.path / "data" / "runs" / "0")
     folder.bucket.put("model-1/reward_function.py", b"")
 
     report = folder.report()
 
-    assert [item.rule for item in report.errors] == []
-    assert [item.rule for item in report.warnings] == ["V-13"]
-    assert "Run 0 is training s3://bucket/model-1" in report.warnings[0].message
+    assert [item.rule for item in (*report.errors, *report.warnings)] == ["V-13"]
+    assert "Run 0 is training s3://bucket/model-1" in report.errors[0].message
+    assert validate(folder.path, environ={}, here=False).ok
 
 
 def test_without_a_run_env_the_rest_is_tried_with_defaults(folder):

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from drcli.config.settings import catalogue
+from drcli.remote.droa_site import PASSWORD_VARIABLE
 
 
 @pytest.mark.parametrize("layers", [4, 3, 2, 1, 0])
@@ -116,6 +117,12 @@ def test_names_that_only_the_environment_has_share_one_warning(folder):
         "DR_WORKER (did you mean DR_WORKERS?).",
     )
     assert settings.workers == 1
+
+
+def test_what_commands_read_from_the_environment_is_not_called_without_effect(folder):
+    names = {"DR_CAR_PASSWORD": "a", PASSWORD_VARIABLE: "b", "DR_DEBUG": "1"}
+
+    assert folder.load("", environ=names).warnings == ()
 
 
 def test_the_content_of_a_file_can_be_tried_before_it_is_written(folder):

@@ -89,7 +89,7 @@ def test_a_track_of_the_community_that_is_not_here_can_be_fetched(folder, world)
     (problem,) = track_names.track_problems(settings.races)
 
     name = world.removesuffix(".npy")
-    assert problem.severity == "note"
+    assert problem.severity == "error"
     assert track_names.to_fetch(settings.races) == [name]
     assert f"`dr-tracks fetch {name}`" in problem.remedy
     assert f"`dr-tracks add {name}.npy`" in problem.remedy

@@ -25,7 +25,7 @@ from drcli.exchange.episode_metrics import (
 from drcli.exchange.iteration import decode_history, encode_history
 from drcli.exchange.rollout_manifest import Driving, Manifest, Part
 from drcli.exchange.run_state import ActivityRecord, Lease, TrainingEnd
-from drcli.exchange.scores import EvaluationResult, Score, Scores
+from drcli.exchange.scores import EvaluationEpisodes, EvaluationResult, Score, Scores
 from drcli.exchange.training_start import GitState, Pretrained, TrainingStart
 from iterations import iteration_record
 
@@ -36,11 +36,12 @@ CHECKPOINT = CheckpointRecord(
     counters=Counters(12, 60.0, "fp32", ITERATION, 7, {"hyperparameters.json": "{}"}),
 )
 START = TrainingStart(7, "2026-01-01T00:00:00+00:00", {"DR_TRAIN_SEED": 7})
+EVALUATION = EvaluationEpisodes([50.0, 100.0], [1.0, 2.0], [12.5])
 RECORDS = [
     CHECKPOINT,
     ITERATION,
-    EvaluationResult("4_Step-400.ckpt", [50.0, 100.0], [1.0, 2.0], [12.5]),
-    Scores(Score("3_Step-300.ckpt", 80.0, 1.0, 14_000.0), Score("4_Step-400.ckpt")),
+    EvaluationResult("4_Step-400.ckpt", [50.0, 100.0], [1.0, 2.0], [12.5], confirmation=EVALUATION),
+    Scores(Score("3_Step-300.ckpt", 80.0, 1.0, EVALUATION), Score("4_Step-400.ckpt")),
     Lease("session", "host", 7, 1.0e9, "machine", 3.0, 2, released=True),
     Manifest(3, 1, "3_Step-300.ckpt", "s-7-1", (Part("k", Fingerprint(999, "ab"), 1, 5),)),
     Manifest(3, 1, "3_Step-300.ckpt", "s-7-1", (), Driving(2.5, 3)),
@@ -48,6 +49,7 @@ RECORDS = [
     TrainingEnd("session", "It is over."),
     EpisodeMetrics(6, 2200, 2000, 200, 5, 5, "training", 100, "Lap complete", 3),
     TrialMetrics(100, 2200, 2000, 200, "Lap complete", 0, 0, 0, 0, 0, 1),
+    TrialMetrics(100, 2200, 2000, 200, "Lap complete", 0, 0, 1, 0, 1, 1, 2000, 0.5, 0.1, 2.5, 7),
     replace(
         START,
         git={"working_folder": None, "package": GitState("abc", dirty=False)},

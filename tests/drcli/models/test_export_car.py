@@ -239,8 +239,8 @@ def test_an_upload_has_both_names_that_scripts_look_for(here, there):
     uploaded = [info.key for info in there.list("")]
     assert uploaded == [
         "race/upload/carfile.tar.gz",
-        "race/upload/model-1-chk5.tar.gz",
-        "race/upload/model-1.tar.gz",
+        "race/upload/team-model-1-chk5.tar.gz",
+        "race/upload/team-model-1.tar.gz",
     ]
     assert {there.get(key) for key in uploaded} == {exported().archive}
     assert sorted(report.files) == [f"s3://uploads/{key}" for key in uploaded]

@@ -34,7 +34,7 @@ def test_the_folder_is_a_model_of_the_reference(dr, exporter, tmp_path, capsys):
     model = put_trained_model(exporter.here, MODEL)
     folder = tmp_path / "out"
 
-    code = dr("export", "tf-checkpoint", "--out", str(folder))
+    code = dr("export", "tf-checkpoint", "-c", "last", "--out", str(folder))
 
     printed = capsys.readouterr().out
     assert code == 0
@@ -78,7 +78,7 @@ def test_without_out_the_folder_is_named_after_the_model(dr, exporter):
 
     assert dr("export", "tf-checkpoint") == 0
 
-    assert files_of(exporter.folder / "model-tf-checkpoint") == FILES
+    assert files_of(exporter.folder / f"{MODEL.replace('/', '-')}-tf-checkpoint") == FILES
 
 
 @pytest.mark.usefixtures("small_checkpoints")
@@ -105,7 +105,7 @@ def test_a_bucket_gets_the_pointers_last(dr, exporter, names, capsys):
 def test_files_at_the_target_are_only_replaced_with_f(dr, exporter, names, capsys, out):
     put_trained_model(exporter.here, MODEL)
     if out == "folder":
-        assert dr("export", "tf-checkpoint", "-b", "--out", out) == 0
+        assert dr("export", "tf-checkpoint", "--out", out) == 0
     else:
         exporter.there.put("a/b/model/9_Step-9.ckpt.index", b"old")
         exporter.there.put(keys.coach_checkpoint("a/b"), b"9_Step-9.ckpt")
@@ -114,7 +114,7 @@ def test_files_at_the_target_are_only_replaced_with_f(dr, exporter, names, capsy
 
     assert refused == 3
     assert "is not empty" in capsys.readouterr().err
-    assert dr("export", "tf-checkpoint", "--out", out, "-f") == 0
+    assert dr("export", "tf-checkpoint", "-c", "last", "--out", out, "-f") == 0
     pointer = (
         (exporter.folder / "folder/model/.coach_checkpoint").read_bytes()
         if out == "folder"

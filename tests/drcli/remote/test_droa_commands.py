@@ -450,12 +450,12 @@ def test_half_a_download_leaves_no_file(droa, fake, capsys):
     assert set(Path().iterdir()) == before
 
 
-def test_a_file_is_not_replaced_without_a_yes(droa, fake, capsys, monkeypatch):
+def test_a_file_is_not_replaced_without_force(droa, fake, capsys):
     fake.add_model("car")
-    monkeypatch.setattr("sys.stdin", io.StringIO("n\n"))
     Path("logs.tar.gz").write_text("mine")
 
-    assert droa("droa-download-logs", "car", "-o", "logs.tar.gz") == 1
+    assert droa("droa-download-logs", "car", "-o", "logs.tar.gz") == 3
+    assert "-f (--force)" in capsys.readouterr().err
     assert Path("logs.tar.gz").read_text() == "mine"
     assert droa("droa-download-logs", "car", "-o", "logs.tar.gz", "-f") == 0
     assert Path("logs.tar.gz").read_bytes() == fake.files["/files/training_logs-car.tar.gz"]

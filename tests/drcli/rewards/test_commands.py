@@ -106,7 +106,7 @@ def test_a_check_says_what_it_tried_and_says_the_same_once(two_worlds, dr, capsy
 def test_a_plot_is_written_and_says_what_it_replaces(racer, dr, capsys):
     Image.new("L", (1, 1)).save(racer / "reward.png")
 
-    code = dr("reward", "plot")
+    code = dr("reward", "plot", "-f")
 
     out = capsys.readouterr().out
     assert code == 0

@@ -161,7 +161,25 @@ def test_other_commands_find_the_count_in_the_folder(meter):
     assert record.usd == pytest.approx(1.0, abs=0.1)
 
 
-def test_the_end_tells_requests_and_what_a_night_of_them_costs(meter, logged):
+@pytest.mark.parametrize(
+    ("hours", "system", "told"),
+    [
+        # 6,000 x 0.005 / 1,000 + 10,000 x 0.0004 / 1,000
+        (1.0, "DR_CLOUD=aws", "requests of a night of 10 hours cost 0.0340 USD"),
+        (
+            1.0,
+            "DR_CLOUD=remote\nDR_REMOTE_MINIO_URL=https://s3.us-east-1.amazonaws.com",
+            "requests of a night of 10 hours cost 0.0340 USD",
+        ),
+        (1.0, "DR_CLOUD=remote\nDR_REMOTE_MINIO_URL=http://nas:9000", ""),
+        (1.0, "DR_CLOUD=local", ""),
+        (1 / 60, "DR_CLOUD=aws", ""),
+    ],
+)
+def test_the_end_tells_requests_and_at_amazon_what_a_night_of_them_costs(
+    meter, tmp_path, logged, hours, system, told
+):
+    (tmp_path / "system.env").write_text(f"{system}\n")
     it = meter()
     counter = RequestCounter()
     for _ in range(600):
@@ -169,10 +187,11 @@ def test_the_end_tells_requests_and_what_a_night_of_them_costs(meter, logged):
     for _ in range(1000):
         counter.add("GetObject")
     CountFile(it.job.folder, "sim-0", "start", counter).write()
-    it.train(1.0)
+    it.train(hours)
 
     it.duty.finish(ending())
 
-    # 6,000 x 0.005 / 1,000 + 10,000 x 0.0004 / 1,000
-    assert "requests of a night of 10 hours cost 0.0340 USD" in logged()
-    assert "600 that write or list, 1,000 that read" in logged()
+    assert told in logged()
+    assert ("USD" in logged()) == bool(told)
+    when = "per hour" if hours == 1.0 else "in 60 s"
+    assert f"{when}: 600 that write or list, 1,000 that read" in logged()

@@ -41,12 +41,10 @@ def test_a_training_starts_with_keys_for_its_own_folders(
 
 
 def test_such_keys_pass_the_checks_and_the_doctor(limited):
-    limited.probe("runs/model-1/")
-
     assert probe(limited, "model-1") == []
     assert try_bucket(limited, FOLDERS, seconds=5).worked == list(FOLDERS)
 
 
 def test_the_folders_of_another_model_stay_refused(limited):
     with pytest.raises(StorageError, match="lack the permission"):
-        limited.probe("runs/model-2/")
+        probe(limited, "model-2")

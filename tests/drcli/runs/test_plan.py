@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError
+from drcli.checks import before_start
 from drcli.exchange.log_places import log_file
 from drcli.exchange.run_record import RunRecord, run_folder
-from drcli.runs import plan, planned_stages, training
+from drcli.runs import plan, training
 from drcli.store import keys, lease
 from own_run import own_run
 
@@ -23,14 +24,14 @@ def during_examination(monkeypatch):
     """Lets something happen while the inputs are examined."""
 
     def happen(what):
-        examine = planned_stages.examine
+        examine = before_start.examine
 
         def slow(*args):
             examined = examine(*args)
             what()
             return examined
 
-        monkeypatch.setattr(planned_stages, "examine", slow)
+        monkeypatch.setattr(before_start, "examine", slow)
 
     return happen
 

@@ -6,9 +6,10 @@ from dataclasses import replace
 import pytest
 
 from drcli.base.errors import SettingsError, TrainedElsewhere
+from drcli.checks import before_start
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_state import Lease
-from drcli.runs import planned_stages, resume_or_start
+from drcli.runs import resume_or_start
 from drcli.runs.plan import EndWorkPlan, RunPlan, StartOptions
 from drcli.runs.resume_or_start import NothingToDo, prepare_next
 from drcli.store import keys, lease
@@ -231,7 +232,7 @@ def test_an_owner_that_lives_here_is_waited_for_or_left_alone(again, racer):
 
 
 def test_another_start_that_was_faster_is_left_alone(again, racer, monkeypatch):
-    examine = planned_stages.examine
+    examine = before_start.examine
 
     def slow(*args):
         examined = examine(*args)
@@ -246,7 +247,7 @@ def test_another_start_that_was_faster_is_left_alone(again, racer, monkeypatch):
         if lease.live_holder(self.bucket, self.prefix) is not None:
             raise Renewed  # the wait has its own tests
 
-    monkeypatch.setattr(planned_stages, "examine", slow)
+    monkeypatch.setattr(before_start, "examine", slow)
     monkeypatch.setattr(resume_or_start.OwnerWait, "until_free", looks)
 
     with pytest.raises(Renewed):

@@ -16,7 +16,9 @@ from drcli.exchange.log_places import log_file
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_record import RunRecord, StopRequest
 from drcli.runs import supervisor
+from drcli.runs.command_process import CommandEnd
 from drcli.runs.duty import Duty
+from drcli.runs.end_of_training import EndOfTraining
 from drcli.runs.journal_reader import read_journal
 from drcli.runs.lease_renewal import Renewal
 from drcli.runs.outcome import Outcome, interrupted
@@ -24,6 +26,7 @@ from drcli.runs.supervisor import Supervisor
 from drcli.store import keys, lease
 from drcli.store.last_outcome import read_outcome
 from memory_bucket import MemoryBucket
+from unwatched import Commands, job_of
 
 STAYS = "import time; time.sleep(60)"
 
@@ -236,13 +239,13 @@ def test_work_at_the_end_is_named_before_it_is_done_and_forgotten_after(run):
 
     class Upload(Ends):
         def finish(self, ending):
-            seen.append(read_outcome(bucket, "model").left)
+            seen.append((read_outcome(bucket, "model").left, RunRecord.read(run.folder).ending))
             super().finish(ending)
 
-    code, _, _ = run(bucket, Upload(None, ("upload",)), script=DONE)
+    code, record, _ = run(bucket, Upload(None, ("upload",)), script=DONE)
 
-    assert code == 0
-    assert seen == [("upload",)]
+    assert (code, record.ending) == (0, False)
+    assert seen == [(("upload",), True)]  # no worker is missed meanwhile
     outcome = read_outcome(bucket, "model")
     assert (outcome.state, outcome.left, outcome.message) == ("finished", (), DONE.message)
 
@@ -265,6 +268,30 @@ def test_only_the_work_that_was_left_is_done_and_no_worker_starts(run):
     assert duty.only == ("upload",)
     outcome = read_outcome(bucket, "model")
     assert (outcome.state, outcome.left, outcome.message) == ("finished", (), "It is over.")
+
+
+@pytest.mark.parametrize("end_work", [("import",), ()])
+def test_work_at_the_end_is_told_when_it_is_done_and_an_error_when_it_failed(
+    run, tmp_path, end_work
+):
+    job = job_of(tmp_path, "DR_DROA_URL=https://d.example.com")
+
+    def at_the_end_of(end):
+        duty = EndOfTraining(job, start=Commands(end))
+        bucket = SlowBucket()
+        code, record, _ = run(bucket, duty, end_work=end_work, script=DONE)
+        return code, record, read_outcome(bucket, "model")
+
+    code, record, outcome = at_the_end_of(CommandEnd(0, {"site": "d.example.com", "model_id": "a"}))
+    assert (code, record.state, outcome.left) == (0, "finished", ())
+    assert record.message.endswith("The import into DeepRacer on AWS is done: d.example.com (a).")
+
+    code, record, outcome = at_the_end_of(CommandEnd(3, reason="It refused the model."))
+    assert (code, record.exit_code, record.state) == (3, 3, "finished")
+    assert record.message.endswith("The import into DeepRacer on AWS failed: It refused the model.")
+    assert "`droa-import-model --best --once`" in record.remedy
+    # The training itself is complete: the next start tries only what is left.
+    assert (outcome.state, outcome.code, outcome.left) == ("finished", 0, ("import",))
 
 
 def test_the_lease_is_renewed_until_the_end(run, monkeypatch):

@@ -107,6 +107,14 @@ def test_stacks_of_others_are_neither_listed_nor_touched(spot):
     cloud.delete_stack(StackName="theirs")
 
 
+def test_no_model_is_said_to_stay_of_a_training_that_made_no_checkpoint(spot, training, amazon):
+    amazon.bucket("models").put("training/m/reward_function.py", b"")
+
+    code, said, _ = spot("delete", "run", "--yes")
+
+    assert (code, said) == (0, "Removed run. There is no checkpoint of training/m.\n")
+
+
 def test_a_training_is_listed_and_deleted_and_its_model_stays(spot, training, amazon):
     bucket = amazon.bucket("models")
     bucket.put("training/m/model/4_Step-40.ckpt.json", b"{}")
@@ -119,7 +127,10 @@ def test_a_training_is_listed_and_deleted_and_its_model_stays(spot, training, am
         ("waiting for a machine", "4_Step-40.ckpt")
     ]
     assert code == 0
-    assert said == "Removed run. The model training/m stays in the bucket.\n"
+    assert said == (
+        "Removed run. The model training/m stays in the bucket. Its newest checkpoint, "
+        "4_Step-40.ckpt, was not checked.\n"
+    )
     assert [info.key for info in bucket.list("")] == ["training/m/model/4_Step-40.ckpt.json"]
 
 

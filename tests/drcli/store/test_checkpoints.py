@@ -1,6 +1,7 @@
 """A reader gets a whole checkpoint or a clear reason, whatever the trainer died of."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -8,9 +9,9 @@ from hypothesis import strategies as st
 
 from drcli.base.errors import StorageError
 from drcli.exchange.checkpoint import CheckpointName, Counters
-from drcli.exchange.scores import EvaluationResult, Score, Scores
+from drcli.exchange.scores import EvaluationEpisodes, EvaluationResult, Score, Scores
 from drcli.store import keys
-from drcli.store.best_checkpoint import forget_scores, tie_break_of
+from drcli.store.best_checkpoint import forget_scores, is_better, is_hopeful, score_of
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import KEEP, CheckpointStore
 from evaluations import evaluated
@@ -276,29 +277,87 @@ def test_the_best_is_the_highest_mean_and_a_tie_goes_to_the_newer(store):
     assert store.best_name() == "3_Step-3.ckpt"
 
 
-def test_between_equal_means_the_tie_break_decides_and_then_the_newer(store):
-    for number in range(4):
-        store.save(number, number, b"weights")
-
-    became_best = [
-        store.record_evaluation(
-            evaluated(f"{number}_Step-{number}.ckpt", 100.0, mean_lap_ms), "progress"
-        )
-        for number, mean_lap_ms in enumerate([15_000.0, 14_000.0, 14_500.0, 14_000.0])
-    ]
-
-    assert became_best == [True, True, False, True]
+def drove(clean: int, of: int, lap_s: float = 8.0, **changes: float) -> EvaluationEpisodes:
+    progress, reward = changes.get("progress", 50.0), changes.get("reward", 1.0)
+    return EvaluationEpisodes(
+        [100.0] * clean + [progress] * (of - clean), [reward] * of, [lap_s] * clean
+    )
 
 
-def test_a_better_mean_wins_whatever_the_tie_break(store):
-    store.save(0, 0, b"weights")
-    store.save(1, 1, b"weights")
-    store.record_evaluation(evaluated("0_Step-0.ckpt", 90.0, 1.0), "progress")
+@pytest.mark.parametrize(
+    ("better", "worse"),
+    [
+        (drove(10, 20, 12.0), drove(9, 20, 8.0)),  # reliable before fast
+        (drove(38, 40), drove(19, 20)),  # the same share, known better
+        (drove(39, 40, 7.9), drove(40, 40, 8.0)),  # reliable enough, so the faster one
+        (drove(0, 20, progress=70.0), drove(0, 20, progress=60.0)),
+        (drove(1, 20, progress=1.0), drove(0, 20, progress=90.0)),
+    ],
+)
+@pytest.mark.parametrize("metric", ["progress", "laptime"])
+def test_the_best_is_surely_clean_most_often_and_then_fast(better, worse, metric):
+    before, after = (
+        score_of(f"{n}_Step-{n}.ckpt", e, metric, 0.0) for n, e in ((0, worse), (1, better))
+    )
 
-    assert store.record_evaluation(evaluated("1_Step-1.ckpt", 91.0, 2.0), "progress")
+    assert is_better(after, before, metric)
+    assert not is_better(before, after, metric)
+    assert is_better(before, before, metric)  # of equal ones, the later
 
 
-def test_the_tie_break_is_still_known_to_the_next_trainer_and_stands_behind_all_else(store, memory):
+def test_of_reliable_checkpoints_the_one_that_holds_the_lap_time_asked_for_is_the_best():
+    def score(*laps: EvaluationEpisodes) -> Score:
+        episodes = laps[0].and_again(laps[1])
+        return score_of("1_Step-1.ckpt", episodes, "progress", 0.0)
+
+    holds = score(drove(40, 40, 7.9), drove(0, 1))
+    mostly = score(drove(22, 22, 7.0), drove(18, 18, 8.1))
+    unsafe = score(drove(36, 40, 7.0), drove(0, 1))
+
+    assert is_better(mostly, holds, "progress")
+    assert is_better(holds, mostly, "progress", most_s=8.0)
+    assert is_better(holds, unsafe, "progress", most_s=8.0)
+    assert is_better(mostly, unsafe, "progress", most_s=7.5)
+
+
+def test_the_reward_decides_where_it_shall_and_laps_between_equal_ones():
+    def score(*args, **changes) -> Score:
+        return score_of("1_Step-1.ckpt", drove(*args, **changes), "reward", 0.0)
+
+    assert is_better(score(0, 5, reward=2.0), score(5, 5, reward=1.0), "reward")
+    assert is_better(score(5, 5, reward=1.0), score(0, 5, reward=1.0), "reward")
+    assert not is_better(score(0, 5, reward=1.0), score(5, 5, reward=1.0), "reward")
+
+
+@pytest.mark.parametrize(
+    ("metric", "metric_of_best", "better", "worse"),
+    [("progress", 80.0, 80.0, 79.0), ("laptime", 9000.0, 9000.0, 9500.0)],
+)
+def test_a_best_of_version_0_1_0_has_only_its_mean(metric, metric_of_best, better, worse):
+    best = Score("0_Step-0.ckpt", metric_of_best)
+
+    assert is_better(Score("1_Step-1.ckpt", better), best, metric)
+    assert not is_better(Score("1_Step-1.ckpt", worse), best, metric)
+
+
+def test_a_checkpoint_is_hopeful_if_it_would_be_the_best_after_driving_as_well_again():
+    best = score_of("0_Step-0.ckpt", drove(38, 40, 8.0), "progress", 0.0)
+    scores = Scores(best, best)
+
+    def hopeful(*args) -> bool:
+        episodes = drove(*args)
+        lists = episodes.progress, episodes.reward, episodes.lap_s
+        return is_hopeful(scores, EvaluationResult("1_Step-1.ckpt", *lists), "progress")
+
+    assert hopeful(19, 20, 8.0)
+    assert not hopeful(19, 20, 8.1)
+    assert not hopeful(18, 20, 7.0)
+    assert not hopeful(0, 20)
+
+
+def test_the_laps_of_the_best_are_still_known_to_the_next_trainer_and_stand_behind_all_else(
+    store, memory
+):
     store.save(0, 0, b"weights")
     store.record_evaluation(evaluated("0_Step-0.ckpt", 100.0, 14_000.0), "progress")
 
@@ -306,27 +365,21 @@ def test_the_tie_break_is_still_known_to_the_next_trainer_and_stands_behind_all_
 
     assert not store.record_evaluation(evaluated("1_Step-1.ckpt", 100.0, 15_000.0), "progress")
     written = json.loads(memory.get(keys.deepracer_checkpoints(PREFIX)))
-    assert list(written) == ["best_checkpoint", "last_checkpoint", "best_tie_break"]
+    assert list(written) == ["best_checkpoint", "last_checkpoint", "best_episodes"]
     fields = ["name", "avg_eval_metric", "time_stamp"]
     assert list(written["best_checkpoint"]) == list(written["last_checkpoint"]) == fields
 
 
-@pytest.mark.parametrize(
-    ("metric", "better", "worse"),
-    [
-        ("progress", ([100.0, 100.0], [14.0, 15.0]), ([100.0, 100.0], [14.0, 16.0])),
-        ("progress", ([100.0, 40.0], [20.0]), ([70.0, 70.0], [])),
-        ("reward", ([100.0, 90.0], [14.0]), ([90.0, 100.0], [15.0])),
-        ("laptime", ([60.0, 70.0], []), ([60.0, 60.0], [])),
-    ],
-)
-def test_ties_of_progress_and_reward_are_broken_by_lap_time_and_those_by_progress(
-    metric, better, worse
-):
-    def result(progress, lap_s) -> EvaluationResult:
-        return EvaluationResult("0_Step-0.ckpt", progress, [0.0] * len(progress), lap_s)
+def test_what_a_checkpoint_drove_again_counts_with_its_evaluation(store, memory):
+    store.save(0, 0, b"weights")
+    lucky = EvaluationResult("0_Step-0.ckpt", [100.0] * 2, [1.0] * 2, [8.0] * 2)
 
-    assert tie_break_of(metric, result(*better)) < tie_break_of(metric, result(*worse))
+    store.record_evaluation(replace(lucky, confirmation=drove(0, 2)), "progress")
+
+    best = Scores.decode(memory.get(keys.deepracer_checkpoints(PREFIX))).best_checkpoint
+    assert best.avg_eval_metric == 75.0
+    assert best.episodes is not None
+    assert str(best.episodes.laps) == "2 of 4 laps clean, median 8.00 s, slowest 8.00 s"
 
 
 def test_forgotten_scores_are_beaten_by_the_next_evaluation(store, memory):

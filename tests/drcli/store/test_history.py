@@ -9,6 +9,7 @@ from drcli.exchange.checkpoint import CheckpointRecord, Counters
 from drcli.store import keys
 from drcli.store.growing_file import list_parts
 from drcli.store.history import REMEMBERED, History, HistoryReader, collapse, read_history
+from evaluations import evaluated
 from iterations import iteration_record
 from memory_bucket import MemoryBucket
 
@@ -69,8 +70,8 @@ def long() -> tuple[MemoryBucket, History]:
 
 def test_a_long_history_is_read_back_while_it_is_written(long):
     bucket, history = long
-    history.add_evaluation(699, [50.0], [])
-    history.add_evaluation(10, [60.0], [])
+    history.add_evaluation(699, evaluated("699_Step-1.ckpt", 50.0))
+    history.add_evaluation(10, evaluated("10_Step-1.ckpt", 60.0))
 
     found = read_history(bucket, "model")
 

@@ -94,7 +94,7 @@ def test_milestones_are_laps_of_the_training_track_whatever_track_decides_about_
 ):
     store = CheckpointStore(memory, PREFIX)
     store.save(0, 0, b"weights")
-    second = SecondEvaluation("oval", [100.0], [1.0], [5.0])
+    second = SecondEvaluation([100.0], [1.0], [5.0], "oval")
 
     store.record_evaluation(replace(result(0, 30.0), second=second), "progress", world)
 

@@ -13,6 +13,7 @@ from botocore.response import StreamingBody
 
 from drcli.base import notices
 from drcli.base.errors import OwnershipLost, StorageError
+from drcli.checks.storage_rules import probe
 from drcli.store import profiles, s3_bucket, s3_errors
 from drcli.store.bucket import ObjectMissing
 from drcli.store.endpoint import Endpoint
@@ -385,14 +386,8 @@ def test_a_large_object_travels_in_parts_and_arrives_whole(wire, monkeypatch):
     assert wire.list("m/")[0].etag.endswith("-3")  # S3 counts the parts there
 
 
-def test_a_probe_leaves_nothing_behind(wire):
-    wire.probe("runs/model/")
-
-    assert wire.list("") == []
-
-
 def test_a_probe_of_a_missing_bucket_names_it(moto_endpoint):
     bucket = S3Bucket(moto_endpoint, "another", patience_s=0)
 
     with pytest.raises(StorageError, match="bucket 'another' does not exist"):
-        bucket.probe("runs/model/")
+        probe(bucket, "model")

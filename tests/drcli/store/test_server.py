@@ -20,6 +20,7 @@ import pytest
 from drcli.base.backoff import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
+from drcli.checks.storage_rules import probe
 from drcli.config.bucket_config import StorageConfig
 from drcli.store.connect import open_bucket
 from drcli.store.endpoint import Endpoint
@@ -47,7 +48,7 @@ def kill(endpoint: Endpoint) -> None:
 
 def test_objects_are_plain_files_in_the_folder_of_the_bucket(local):
     with closing(open_bucket(local)) as bucket:
-        bucket.probe("runs/model/")
+        probe(bucket, "model")
         bucket.put("model/x/y", b"content")
         _, age_s = bucket.get_with_age("model/x/y")
 
@@ -330,7 +331,7 @@ def test_stopping_writes_nothing_where_no_server_ever_was(local):
 
 def test_moto_serves_throw_away_runs_and_does_not_end_by_itself_and_forget_them(local):
     with closing(open_bucket(replace(local, engine="moto"))) as bucket:
-        bucket.probe("runs/model/")
+        probe(bucket, "model")
 
     assert json.loads((local.data_dir / ".server.json").read_text())["watcher"] is None
 

@@ -1,7 +1,7 @@
 """How well a training drives at an amount of its budget, and which one is best."""
 
 from drcli.exchange.sweep_record import TrialRecord, TrialScore
-from drcli.sweeps.trial_score import amount_of, best_of, rank, score_of, until
+from drcli.sweeps.trial_score import amount_of, best_of, number_of, rank, score_of, until
 from iterations import iteration_record
 
 
@@ -41,6 +41,21 @@ def test_a_complete_evaluation_beats_a_faster_incomplete_one():
     assert (score.checkpoint, score.laps, score.episodes, score.lap_s) == (2, 2, 2, 9.5)
 
 
+def test_laps_that_a_checkpoint_drove_again_count_with_its_evaluation():
+    lucky = record(
+        1,
+        evaluation_progress=[100.0] * 2,
+        evaluation_lap_s=[7.0] * 2,
+        confirmation_progress=[100.0, 20.0, 20.0, 20.0],
+        confirmation_lap_s=[9.0],
+    )
+    score = score_of([lucky], "lap_time")
+
+    assert (score.laps, score.episodes, score.progress, score.lap_s) == (3, 6, 60.0, 7.0)
+    assert rank(score, "lap_time") < rank(score_of(HISTORY, "lap_time"), "lap_time")
+    assert number_of(score, "lap_time") < number_of(score_of(HISTORY, "lap_time"), "lap_time")
+
+
 def test_without_evaluations_the_training_episodes_count():
     assert score_of(HISTORY[:1], "lap_time") == TrialScore(progress=20.0, reward=1.5)
     assert score_of([], "lap_time") is None
@@ -54,6 +69,13 @@ def test_the_reward_is_averaged_over_iterations():
 
 def trial(name, score):
     return TrialRecord(name, name, 0, score=score)
+
+
+def test_none_is_the_best_before_one_was_evaluated_unless_rewards_count():
+    trials = [trial("a", TrialScore(progress=3.0, reward=1.0)), trial("b", None)]
+
+    assert [best_of(trials, metric) for metric in ("lap_time", "progress")] == ["", ""]
+    assert best_of(trials, "reward") == "a"
 
 
 def test_each_metric_has_its_own_best():

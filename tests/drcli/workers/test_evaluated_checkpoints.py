@@ -4,8 +4,11 @@ from dataclasses import replace
 
 import pytest
 
+from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import read_history
 from drcli.workers import sim
+from drcli.workers.driving import Driver
+from drcli.workers.sim import SimWorker
 from training_in_memory import PREFIX, TrainingInMemory
 
 ITERATIONS = 4
@@ -41,3 +44,43 @@ def test_fast_laps_are_looked_for_from_the_first_training_lap_on(
     history = read_history(training.bucket, PREFIX)
     assert len(history) == ITERATIONS
     assert [r.iteration for r in history if r.evaluation_progress] == evaluated
+
+
+def test_a_checkpoint_that_completes_its_laps_by_luck_does_not_end_the_training(
+    working_folder, monkeypatch
+):
+    clean = {0: 2, 1: 1, 2: 2, 3: 2}  # of two laps of each checkpoint; another may be on its way
+    clean_again = {2: 37, 3: 38}  # of forty others
+    training = TrainingInMemory(working_folder, monkeypatch, DR_TRAIN_EVAL_LAPS=2)
+    iterate, drive, driving, starts = SimWorker._iterate, Driver.drive, [], []
+
+    def noted(worker, iteration, name):
+        driving.append(name.number)
+        iterate(worker, iteration, name)
+
+    def lucky(driver, plans, on_episode, *args):
+        laps = clean.get(driving[-1], 0)
+        if all(plan.phase == "evaluation" for plan in plans):
+            laps = clean_again.get(driving[-1], 0)
+            starts.append({(plan.start_fraction, plan.offset_m, plan.angle_deg) for plan in plans})
+
+        def end(episode):
+            nonlocal laps
+            if episode.phase == "evaluation" and laps:
+                laps -= 1
+                episode.rows[-1] = replace(episode.rows[-1], status="lap_complete", progress=100.0)
+            on_episode(episode)
+
+        drive(driver, plans, end, *args)
+
+    monkeypatch.setattr(SimWorker, "_iterate", noted)
+    monkeypatch.setattr(Driver, "drive", lucky)
+
+    training.train(until_laps=2)
+
+    history = read_history(training.bucket, PREFIX)[:4]
+    assert [len(r.evaluation_progress) for r in history] == [2, 2, 2, 2]
+    assert [len(r.confirmation_lap_s) for r in history] == [0, 0, 37, 38]
+    assert [len(r.confirmation_progress) for r in history] == [40, 2, 40, 40]  # 1 may be the best
+    assert len(set.union(*starts)) == 122  # no start is driven twice
+    assert CheckpointStore(training.bucket, PREFIX).best_name() == history[3].checkpoint

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -155,3 +156,13 @@ def test_as_many_trials_as_wanted_are_driven_with_ones_own_reward_only_on_reques
     assert (7.25 in rewards) == own
     recorded = RaceRecording.decode(racer.bucket.get(entry.recording))
     assert [len(each.poses[0]) for each in recorded.episodes] == [2] * 4
+
+    fresh = evaluate(job, lifeline, [entry], threads=1, fresh_laps=3)
+    others = evaluate(replace(job, seed=4), lifeline, [entry], threads=1, fresh_laps=3)
+
+    assert [len(trials) for trials in fresh.racers] == [3]
+    starts = [trial.start_position for trial in fresh.racers[0]]
+    assert [int(3 * start) for start in starts] == [0, 1, 2]
+    assert starts != [trial.start_position for trial in others.racers[0]]
+    assert {trial.start_position for trial in found.racers[0]} == {0.0}
+    assert all(not trial.reset_count and trial.end_waypoint for trial in fresh.racers[0])

@@ -41,19 +41,20 @@ def test_everything_that_ends_a_training_is_in_the_line(told):
     )
 
     assert text == (
-        "Ends once a checkpoint completes all its evaluation laps, at least 3 (--until-laps), or "
+        "Ends once a checkpoint completes all its evaluation laps, at least 3, and then 38 of 40 "
+        "laps from other starts are as good (--until-laps), or "
         "after 30 minutes (DR_TRAIN_MAX_MINUTES), or after 50 iterations "
         "(DR_TRAIN_MAX_ITERATIONS), or at a mean reward of 400 over 100 episodes "
-        "(DR_TRAIN_STOP_MEAN_SCORE), or at 99 % of mean progress in 3 evaluations in a row "
-        "(DR_TRAIN_STOP_PROGRESS), or with dr-stop-training."
+        "(DR_TRAIN_STOP_MEAN_SCORE), or at 99 % of mean progress in 3 evaluations in a row, "
+        "and on 40 laps from other starts (DR_TRAIN_STOP_PROGRESS), or with dr-stop-training."
     )
 
 
 @pytest.mark.parametrize(("until_laps", "laps"), [(None, 5), (3, 3)])
 def test_a_lap_time_is_told_with_its_number_of_laps(told, until_laps, laps):
     assert told(until_laps=until_laps, lap_time_s=8.0).startswith(
-        f"Ends once each evaluation lap of a checkpoint, at least {laps}, takes 8 s or less "
-        "(--until-lap-time), or after"
+        f"Ends once each evaluation lap of a checkpoint, at least {laps}, takes 8 s or less, "
+        "and then 38 of 40 laps from other starts are as good (--until-lap-time), or after"
     )
 
 

@@ -1,5 +1,6 @@
 """When a training ends, and how a collapsed one is told."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -93,42 +94,67 @@ def test_a_mean_reward_can_end_the_training(goals):
     assert "DR_TRAIN_STOP_MEAN_SCORE is 350" in limited.reached(good)
 
 
-def test_laps_are_reached_when_every_evaluation_episode_of_a_checkpoint_was_one(goals):
-    limited = goals(until_laps=3)
-    nearly = record(0, evaluation_progress=[100.0] * 4, evaluation_lap_s=[12.0] * 3)
-    all_laps = record(1, evaluation_progress=[100.0] * 4, evaluation_lap_s=[12.0] * 4)
+def driven(iteration: int, *lap_s: float, of: int = 0, again: Sequence[float] = (), **changes):
+    """A checkpoint that completed these laps of its evaluation, and then those laps of 40."""
+    missing, missing_again = max(0, of - len(lap_s)), 40 - len(again)
+    if again:
+        changes["confirmation_progress"] = [100.0] * len(again) + [50.0] * missing_again
+        changes["confirmation_lap_s"] = list(again)
+    progress = [100.0] * len(lap_s) + [90.0] * missing
+    return record(iteration, evaluation_progress=progress, evaluation_lap_s=list(lap_s), **changes)
 
-    assert limited.reached([nearly]) is None
-    assert "all evaluation laps" in limited.reached([nearly, all_laps, record(2)])
+
+def test_laps_are_reached_when_a_checkpoint_completes_them_all_and_38_of_40_others(goals):
+    limited = goals(until_laps=3)
+    laps = [12.0] * 4
+
+    assert limited.reached([driven(1, *laps)]) is None  # it has not driven again yet
+    assert limited.reached([driven(1, *laps, of=5, again=[12.0] * 40)]) is None
+    assert limited.reached([driven(1, *laps[:2], again=[12.0] * 40)]) is None
+    assert limited.reached([driven(1, *laps, again=[12.0] * 37)]) is None
+    assert limited.reached([driven(1, *laps, again=[11.0, *[12.0] * 37]), record(2)]) == (
+        "Training is complete: checkpoint 1 drove 38 of 40 laps clean, median 12.00 s, slowest "
+        "12.00 s, from starts that it had not driven before (--until-laps 3)."
+    )
 
 
 @pytest.mark.parametrize(("until_laps", "laps"), [(None, 5), (3, 3), (8, 8)])
-def test_a_lap_time_is_reached_when_the_slowest_of_enough_laps_is_fast_enough(
+def test_a_lap_time_is_reached_when_all_laps_and_38_of_40_others_are_fast_enough(
     goals, until_laps, laps
 ):
     limited = goals(until_laps=until_laps, job_changes={"until_lap_time_s": 8.0})
 
-    def after(*times):
-        full = [100.0] * len(times)
-        return limited.reached([record(0, evaluation_progress=full, evaluation_lap_s=list(times))])
+    def after(*times: float, again: Sequence[float] = [7.0] * 40) -> str | None:
+        return limited.reached([driven(0, *times, again=again)])
 
     assert after(*[7.0] * (laps - 1)) is None
     assert after(*[7.0] * (laps - 1), 8.1) is None
-    assert "each in 8 s or less" in after(*[7.0] * (laps - 1), 8.0)
+    assert after(*[7.0] * (laps - 1), 8.0, again=[7.0] * 37 + [8.1]) is None
+    assert "38 of 40 laps clean, median 7.00 s, slowest 8.00 s, from starts" in after(
+        *[7.0] * (laps - 1), 8.0, again=[7.0] * 37 + [8.0]
+    )
+    assert "39 of 40 laps clean, median 7.00 s, slowest 8.10 s, 38 of them in 8 s or less" in after(
+        *[7.0] * laps, again=[7.0] * 38 + [8.1]
+    )
 
 
-def test_progress_must_be_held_for_some_evaluations_in_a_row(goals):
+def test_progress_must_be_held_for_some_evaluations_in_a_row_and_on_40_other_laps(goals):
     limited = goals("DR_TRAIN_STOP_PROGRESS=95", "DR_TRAIN_STOP_EVALUATIONS=2")
     good, bad = [100.0, 94.0], [100.0, 80.0]
 
-    def after(*evaluations):
+    def after(*evaluations, again: float = 95.0):
+        again_ = {"confirmation_progress": [again] * 40}
         return limited.reached(
-            [record(k, evaluation_progress=list(e)) for k, e in enumerate(evaluations)]
+            [record(k, evaluation_progress=list(e), **again_) for k, e in enumerate(evaluations)]
         )
 
     assert after(good) is None
     assert after(good, bad, good) is None
-    assert "last 2 evaluations reached 97.0 %" in after(bad, good, [], good)
+    assert after(bad, good, [], good, again=94.0) is None
+    assert after(bad, good, [], good) == (
+        "Training is complete: checkpoint 3 drove 0 of 40 laps clean, 95.0 % of the lap on "
+        "average, from starts that it had not driven before (DR_TRAIN_STOP_PROGRESS=95)."
+    )
 
 
 def test_a_collapse_is_told_with_the_checkpoint_to_go_back_to():
@@ -221,22 +247,21 @@ def test_the_mean_score_is_taken_over_so_many_episodes_as_are_wanted(goals):  # 
     assert "of the last 40 episodes is 300.0" in limited.reached(records)
 
 
-def test_a_lap_time_ends_the_training_once_every_lap_is_complete(goals):
+def test_a_mean_lap_time_ends_the_training_once_every_lap_is_complete(goals):
     limited = goals("DR_TRAIN_STOP_LAP_TIME=12")
 
-    def after(progress, laps):
-        return limited.reached([record(0, evaluation_progress=progress, evaluation_lap_s=laps)])
+    def after(*times: float, of: int = 0, again: float = 12.0) -> str | None:
+        return limited.reached([driven(0, *times, of=of, again=[again] * 38)])
 
-    assert after([100.0, 90.0], [9.0]) is None
-    assert after([100.0, 100.0], [11.0, 14.0]) is None
-    assert "in 11.50 s on average; DR_TRAIN_STOP_LAP_TIME is 12" in after(
-        [100.0, 100.0], [11.0, 12.0]
-    )
+    assert after(9.0, of=2) is None
+    assert after(11.0, 14.0) is None
+    assert after(11.0, 12.0, again=12.1) is None
+    assert "38 of 40 laps clean, median 12.00 s" in after(11.0, 13.0)
 
 
 def test_how_well_the_car_drives_is_judged_by_the_last_stage_only(goals):
     limited = goals("DR_TRAIN_STOP_PROGRESS=50", "DR_TRAIN_STOP_EVALUATIONS=1", until_laps=1)
-    good = record(0, evaluation_progress=[100.0], evaluation_lap_s=[9.0])
+    good = driven(0, 9.0, again=[9.0] * 40)
 
     assert limited.reached([good], judged=()) is None
     assert limited.reached([good], judged=[good]) is not None

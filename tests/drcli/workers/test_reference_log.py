@@ -89,6 +89,14 @@ def test_an_evaluation_is_read_whether_its_laps_were_completed_or_not(started, l
     )
 
 
+def test_the_true_success_rate_stands_below_the_constant_of_the_format(started, log_guru):
+    told = evaluated(lap(0), lap(1), lap(2, 40.0))
+
+    assert "2 of 3 evaluation episodes completed the lap: success rate 0.67." in told
+    assert told.index("success rate 0.67") > told.rindex("Success rate = 0.0")
+    assert len(log_guru(started() + trained(driven(0)) + told).evaluations) == 1
+
+
 def test_the_log_of_a_worker_that_does_not_evaluate_is_read(started, log_guru):
     reading = log_guru(started("OBJECT_AVOIDANCE") + trained(driven(0), driven(1), worker=1))
 

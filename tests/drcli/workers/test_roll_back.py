@@ -24,7 +24,7 @@ from drcli.store.rollbacks import read_rollbacks
 from drcli.workers.collect_rollouts import Collected, Collector
 from drcli.workers.roll_back import RollbackControl
 from drcli.workers.trainer import learn
-from training_in_memory import PREFIX, ProbedBucket, TrainingInMemory, UntilFailure
+from training_in_memory import PREFIX, CopiedBucket, TrainingInMemory, UntilFailure
 
 ITERATIONS = 5
 SICK = 3
@@ -41,7 +41,7 @@ class Killed(BaseException):
     """Stands for kill -9."""
 
 
-class DyingBucket(ProbedBucket):
+class DyingBucket(CopiedBucket):
     """The process that writes is killed at its n-th write, before or after it has taken effect."""
 
     def __init__(self, fatal: int = 0, *, takes_effect: bool = False) -> None:
@@ -176,7 +176,7 @@ def test_a_rollback_may_be_killed_between_any_two_writes(offline):  # W-32
         assert results(bucket) == expected, f"killed at write {fatal}: {bucket.writes[fatal - 1]}"
 
 
-def copied(bucket: ProbedBucket) -> DyingBucket:
+def copied(bucket: CopiedBucket) -> DyingBucket:
     other = DyingBucket()
     bucket.copy_to(other)
     other.writes.clear()

@@ -1,9 +1,11 @@
 """Evaluations decide which checkpoint is the best, whenever they arrive."""
 
+from typing import Any
+
 import pytest
 
 from drcli.exchange.checkpoint import CheckpointName
-from drcli.exchange.scores import EvaluationResult, SecondEvaluation
+from drcli.exchange.scores import EvaluationEpisodes, EvaluationResult, SecondEvaluation
 from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History
@@ -33,7 +35,12 @@ class Model:
         return Scoring(self.bucket, PREFIX, self.store, self.history, "progress", *args, **options)
 
     def evaluate(
-        self, number: int, progress: float, name: str = "", second: float | None = None
+        self,
+        number: int,
+        progress: float,
+        name: str = "",
+        second: float | None = None,
+        **changes: Any,
     ) -> None:
         result = EvaluationResult(
             checkpoint=name or f"{number}_Step-{100 * number}.ckpt",
@@ -42,7 +49,8 @@ class Model:
             lap_s=[10.0] * 5 if progress == 100.0 else [],
             second=None
             if second is None
-            else SecondEvaluation("oval", [second] * 5, [1.0] * 5, []),
+            else SecondEvaluation([second] * 5, [1.0] * 5, [], "oval"),
+            **changes,
         )
         write_evaluation(self.bucket, PREFIX, number, result)
 
@@ -137,6 +145,21 @@ def test_a_request_to_leave_ends_that_wait(model):
     model.scoring.score(model.newest)
 
     assert model.progress_of(2) == []
+
+
+def test_a_checkpoint_that_drives_again_is_waited_for_but_not_for_ever(model):
+    model.scoring.expect(2, 2)
+    model.evaluate(2, 100.0, confirms=40)
+
+    model.scoring.score(model.newest)
+    assert model.progress_of(2) == []
+    model.scoring.score(CheckpointName(5, 500))
+    assert model.best.startswith("2_")
+
+    model.evaluate(2, 100.0, confirmation=EvaluationEpisodes([100.0] * 40, [1.0] * 40, [10.0] * 39))
+    model.scoring.expect(2, 2)
+    model.scoring.score(model.newest)
+    assert str(model.history.records[2].confirmation).startswith("39 of 40 laps clean")
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """In which stage a training is, and when the next one begins."""  # 001-25, 003-10, 003-11
 
+from dataclasses import replace
+
 import pytest
 
 from drcli.config.loading import load_settings
@@ -27,8 +29,14 @@ def stages(tmp_path):
 
 
 def evaluated(iteration: int, *progress: float, laps=(), **changes):
+    """A checkpoint with this evaluation, which drives 20 times as many laps again as well."""
     return iteration_record(
-        iteration, evaluation_progress=list(progress), evaluation_lap_s=list(laps), **changes
+        iteration,
+        evaluation_progress=list(progress),
+        evaluation_lap_s=list(laps),
+        confirmation_progress=list(progress) * 20,
+        confirmation_lap_s=list(laps) * 20,
+        **changes,
     )
 
 
@@ -60,8 +68,10 @@ def test_all_targets_must_be_reached_by_evaluations_of_the_stage(stages):
     first, second = (evaluated(n, 100.0, 100.0, **good) for n in (10, 12))
     assert over(before, first) is None
     assert over(first, iteration_record(11), second) == (
-        "all evaluation laps are completed, in 11.50 s on average"
+        "checkpoint 12 drove 40 of 40 laps clean, median 11.50 s, slowest 12.00 s, from starts "
+        "that it had not driven before (goal of stage s1)"
     )
+    assert over(first, replace(second, confirmation_progress=[], confirmation_lap_s=[])) is None
     assert over(first, evaluated(11, 100.0, 90.0, laps=(11.0,)), second) is None
     assert over(first, evaluated(12, 100.0, 100.0, laps=(11.0, 20.0))) is None
 
@@ -74,7 +84,8 @@ def test_progress_and_reward_can_be_goals(stages):
 
     assert progress.over(good[:1], BEGUN) is None
     assert progress.over(good, BEGUN) == (
-        "evaluations reach 95.0 % and the mean reward of 100 episodes is 6.0"
+        "checkpoint 11 drove 0 of 20 laps clean, 95.0 % of the lap on average, from starts that it "
+        "had not driven before (goal of stage s1) and the mean reward of 100 episodes is 6.0"
     )
 
 

@@ -57,6 +57,16 @@ def test_status_of_a_failed_run_tells_why_and_exits_0(dr, run, make_report, caps
     assert "NaN at step 3." in capsys.readouterr().out
 
 
+def test_a_worker_that_ended_because_the_run_ends_is_not_a_fault(dr, run, make_report, capsys):
+    run.before = replace(_with_dead_worker(make_report("running", 4)), ending=True)
+
+    code = dr("status")
+
+    shown = capsys.readouterr().out
+    assert (code, "DEAD" in shown) == (0, False)
+    assert "sim-0 (ended, process" in shown
+
+
 def _with_dead_worker(report):
     trainer, sim = report.workers
     return replace(report, workers=[trainer, replace(sim, alive=False)])

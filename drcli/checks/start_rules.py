@@ -1,0 +1,90 @@
+"""What refuses a start before its files and its bucket are read: one list, for every check."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from drcli.base.errors import BudgetUsedUp, DrError
+from drcli.base.problems import Problem, ProblemsError
+from drcli.config.settings import Settings
+from drcli.exchange.daily_spending import budget_of
+from drcli.exchange.run_record import RunRecord, run_folder
+from drcli.store import lease
+from drcli.tracking.open_sinks import check_figures
+
+
+@dataclass(frozen=True)
+class StartRule:
+    """One thing that must hold.
+
+    Attributes:
+        rule: Its number.
+        key: The setting that a problem is reported with.
+        check: Raises DrError if it does not hold.
+        of_machine: Whether it is about this machine, and not about one that trains elsewhere.
+    """
+
+    rule: str
+    key: str
+    check: Callable[[Settings], None]
+    of_machine: bool = True
+
+
+def refuse_second_run(run_id: int, folder: Path) -> None:
+    """Return if no training of this run number is alive on this machine.
+
+    Raises:
+        ModelInUse: One is.
+    """
+    record = RunRecord.read(folder)
+    if record is not None and record.alive:
+        raise lease.ModelInUse(
+            f"Run {run_id} is training s3://{record.bucket}/{record.prefix} already "
+            f"(process {record.pid}).",
+            remedy="Stop it with `dr-stop-training`, or give this one another DR_RUN_ID and "
+            "another DR_LOCAL_S3_MODEL_PREFIX.",
+        )
+
+
+def _trainable(settings: Settings) -> None:
+    if settings.untrainable is not None and not settings.curriculum_file:
+        raise ProblemsError([settings.untrainable])
+
+
+def _free_run(settings: Settings) -> None:
+    refuse_second_run(settings.run_id, run_folder(settings.directory, settings.run_id))
+
+
+def _within_budget(settings: Settings) -> None:
+    budget = budget_of(settings.directory, settings.run.unattended, time.time())
+    if budget.used_up is not None:
+        raise BudgetUsedUp(budget.used_up, remedy=budget.remedy)
+
+
+RULES = (
+    StartRule("V-07", "DR_RACE_TYPE", _trainable, of_machine=False),
+    StartRule("V-13", "DR_RUN_ID", _free_run),
+    StartRule("V-12", "DR_DAILY_BUDGET_HOURS", _within_budget),
+    StartRule("V-12", "DR_TENSORBOARD", lambda settings: check_figures(settings.run.figures)),
+)
+
+
+def refuse_start(settings: Settings) -> None:
+    """Raise the DrError of the first rule that does not hold."""
+    for each in RULES:
+        each.check(settings)
+
+
+def start_problems(settings: Settings, *, here: bool) -> Iterator[Problem]:
+    """An error for each rule that does not hold; without `here`, of those for any machine."""
+    for each in RULES:
+        if each.of_machine and not here:
+            continue
+        try:
+            each.check(settings)
+        except ProblemsError as error:
+            yield from error.problems
+        except DrError as error:
+            place = settings.place(each.key)
+            yield Problem(each.rule, "error", *place, str(error), error.remedy, each.key)
