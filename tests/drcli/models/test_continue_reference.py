@@ -144,7 +144,7 @@ def test_a_new_training_over_it_is_refused_with_the_command_that_continues_it(th
     assert "`dr-start-training --resume`" in caught.value.remedy
 
 
-@pytest.mark.parametrize(("choice", "name"), [("last", NEWEST), ("best", BEST), ("3", LAST)])
+@pytest.mark.parametrize(("choice", "name"), [("last", LAST), ("best", BEST), ("4", NEWEST)])
 def test_another_model_begins_with_its_weights(theirs, choice, name):
     theirs.run_env(
         "DR_LOCAL_S3_MODEL_PREFIX=model-2",
