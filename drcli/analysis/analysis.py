@@ -89,11 +89,14 @@ class AnalysisReport:
         workers: Simulation workers whose steps were read.
         episodes: Training episodes.
         steps: Steps that were read.
-        complete_laps: Training episodes that were complete laps.
+        complete_laps: Training episodes that were complete laps. All of them are clean: a training
+            episode ends where the car breaks a rule.
         best_lap_s: The fastest of them; None without one.
         iterations: The table `Run.iterations`, row by row.
         learner: The table `Run.learner`, row by row.
-        evaluations: Stand-alone evaluations, the oldest first, with their trials.
+        evaluations: Stand-alone evaluations, the oldest first, with their trials. `best_lap_s` and
+            `median_lap_s` are of clean laps; `complete_laps` and `best_finished_s` are of finished
+            ones, which may have resets.
         verdict: kind, sentence and numbers.
         advice: id, title, evidence, numbers, setting and command of each.
         findings: What verdict and advice rest on, by subject; None where too little is known.
@@ -137,12 +140,17 @@ def analyse(run: Run) -> Analysis:
 
 
 def _evaluation(stored: StoredEvaluation) -> dict[str, Any]:
-    trials = stored.trials
-    laps = trials.loc[trials["complete"].astype(bool), "time"]
+    trials, laps = stored.trials, stored.laps
+    finished = trials.loc[trials["complete"].astype(bool), "time"]
     return {
         "stamp": stored.stamp,
         "world": stored.world,
-        "complete_laps": len(laps),
-        "best_lap_s": float(laps.min()) if len(laps) else None,
+        "summary": str(stored),
+        "clean_laps": laps.clean,
+        "best_lap_s": laps.fastest_s,
+        "median_lap_s": laps.median_s,
+        "resets": stored.resets,
+        "complete_laps": len(finished),
+        "best_finished_s": float(finished.min()) if len(finished) else None,
         "trials": rows_of(trials),
     }

@@ -39,7 +39,7 @@ class ComparedRun:
         wall_s: Wall time of all iterations; None if the traces do not tell it.
         machine_hours: Of all starts; None if unknown.
         cost_usd: What they cost; None if unknown.
-        complete_laps: Training episodes that were complete laps.
+        complete_laps: Training episodes that were complete laps; all of them are clean.
         best_lap_s: The fastest; None without one.
         late_iterations: How many of the newest iterations the next four are of.
         late_reward: Mean reward of an episode.
@@ -50,6 +50,10 @@ class ComparedRun:
         goals: For each of GOALS, steps, wall time and money until it was reached.
         curve: For each iteration: steps, wall_s and usd until its end, reward, progress, mean lap
             time (lap_s) and mean progress of its evaluation (eval_progress).
+        evaluated_laps: Laps of the newest evaluation on its own; None without one.
+        evaluated_clean: How many of them are clean: without a reset and without a penalty.
+        evaluated_resets: How often the car was put back in them.
+        evaluated_median_s: Median time of the clean ones; None without one.
     """
 
     model: str
@@ -71,6 +75,10 @@ class ComparedRun:
     first_lap_steps: int | None
     goals: list[dict[str, Any]]
     curve: dict[str, list[float | None]]
+    evaluated_laps: int | None = None
+    evaluated_clean: int | None = None
+    evaluated_resets: int | None = None
+    evaluated_median_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -156,6 +164,7 @@ def _compared(run: Run) -> ComparedRun:
     of_laps = rows["mean_lap_s"].dropna()
     weights = rows.loc[of_laps.index, "complete_laps"]
     count = float(rows["episodes"].sum())
+    newest = run.evaluations[-1] if run.evaluations else None
     return ComparedRun(
         model=run.name,
         origin=run.origin,
@@ -180,6 +189,10 @@ def _compared(run: Run) -> ComparedRun:
         first_lap_steps=None if first is None else _whole(curve["steps"][first]),
         goals=[_goal(curve, goal) for goal in GOALS],
         curve=curve,
+        evaluated_laps=None if newest is None else newest.laps.driven,
+        evaluated_clean=None if newest is None else newest.laps.clean,
+        evaluated_resets=None if newest is None else newest.resets,
+        evaluated_median_s=None if newest is None else newest.laps.median_s,
     )
 
 
@@ -288,7 +301,7 @@ def _sentence(
         told.append(f"drives {word} ({progress.difference:+.1f} % of a lap)")
     if share is not None and share.beyond_chance:
         word = "more" if share.difference > 0 else "fewer"
-        told.append(f"completes {word} laps ({share.difference:+.0f} of 100)")
+        told.append(f"drives {word} clean laps ({share.difference:+.0f} of 100)")
     if laps is not None and laps.beyond_chance:
         word = "slower" if laps.difference > 0 else "faster"
         told.append(f"laps {word} ({laps.difference:+.2f} s)")

@@ -60,12 +60,17 @@ def comparison_rows(report: "Comparison") -> Iterator[ComparisonRow]:
     yield ComparisonRow("steps", "count", [run.steps for run in runs])
     yield ComparisonRow("wall time", "time", [run.wall_s for run in runs])
     yield ComparisonRow("cost", "usd", [run.cost_usd for run in runs])
-    yield ComparisonRow("complete laps", "count", [run.complete_laps for run in runs])
+    yield ComparisonRow("clean laps", "count", [run.complete_laps for run in runs])
     yield ComparisonRow("best lap", "lap", [run.best_lap_s for run in runs])
     yield ComparisonRow("late progress", "percent", [run.late_progress for run in runs])
-    yield ComparisonRow("late laps", "percent", [run.late_lap_share for run in runs])
+    yield ComparisonRow("late clean laps", "percent", [run.late_lap_share for run in runs])
     yield ComparisonRow("late lap time", "lap", [run.late_lap_s for run in runs])
     yield ComparisonRow("late reward", "number", [run.late_reward for run in runs])
+    if any(run.evaluated_laps for run in runs):
+        yield ComparisonRow("evaluation laps", "count", [run.evaluated_laps for run in runs])
+        yield ComparisonRow("of them clean", "count", [run.evaluated_clean for run in runs])
+        yield ComparisonRow("resets", "count", [run.evaluated_resets for run in runs])
+        yield ComparisonRow("median clean lap", "lap", [run.evaluated_median_s for run in runs])
     for place, goal in enumerate(runs[0].goals):
         reached = [run.goals[place]["steps"] for run in runs]
         if any(value is not None for value in reached):
@@ -81,7 +86,7 @@ def interval_rows(pair: "ComparedPair") -> Iterator[IntervalRow]:
     """What differs, as far as it can be told from chance at all."""
     for name, found, unit in (
         ("progress", pair.progress, "%"),
-        ("complete laps", pair.lap_share, "of 100"),
+        ("clean laps", pair.lap_share, "of 100"),
         ("lap time", pair.lap_s, "s"),
         ("reward", pair.reward, ""),
     ):

@@ -6,6 +6,7 @@ import numpy as np
 
 from drcli.analysis.extra import deepracer_logs
 from drcli.analysis.spans import Numbers, spans
+from drcli.exchange.trace import STEP_S
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -95,7 +96,7 @@ def episode_table(steps: "pd.DataFrame") -> "pd.DataFrame":
     """A row for each episode; index unique_episode.
 
     Most numbers are those of deepracer-utils (`AnalysisUtils.simulation_agg`): progress is the
-    greatest of all steps, and time and distance are sums of differences that begin at the `prepare`
+    greatest of all steps, and the distance is a sum of differences that begins at the `prepare`
     row. An episode that has lost this row begins at its first one.
 
     Args:
@@ -128,7 +129,13 @@ def episode_table(steps: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def aggregated(steps: "pd.DataFrame", group: str, *, is_eval: bool = False) -> "pd.DataFrame":
-    """The aggregates of deepracer-utils, a row for each (iteration, `group`), in their order."""
+    """The aggregates of deepracer-utils, a row for each (iteration, `group`), in their order.
+
+    But the time is that of the metrics: it counts the step of the `prepare` row, whose row is
+    stamped at its end. The library begins at that stamp.
+    """
+    import pandas as pd
+
     analysis = deepracer_logs().AnalysisUtils
     names = ["iteration", group, "steps", "x", "y", "speed", "reward", "progress"]
     frame = steps[[*names, "closest_waypoint", "tstamp"]].copy()
@@ -142,4 +149,8 @@ def aggregated(steps: "pd.DataFrame", group: str, *, is_eval: bool = False) -> "
         # An episode whose first row was damaged would begin at the end of the one before.
         status.iloc[first] = "prepare"
     frame["episode_status"] = status
-    return analysis.simulation_agg(frame, secondgroup=group, is_eval=is_eval)
+    found = analysis.simulation_agg(frame, secondgroup=group, is_eval=is_eval)
+    keys = ["iteration", group]
+    prepared = pd.MultiIndex.from_frame(steps.loc[(status == "prepare").to_numpy(), keys])
+    found["time"] += STEP_S * pd.MultiIndex.from_frame(found[keys]).isin(prepared)
+    return found

@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING
 from drcli.analysis.analysis import Analysis, AnalysisReport
 from drcli.analysis.compare_runs import Comparison, compare_runs
 from drcli.base.errors import SettingsError
-from drcli.base.replaceable import HTML_PAGE, refuse_replacing
+from drcli.base.replaceable import refuse_replacing
 
 if TYPE_CHECKING:
     from drcli.analysis.report.picture_section import Picture
     from drcli.analysis.run import Run
 
 
-def check_targets(html: Path | None, png: Path | None) -> None:
+def check_targets(html: Path | None, png: Path | None, *, force: bool = False) -> None:
     """Refuse targets that cannot be written, before anything is read.
 
     Raises:
         SettingsError: The report would replace another file, or the folder of one is missing.
     """
     if html is not None:
-        refuse_replacing(html, HTML_PAGE)
+        refuse_replacing(html, force=force)
     if png is not None and png.exists() and not png.is_dir():
         raise SettingsError(
             f"{png} is a file, so no pictures can be written into it.",
@@ -35,6 +35,8 @@ def write_outputs(
     html: Path | None,
     png: Path | None,
     explained: "Sequence[Picture]" = (),
+    *,
+    force: bool = False,
 ) -> AnalysisReport:
     """Write the report and the pictures that are asked for.
 
@@ -43,6 +45,7 @@ def write_outputs(
         html: The report.
         png: Folder of the pictures.
         explained: For the report: what moves the action.
+        force: Whether existing pictures may be replaced.
 
     Returns:
         The analysis as a record, with the paths of what was written.
@@ -54,7 +57,7 @@ def write_outputs(
     if png is not None:
         from drcli.analysis.stills import write_pngs
 
-        pictures = tuple(str(path) for path in write_pngs(analysis, png))
+        pictures = tuple(str(path) for path in write_pngs(analysis, png, force=force))
     if html is not None:
         from drcli.analysis.report.html_report import write_html
 

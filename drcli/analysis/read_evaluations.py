@@ -1,8 +1,10 @@
 """Reads evaluations that were driven on their own: their traces, or else their metrics."""
 
 import json
+import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -14,12 +16,16 @@ from drcli.analysis.read_traces import COLUMNS, TraceFile, read_traces
 from drcli.analysis.run import StoredEvaluation
 from drcli.analysis.spans import spans
 from drcli.base.errors import DrError
+from drcli.exchange.episode_metrics import is_clean
 from drcli.exchange.trace import VIOLATIONS
 
 if TYPE_CHECKING:
     import pandas as pd
 
-TRIAL_COLUMNS = ("trial", "time", "progress", "complete", "crashed", "off_track", "resets")
+TRIAL_COLUMNS = (
+    *("trial", "time", "progress", "complete", "crashed", "off_track", "resets"),
+    *("clean", "penalty_s", "driven_s", "alone_progress"),
+)
 
 MOST_EVALUATIONS = 50
 """The newest so many are read."""
@@ -66,11 +72,24 @@ def read_evaluations(
     for stamp in stamps:
         of_it = named if stamp == stamps[-1] else None
         evaluation = _from_trace(source, stamp, partial(world_of, named=of_it), problems)
-        if evaluation is None and stamp in metrics:
-            evaluation = _from_metrics(source, stamp, metrics[stamp], of_it, problems)
+        if stamp in metrics:
+            measured = _from_metrics(source, stamp, metrics[stamp], of_it, problems)
+            evaluation = _timed(evaluation, measured) if evaluation else measured
         if evaluation is not None:
             found.append(evaluation)
     return tuple(found)
+
+
+def _timed(traced: StoredEvaluation, measured: StoredEvaluation | None) -> StoredEvaluation:
+    """An evaluation with the times of its metrics, which races count.
+
+    The clock of the reference stamps a row up to 0.03 s beside the end of its step.
+    """
+    if measured is None or len(measured.trials) != len(traced.trials):
+        return traced
+    time_s = measured.trials["time"]
+    driven_s = time_s - traced.trials["penalty_s"]
+    return replace(traced, trials=traced.trials.assign(time=time_s, driven_s=driven_s))
 
 
 def _from_trace(
@@ -105,21 +124,30 @@ def trials_of(steps: "pd.DataFrame") -> "pd.DataFrame":
     status = steps["episode_status"].astype(str).to_numpy()
     done = steps["done"].to_numpy()
     complete = found["complete"].to_numpy().astype(bool)
-    resets = [
-        int(np.isin(status[begin : end + 1], VIOLATIONS).sum())
+    broken = np.isin(status, VIOLATIONS)
+    waited_s = np.where(status == "pause", np.diff(steps["tstamp"], prepend=math.nan), 0.0)
+    progress = steps["progress"].to_numpy(float)
+    resets, penalty_s, alone = [], [], []
+    for begin, end, lap in zip(first, last, complete, strict=True):
+        faults = begin + np.flatnonzero(broken[begin : end + 1])
         # The fault that ended the trial did not put the car back.
-        - int(done[end] and not lap and status[end] in VIOLATIONS)
-        for begin, end, lap in zip(first, last, complete, strict=True)
-    ]
+        resets.append(len(faults) - int(done[end] and not lap and broken[end]))
+        penalty_s.append(float(np.nansum(waited_s[begin : end + 1])))
+        alone.append(float(progress[faults[0] if len(faults) else end]))
+    time_s = found["time"].to_numpy(float)
     return pd.DataFrame(
         {
             "trial": range(1, len(found) + 1),
-            "time": found["time"],
+            "time": time_s,
             "progress": found["progress"],
             "complete": complete,
             "crashed": found["crashed"].astype(int),
             "off_track": found["off_track"].astype(int),
             "resets": resets,
+            "clean": complete & (np.array(resets) == 0) & (np.array(penalty_s) == 0.0),
+            "penalty_s": penalty_s,
+            "driven_s": time_s - penalty_s,
+            "alone_progress": alone,
         }
     )
 
@@ -146,13 +174,20 @@ def _from_metrics(
 
 
 def _trial(number: int, record: Any) -> tuple[Any, ...]:
-    progress = float(record["completion_percentage"])
+    progress, resets = float(record["completion_percentage"]), int(record.get("reset_count", 0))
+    time_s = float(record["elapsed_time_in_milliseconds"]) / 1000.0
+    # Metrics of others tell no penalties, and none tell where the car was put back.
+    penalty_s = record.get("penalty_in_milliseconds", math.nan if resets else 0.0) / 1000.0
     return (
         number,
-        float(record["elapsed_time_in_milliseconds"]) / 1000.0,
+        time_s,
         progress,
         progress >= 100.0,
         int(record.get("crash_count", 0)),
         int(record.get("off_track_count", 0)),
-        int(record.get("reset_count", 0)),
+        resets,
+        progress >= 100.0 and is_clean(record),
+        penalty_s,
+        time_s - penalty_s,
+        math.nan if resets else progress,
     )

@@ -27,5 +27,5 @@ def write_report(path: Path, analysis: "Analysis") -> "AnalysisReport":
     from drcli.analysis.outputs import check_targets, write_outputs
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    check_targets(path, None)
+    check_targets(path, None, force=True)
     return write_outputs(analysis, path, None)

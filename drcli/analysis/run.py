@@ -4,10 +4,12 @@ The names of columns are those of deepracer-utils where it has one, so that race
 and ours speak of the same things.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from drcli.exchange.laps import Laps, lap_time, laps_summary
 from drcli.modelfiles.action_space import ActionSpace
 from drsim.track.track import Track
 
@@ -32,13 +34,50 @@ class StoredEvaluation:
         world: Where it was driven; None if not known.
         steps: Its trace, a row a step, with the columns of `Run.steps` but for `unique_episode`;
             `episode` counts the trials from 0.
-        trials: A row a trial: trial, time (s), progress (%), complete, crashed, off_track, resets.
+        trials: A row a trial: trial, time (s, penalties included), progress (%), complete (as the
+            reference counts it: after resets too), crashed, off_track, resets, clean (a lap without
+            a reset and without a penalty), penalty_s (waited after resets), driven_s (time without
+            it) and alone_progress (%, where the car first broke a rule). The last three are NaN
+            where they are not known: metrics tell no place, and those of others no penalty.
     """
 
     stamp: str
     world: str | None
     steps: "pd.DataFrame"
     trials: "pd.DataFrame"
+
+    @property
+    def laps(self) -> Laps:
+        """Its trials as a sample of laps."""
+        return Laps(len(self.trials), self.trials.loc[self._are("clean"), "time"].tolist())
+
+    @property
+    def resets(self) -> int:
+        """How often the car was put back, in all trials."""
+        return int(self.trials["resets"].sum())
+
+    @property
+    def finished(self) -> int:
+        """Number of finished laps, clean or not."""
+        return int(self._are("complete").sum())
+
+    @property
+    def best(self) -> str:
+        """Time of the fastest clean lap, else of the fastest finished one with its resets."""
+        for kind in ("clean", "complete"):
+            laps = self.trials[self._are(kind)]
+            if len(laps):
+                row = laps.loc[laps["time"].idxmin()]
+                penalty_s = None if math.isnan(row["penalty_s"]) else float(row["penalty_s"])
+                return lap_time(float(row["time"]), penalty_s, int(row["resets"]))
+        return ""
+
+    def __str__(self) -> str:
+        """Such as "2 of 3 laps clean (1 reset), 3 finished, best 7.73 s"."""
+        return laps_summary(self.laps, resets=self.resets, finished=self.finished, best=self.best)
+
+    def _are(self, kind: str) -> "pd.Series[bool]":
+        return self.trials[kind].astype(bool)
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ _COLORS = dict(zip(("--c1", "--c2", "--c3", "--c4", "--c5"), LINES, strict=False
 _OTHER = "#8b949e"
 
 
-def write_pngs(analysis: Analysis, folder: Path) -> tuple[Path, ...]:
+def write_pngs(analysis: Analysis, folder: Path, *, force: bool = False) -> tuple[Path, ...]:
     """Write the pictures of an analysis into a folder, which is made if it does not exist.
 
     Returns:
@@ -42,12 +42,12 @@ def write_pngs(analysis: Analysis, folder: Path) -> tuple[Path, ...]:
         learner.png, without those that would be empty.
 
     Raises:
-        SettingsError: One cannot be written, or would replace a file that is not a picture.
+        SettingsError: One cannot be written, or exists and `force` is not given.
     """
     make_picture_folder(folder)
     pictures = {folder / name: draw for name, draw in _pictures(analysis)}
     for path in pictures:
-        refuse_replacing(path)
+        refuse_replacing(path, force=force)
     for path, draw in pictures.items():
         rewrite(path, draw())
     return tuple(pictures)
@@ -153,7 +153,7 @@ def _draw_ends(ends: EpisodeEnds, title: str) -> bytes:
         axes.set_xticks(range(len(names)), names, rotation=60, ha="right")
         axes.set_title(
             f"Where episodes end, late in the training: {ends.episodes} episodes, "
-            f"{ends.complete} full laps"
+            f"{ends.complete} clean laps"
         )
         axes.set(xlabel="waypoints", ylabel="episodes that end there")
 

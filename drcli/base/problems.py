@@ -155,4 +155,4 @@ def _names(message: str, place: str) -> bool:
 
 
 def _on_one_line(text: str) -> str:
-    return " ".join(text.splitlines())
+    return " ".join(map(str.strip, text.splitlines()))

@@ -1,60 +1,53 @@
-"""Which files a picture, a page or a video may replace: those of its own kind."""
+"""The files that commands write for their users: names that tell models apart; none is replaced."""
 
 import re
 import tempfile
 from pathlib import Path
-from typing import NamedTuple
 
 from drcli.base.errors import SettingsError
-from drcli.base.regular_file import read_regular
 
-_START_BYTES = 256
+_UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
 
 
-class FileKind(NamedTuple):
-    """A kind of file.
+def safe_name(text: str) -> str:
+    """A text, such as the prefix of a model, as part of the name of a file.
 
-    Attributes:
-        name: In a sentence, with its article.
-        start: How its files start.
-        example: An option that chooses another file.
+    All parts of a prefix are in it, so that `anna/m1` and `ben/m1` have files of their own.
     """
-
-    name: str
-    start: re.Pattern[bytes]
-    example: str
+    return _UNSAFE.sub("-", text).strip("-.") or "model"
 
 
-PNG_PICTURE = FileKind("a PNG picture", re.compile(rb"\x89PNG\r\n\x1a\n"), "--out rewards.png")
-HTML_PAGE = FileKind(
-    "an HTML page",
-    re.compile(rb"(\xef\xbb\xbf)?\s*(<!--.*?-->\s*)?<(!doctype html|html)", re.I | re.S),
-    "--html page.html",
-)
-VIDEO = FileKind("a video", re.compile(rb"....ftyp|GIF8", re.S), "--out lap.mp4")
+def refuse_existing(path: Path, *, force: bool) -> None:
+    """Refuse to replace a file that exists, unless `force` (the option -f) is given.
+
+    Raises:
+        SettingsError: It exists, or is not a file.
+    """
+    try:
+        exists, is_file, is_folder = path.exists(), path.is_file(), path.is_dir()
+    except OSError as error:
+        raise _unwritable(path, error.strerror or str(error)) from None
+    if is_folder:
+        raise _unwritable(path, "it is a folder")
+    if exists and not is_file:
+        raise _unwritable(path, "it is not an ordinary file")
+    if exists and not force:
+        raise SettingsError(
+            f"{path} exists already, and is not replaced.",
+            remedy="Name another file, or replace it with -f (--force).",
+        )
 
 
-def refuse_replacing(path: Path, kind: FileKind = PNG_PICTURE) -> None:
-    """Refuse to replace a file of another kind, or to write where no file can be made.
+def refuse_replacing(path: Path, *, force: bool) -> None:
+    """`refuse_existing`, and refuse a place where no file can be made.
 
     Raises:
         SettingsError: It is one of these.
     """
     if not path.parent.is_dir():
         raise _unwritable(path, f"the folder {path.parent} does not exist")
-    try:
-        start = read_regular(path, _START_BYTES)
-    except FileNotFoundError:
-        refuse_new_file(path)
-        return
-    except OSError as error:
-        raise _unwritable(path, error.strerror or str(error)) from None
-    if start and not kind.start.match(start):
-        option = kind.example.partition(" ")[0]
-        raise SettingsError(
-            f"{path} exists and is not {kind.name}, so it is not replaced.",
-            remedy=f"Choose another file with {option}, such as {kind.example}.",
-        )
+    refuse_existing(path, force=force)
+    refuse_new_file(path)
 
 
 def make_picture_folder(folder: Path) -> None:

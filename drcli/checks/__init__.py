@@ -1,1 +1,1 @@
-"""Checks before a start, and the sandbox that tries reward functions."""
+"""Checks before a start."""

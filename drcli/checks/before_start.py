@@ -9,17 +9,16 @@ from drcli.base.problems import Problem
 from drcli.checks.compatibility_rules import review_import
 from drcli.checks.machine_rules import review_disk
 from drcli.checks.parameter_rules import ParametersReview, review_parameters
-from drcli.checks.reward_rules import Source, read_source, review_source
 from drcli.checks.settings_rules import upload_problems
 from drcli.checks.stage_rules import StagesReview
 from drcli.checks.storage_rules import review_prefix, review_pretrained
-from drcli.checks.try_inputs import try_inputs
-from drcli.config.run_config import RaceConfig
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile, Inputs, missing_files
 from drcli.modelfiles.network_shape import Design, weight_problems
 from drcli.models.pretrained import Transfer
+from drcli.rewards.reward_rules import Source, read_source
+from drcli.rewards.try_inputs import try_inputs
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 
@@ -89,14 +88,7 @@ def examine(
     given_up = Event()
     with ThreadPoolExecutor(1) as pool:
         try:
-            tried = reward if source is not None else None
-            train = job.config.train
-            counts = train.reward_on_error == "count"
-            tolerated = train.reward_max_error_share if counts else 0.0
-            races = (*job.config.races, *second_races(job))
-            trying = pool.submit(try_inputs, races, job.directory, tried, given_up, tolerated)
-            if source is not None:
-                found += review_source(source)
+            trying = pool.submit(try_inputs, job.config, job.directory, source, given_up)
             review = review_parameters(
                 files.get(keys.HYPERPARAMETERS_FILE), files.get(keys.MODEL_METADATA_FILE), settings
             )
@@ -110,9 +102,7 @@ def examine(
                 found += wrong
             found += upload_problems(settings)
             found += review_disk(settings.storage, job.directory)
-            known = {(item.rule, item.where) for item in found}  # such as undefined names
-            tried_out = [as_given(item, job) for item in trying.result()]
-            found += [item for item in tried_out if (item.rule, item.where) not in known]
+            found += trying.result()
         finally:
             given_up.set()  # otherwise Ctrl-C, or a bucket that fails, would wait for the sandbox
     return Examined(files, source, review, transfer, found)
@@ -153,21 +143,6 @@ def examine_stages(
     of_stages = (problem for each in examined for problem in each.problems)
     found = [*review.problems, *parameters.problems, *of_stages]
     return replace(examined[0], files=whole, review=parameters, problems=list(dict.fromkeys(found)))
-
-
-def second_races(job: Job) -> list[RaceConfig]:
-    """The race on DR_TRAIN_EVAL_WORLD, if there is one."""
-    race = job.config.second_race(job.config.race())
-    return [] if race is None else [race]
-
-
-def as_given(problem: Problem, job: Job) -> Problem:
-    """A problem with the second track as its author wrote it: it has a setting of its own."""
-    place, name = job.config.eval_world_place, "DR_TRAIN_EVAL_WORLD"
-    if not job.config.train.train_eval_world or (problem.file, problem.line) != tuple(place):
-        return problem
-    text = problem.message.replace("DR_WORLD_NAME", name)
-    return replace(problem, message=text, key=name)
 
 
 def _of_bucket(

@@ -9,19 +9,11 @@ from pathlib import Path
 
 from drcli.base.errors import StorageError
 from drcli.base.problems import Problem, ProblemsError, of_severity
-from drcli.checks.before_start import (
-    Examined,
-    Plans,
-    as_given,
-    examine_stages,
-    second_races,
-)
+from drcli.checks.before_start import Examined, Plans, examine_stages
 from drcli.checks.check_report import Report, Skipped
 from drcli.checks.compatibility_rules import review_actions, review_balance, review_names
 from drcli.checks.machine_rules import review_gpu, review_memory
 from drcli.checks.parameter_rules import review_parameters
-from drcli.checks.reward_rules import read_source, review_source
-from drcli.checks.reward_style import review_style
 from drcli.checks.settings_rules import SettingsReview, review_settings
 from drcli.checks.stage_rules import StagesReview, review_stages
 from drcli.checks.start_rules import start_problems
@@ -31,6 +23,9 @@ from drcli.config.track_names import track_problems
 from drcli.exchange.job import Job
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.modelfiles.custom_files import FILE_RULES, InputFile, find, local_file
+from drcli.rewards.reward_rules import read_source, review_source
+from drcli.rewards.reward_style import review_style
+from drcli.rewards.try_inputs import as_given, races_of
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
@@ -202,14 +197,14 @@ class _Validation:
                 self._skip(BUCKET_RULES[:-1], "The bucket failed in the meantime.")
                 examined = examine_stages(settings, staged, job, files, None, plans)
         configs = [settings.run, *(stage.settings.run for stage in staged.stages)]
-        jobs = [replace(job, config=config) for config in configs]
-        races = [race for each in jobs for race in (*each.config.races, *second_races(each))]
+        races = [race for config in configs for race in races_of(config)]
         to_fetch = {each.where: each for each in track_problems(races) if each.severity == "note"}
         for each in examined.problems:
             if each.rule == "V-09":  # the options of a start say what happens to it
-                each = replace(each, severity="note", message=f"There is a model at {each.where}.")
+                message = each.message.removesuffix(" Exiting.")
+                each = replace(each, severity="note", message=message)
             elif each.rule == "V-05" and each.where in to_fetch:
-                each = as_given(to_fetch[each.where], job)
+                each = as_given(to_fetch[each.where], settings.run)
             self.found.append(each)
         return examined
 

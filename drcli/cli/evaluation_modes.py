@@ -4,9 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import typer
+
 from drcli.cli import console
 from drcli.cli.fetch_tracks import bring_tracks
-from drcli.cli.views import evaluation_tables
+from drcli.cli.views import evaluation_tables, laps_view
 from drcli.exchange.policy_source import PolicySource
 
 if TYPE_CHECKING:
@@ -23,6 +25,8 @@ class Many:
         robust: Whether to drive the grid of disturbances.
         seed: Of all random numbers.
         own: What drives instead of a checkpoint.
+        fresh_laps: How many laps from fresh starts to drive instead of the trials; 0 for none.
+        against: What drives from the same starts, as `Rival.parse` reads it; empty for nothing.
     """
 
     models: list[str]
@@ -30,14 +34,27 @@ class Many:
     robust: bool
     seed: int | None
     own: PolicySource
+    fresh_laps: int = 0
+    against: str = ""
 
 
 def evaluate_many(settings: "Settings", asked: Many, *, quiet: bool, as_json: bool) -> None:
-    """Drive all models on all tracks, and show the table; of a single grid, the grid."""
-    from drcli.base.errors import WorkerDied
-    from drcli.runs.many_evaluations import run_many
-    from drcli.runs.many_evaluations_plan import on_world, prepare_many
+    """Drive all models on all tracks, and show the table; of a single model, what it drove.
 
+    Raises:
+        typer.BadParameter: The other side of a comparison is not named in a way that can be read.
+    """
+    from drcli.base.errors import WorkerDied
+    from drcli.base.problems import BadValue, shown
+    from drcli.runs.many_evaluations import run_many
+    from drcli.runs.many_evaluations_plan import Rival, on_world, prepare_many
+
+    try:
+        rival = Rival.parse(asked.against) if asked.against else None
+    except BadValue as error:
+        raise typer.BadParameter(
+            f"--against {shown(asked.against)} {error.reason}. {error.remedy}"
+        ) from None
     for world in asked.worlds or [settings.world_name]:
         bring_tracks(on_world(settings, world))
     say = _say(quiet=quiet)
@@ -46,6 +63,8 @@ def evaluate_many(settings: "Settings", asked: Many, *, quiet: bool, as_json: bo
         models=asked.models,
         worlds=asked.worlds,
         robust=asked.robust,
+        fresh_laps=asked.fresh_laps,
+        rival=rival,
         seed=asked.seed,
         own=asked.own,
         on_progress=say,
@@ -55,6 +74,10 @@ def evaluate_many(settings: "Settings", asked: Many, *, quiet: bool, as_json: bo
     if asked.robust and len(report.rows) == 1 and report.robust:
         found = report.robust[0]
         console.emit(found, evaluation_tables.robust_grid(found), as_json=as_json)
+        return
+    if len(report.laps) == 1 and not any(row.reason for row in report.rows):
+        sample = report.laps[0]
+        console.emit(sample, laps_view.laps(sample), as_json=as_json)
         return
     console.emit(report, evaluation_tables.models_table(report), as_json=as_json)
     if all(row.reason for row in report.rows):

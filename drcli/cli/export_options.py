@@ -2,8 +2,6 @@
 
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from drcli.cli.options import best_option, checkpoint_choice, checkpoint_option, prefix_option
 
 if TYPE_CHECKING:
@@ -12,7 +10,6 @@ if TYPE_CHECKING:
 ExportBest = Annotated[bool, best_option("Export")]
 ExportNumber = Annotated[str | None, checkpoint_option("Export")]
 ExportPrefix = Annotated[str | None, prefix_option("Export this model instead.")]
-ReplaceFiles = Annotated[bool, typer.Option("-f", "--force", help="Replace files at the target.")]
 
 
 def selection(best: bool, number: str | None, prefix: str | None) -> "Selection":
@@ -23,4 +20,4 @@ def selection(best: bool, number: str | None, prefix: str | None) -> "Selection"
     """
     from drcli.models.export_model import Selection
 
-    return Selection(checkpoint_choice(best, number), prefix)
+    return Selection(checkpoint_choice(best, number, "best"), prefix)

@@ -10,7 +10,7 @@ from drcli.base.problems import ProblemsError
 from drcli.cli import candidates
 
 if TYPE_CHECKING:
-    from drcli.config.checkpoint_words import CheckpointChoice
+    from drcli.config.checkpoint_words import CheckpointChoice, CheckpointWord
 
 
 def _not_a_digit(delimiter: str | None) -> str | None:
@@ -24,6 +24,7 @@ AsJson = Annotated[
     bool, typer.Option("--json", help="Print a JSON object as the last line of stdout.")
 ]
 Force = Annotated[bool, typer.Option("-f", "--force", "--yes", help="Do not ask; answer yes.")]
+Replace = Annotated[bool, typer.Option("-f", "--force", help="Replace a file that exists.")]
 DryRun = Annotated[bool, typer.Option("-d", "--dry-run", help="Only print what would be done.")]
 Keep = Annotated[
     str | None,
@@ -129,8 +130,12 @@ def parsed_checkpoint(text: str | None, option: str = "--checkpoint") -> "Checkp
         raise typer.BadParameter(f"{option} {shown(text)} {error}. {error.remedy}") from error
 
 
-def checkpoint_choice(best: bool, text: str | None) -> "CheckpointChoice":
-    """The checkpoint that -b or -c chooses: the last one without them.
+def checkpoint_choice(
+    best: bool, text: str | None, default: "CheckpointWord" = "last"
+) -> "CheckpointChoice":
+    """The checkpoint that -b or -c chooses.
+
+    Without them, commands of DeepRacer-for-Cloud take the last one, as there, and ours the best.
 
     Raises:
         BadParameter: Both are given, or -c names none.
@@ -140,7 +145,7 @@ def checkpoint_choice(best: bool, text: str | None) -> "CheckpointChoice":
     chosen = parsed_checkpoint(text)
     if chosen is not None:
         return chosen
-    return "best" if best else "last"
+    return "best" if best else default
 
 
 def in_options(

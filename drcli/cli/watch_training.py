@@ -136,7 +136,14 @@ def _reports(config: "RunConfig", stop: threading.Event | None = None) -> "Itera
         stopped = clock.is_set()
         report = inspect(config, reader)
         if last is not None and not report.history:  # the bucket did not answer this time
-            report = replace(report, history=last.history, best=last.best, last=last.last)
+            report = replace(
+                report,
+                history=last.history,
+                best=last.best,
+                last=last.last,
+                best_laps=last.best_laps,
+                newest_laps=last.newest_laps,
+            )
         yield report
         if stopped or (stop is None and is_over(report)):
             return

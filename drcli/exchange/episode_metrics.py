@@ -4,12 +4,19 @@ The formats are the reference simulator's, and analysis tools read them. `iterat
 """
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from drcli.base.json_record import JsonRecord, RecordError, parse_json
-from drcli.exchange.trace import STATUS_LABELS, VIOLATIONS, Episode, Phase, TracedEpisode
+from drcli.exchange.trace import (
+    STATUS_LABELS,
+    STEP_S,
+    VIOLATIONS,
+    Episode,
+    Phase,
+    TracedEpisode,
+)
 
 FILE_VERSION = 2.0
 """Of TrainingMetrics.json. Source: the reference simulator."""
@@ -129,7 +136,16 @@ def most_episodes(records: Sequence[EpisodeMetrics]) -> int:
 class TrialMetrics(JsonRecord):
     """One trial, or one lap of a continuous race. Times are milliseconds of the simulation clock.
 
-    The counts are violations, and `reset_count` says how many of them put the car back.
+    The counts are violations, and `reset_count` says how many of them put the car back. The keys
+    from `penalty_in_milliseconds` on are ours; they are None in files of others and of version
+    0.1.0, and where they are not known.
+
+    Attributes:
+        penalty_in_milliseconds: Waiting for penalties to end, which the elapsed time contains.
+        start_position: Where on the lap it began, as a fraction of the centre line.
+        start_offset_m: How far to the left of the centre line it began.
+        start_angle_deg: How far the car was turned to the left.
+        end_waypoint: Index of the waypoint closest to its end.
     """
 
     completion_percentage: float
@@ -143,6 +159,11 @@ class TrialMetrics(JsonRecord):
     reversed_count: int
     reset_count: int
     trial: int
+    penalty_in_milliseconds: float | None = None
+    start_position: float | None = None
+    start_offset_m: float | None = None
+    start_angle_deg: float | None = None
+    end_waypoint: int | None = None
 
     @staticmethod
     def of(episode: Episode) -> "TrialMetrics":
@@ -167,11 +188,35 @@ class TrialMetrics(JsonRecord):
             reversed_count=reversed_,
             reset_count=crashes + immobilized + off_track + reversed_ - ended_by_violation,
             trial=episode.number + 1,
+            penalty_in_milliseconds=round(1000 * STEP_S * status.count("pause")),
+            end_waypoint=episode.rows[-1].closest_waypoint,
         )
 
+    @property
+    def clean(self) -> bool:
+        """Whether the lap was completed without reset and penalty."""
+        finished = self.episode_status == STATUS_LABELS["lap_complete"]
+        return finished and not self.reset_count and not self.penalty_in_milliseconds
+
     def to_json(self) -> dict[str, Any]:
-        """The record as a JSON object."""
-        return _whole_as_int(super().to_json())
+        """The record as a JSON object, without what is not known."""
+        fields = _whole_as_int(super().to_json())
+        return {name: value for name, value in fields.items() if value is not None}
+
+
+def is_clean(trial: Mapping[str, Any]) -> bool:
+    """Whether a completed lap of a metrics file, maybe of another program, is a clean one."""
+    return not any(trial.get(key) for key in _NOT_CLEAN)
+
+
+_NOT_CLEAN = (
+    "reset_count",
+    "off_track_count",
+    "crash_count",
+    "immobilized_count",
+    "reversed_count",
+    "penalty_in_milliseconds",
+)
 
 
 def encode_metrics_file(trials: Sequence[TrialMetrics]) -> bytes:

@@ -21,6 +21,7 @@ class EvaluationTask:
         stamp: Fourteen digits that name this evaluation among those of the model.
         source: May name a file that drives instead.
         robust: Whether to drive the grid of disturbances instead of the trials of the settings.
+        fresh_laps: How many laps from fresh starts to drive instead; 0 for none.
     """
 
     number: int
@@ -31,6 +32,7 @@ class EvaluationTask:
     stamp: str
     source: PolicySource = field(default_factory=PolicySource)
     robust: bool = False
+    fresh_laps: int = 0
 
     @property
     def outcome_file(self) -> str:

@@ -4,9 +4,9 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +86,8 @@ class Job:
         trainer: How often the trainer was started before, if an earlier process of it may still
             live on another machine: only the one with the highest number may write.
         ends_with: Number of the process whose end interrupts the training; 0 for none.
+        inputs: The racer's files that the start trains with, and its parameter files, by name.
+            Those of the model are the ones that its newest checkpoint was trained with.
     """
 
     config: RunConfig
@@ -110,6 +112,7 @@ class Job:
     ray_trainer: bool = False
     trainer: int | None = None
     ends_with: int = 0
+    inputs: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def wanted_laps(self) -> int:

@@ -6,7 +6,8 @@ completed too, but the car may have been put back on the track, which the refere
 """
 
 import math
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
@@ -79,6 +80,66 @@ class Laps:
         if self.clean:
             words += f", median {self.median_s:.2f} s, slowest {self.slowest_s:.2f} s"
         return words
+
+
+def laps_summary(laps: Laps, *, resets: int, finished: int, best: str) -> str:
+    """Such as "2 of 3 laps clean (1 reset), 3 finished, best 7.73 s".
+
+    Args:
+        laps: The sample.
+        resets: How often the car was put back in all of its laps.
+        finished: How many of them were completed, clean or not.
+        best: Time of the fastest clean lap; without one, that of the fastest finished lap with its
+            resets, as `lap_time` tells it; empty without either.
+    """
+    words = f"{laps.clean} of {laps.driven} {'lap' if laps.driven == 1 else 'laps'} clean"
+    if resets:
+        words += f" ({counted_resets(resets)})"
+    if finished > laps.clean:
+        words += f", {finished} finished"
+    if best:
+        words += f", {'best' if laps.clean else 'the fastest in'} {best}"
+    return words
+
+
+def lap_time(lap_s: float, penalty_s: float | None, resets: int) -> str:
+    """Such as "7.80 s", or "12.80 s = 7.80 driven + 5.00 penalty, 1 reset".
+
+    Args:
+        lap_s: Simulated seconds, penalties included.
+        penalty_s: The penalties among them; None if nobody recorded them.
+        resets: How often the car was put back on the track.
+    """
+    words = f"{lap_s:.2f} s"
+    if penalty_s:
+        words += f" = {lap_s - penalty_s:.2f} driven + {penalty_s:.2f} penalty"
+    return f"{words}, {counted_resets(resets)}" if resets else words
+
+
+def counted_resets(count: int) -> str:
+    """Such as "1 reset"."""
+    return f"{count} reset{'s' * (count != 1)}"
+
+
+def paired_p(differences: Iterable[int]) -> float:
+    """Probability of so large a sum of differences, or a larger one, if each sign were a coin flip.
+
+    This is the exact permutation test for pairs, two-sided. For differences of -1, 0 and 1 it is
+    McNemar's exact test.
+
+    Args:
+        differences: One for each pair, in units that make them whole numbers.
+    """
+    flipped = [difference for difference in differences if difference]
+    chances = {0: 1.0}
+    for difference in flipped:
+        after: defaultdict[int, float] = defaultdict(float)
+        for total, chance in chances.items():
+            after[total + difference] += chance / 2.0
+            after[total - difference] += chance / 2.0
+        chances = after
+    found = abs(sum(flipped))
+    return min(1.0, sum(chance for total, chance in chances.items() if abs(total) >= found))
 
 
 def share_interval(count: int, of: int, z: float = Z_95) -> tuple[float, float]:

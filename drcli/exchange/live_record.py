@@ -333,6 +333,7 @@ class FinishedEpisode:
         reward: Its sum.
         steps: How many.
         ended_s: Unix time of its end.
+        resets: How often the car was put back on the track.
     """
 
     serial: int
@@ -349,6 +350,7 @@ class FinishedEpisode:
     reward: float
     steps: int
     ended_s: float
+    resets: int = 0
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from drcli.base.json_record import JsonRecord, RecordError
+from drcli.exchange.trace import STATUS_LABELS
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ class DrivenLap:
         off_track: How often the car left the track.
         crashes: How often it crashed.
         resets: How often it was put back on the track.
+        penalty_s: Penalties in the time; None if nobody recorded them.
     """
 
     lap_s: float
@@ -61,6 +63,18 @@ class DrivenLap:
     off_track: int = 0
     crashes: int = 0
     resets: int = 0
+    penalty_s: float | None = None
+
+    @property
+    def complete(self) -> bool:
+        """Whether the lap was completed, with or without resets, as the reference counts it."""
+        return self.status == STATUS_LABELS["lap_complete"]
+
+    @property
+    def clean(self) -> bool:
+        """Whether it was completed without reset and penalty."""
+        broken = self.off_track or self.crashes or self.resets or self.penalty_s
+        return self.complete and not broken
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,12 @@ VIOLATIONS = ("crashed", "immobilized", "off_track", "reversed")
 """Status of the step in which a car broke a rule: it is put back, or the episode ends."""
 
 STEP_S = 1.0 / 15.0
-"""Simulated time of one step, seconds."""
+"""Simulated time of one step, seconds.
+
+A row is stamped at the end of its step, and the first row, `prepare`, is the step of the reset. So
+an episode lasts from a step before its first row to its last row: that is the elapsed time of the
+reference's metrics. In a race without a stop, a later lap begins at the last row of the one before.
+"""
 
 Phase = Literal["training", "evaluation"]
 
@@ -269,8 +274,8 @@ def read_csv(data: bytes) -> list[TracedEpisode]:
             reward=sum(row.reward for row in rows),
             progress=rows[-1].progress,
             status=rows[-1].status,
-            clock_s=rows[0].time_s,
-            duration_s=rows[-1].time_s - rows[0].time_s,
+            clock_s=rows[0].time_s - STEP_S,
+            duration_s=rows[-1].time_s - rows[0].time_s + STEP_S,
             wall_s=(rows[0].wall_s, rows[-1].wall_s),
         )
         for number, rows in episodes.items()

@@ -60,7 +60,7 @@ class RecordedStart:
 
 @dataclass(frozen=True)
 class TrainingResults:
-    """What a training has come to.
+    """What a training has come to. Only laps on the track of its newest start are compared.
 
     Attributes:
         iterations: Finished iterations.
@@ -70,16 +70,18 @@ class TrainingResults:
         mean_reward: Of the episodes of the last iteration; None without one.
         mean_progress: Likewise, percent of a lap.
         full_laps: Completed laps of training episodes.
-        evaluated_laps: Completed laps of evaluations during the training.
-        best_lap_s: Fastest of these, simulated seconds.
-        best_training_lap_s: Fastest lap of a training episode.
-        best_progress: Highest mean progress of an evaluation, percent.
+        evaluated_laps: Completed laps of evaluations during the training, all of them clean.
+        best_lap_s: Fastest of these on the track, simulated seconds.
+        best_training_lap_s: Fastest lap of a training episode on the track.
+        best_progress: Highest mean progress of an evaluation on the track, percent.
         best_checkpoint: Name of the best checkpoint.
         best_score: Its score.
         last_checkpoint: Name of the newest one.
         evaluations: Stand-alone evaluations.
         trials: Their trials.
-        best_trial_lap_s: Fastest of their laps.
+        best_trial_lap_s: Fastest of their finished laps on any track, penalties included.
+        clean_trial_lap_s: Fastest of their clean laps by track, whose name is empty where nobody
+            recorded it; None in records of version 0.1.0, which did not ask.
     """
 
     iterations: int = 0
@@ -99,6 +101,17 @@ class TrainingResults:
     evaluations: int = 0
     trials: int = 0
     best_trial_lap_s: float | None = None
+    clean_trial_lap_s: Mapping[str, float] | None = None
+
+    @property
+    def read_evaluations(self) -> int:
+        """How many stand-alone evaluations need not be read again."""
+        return 0 if self.clean_trial_lap_s is None else self.evaluations
+
+    def clean_lap_s(self, world: str) -> float | None:
+        """The fastest clean lap of an evaluation on the track of the training; None without one."""
+        laps = (self.best_lap_s, (self.clean_trial_lap_s or {}).get(world or "?"))
+        return min((lap_s for lap_s in laps if lap_s is not None), default=None)
 
 
 @dataclass(frozen=True)

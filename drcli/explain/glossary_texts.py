@@ -25,6 +25,8 @@ GLOSSARY: Mapping[str, str] = {
     "full speed. It is done once on the car's web page.",
     "centre line": "The line in the middle of the road, given by the waypoints.",
     "checkpoint": "The weights of the network after an iteration, stored as files in the bucket.",
+    "clean lap": "A lap that is completed without a reset and without a penalty. An evaluation "
+    "episode of a training ends at the first violation, so if its lap is completed, it is clean.",
     "clipped PPO": "PPO: the algorithm `clipped_ppo`. It limits how much one iteration may change "
     "the policy, which keeps learning stable.",
     "clone": "A new model that starts with the weights of another one (`dr-increment-training`).",
@@ -53,6 +55,8 @@ GLOSSARY: Mapping[str, str] = {
     "iteration, for SAC the replay buffer.",
     "exploration": "Trying actions that do not look best, to find better ones.",
     "fence": "The check that a process still owns its model before it writes to the bucket.",
+    "finished lap": "A lap that is completed, perhaps after resets, as the reference counts it. "
+    "Its time has the penalties: 12.80 s = 7.80 driven + 5.00 penalty.",
     "frame": "One camera picture, 160 x 120 grey pixels.",
     "frozen graph": "The policy as one file that can only drive (`model.pb`). The physical car "
     "reads "

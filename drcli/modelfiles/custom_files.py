@@ -12,6 +12,9 @@ from drcli.config.example_files import model_file
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
+_ANY_BYTES = "surrogateescape"
+"""A reward function may be in an encoding that only Python finds in its first line."""
+
 FILE_RULES = {
     keys.REWARD_FUNCTION_FILE: "V-02",
     keys.MODEL_METADATA_FILE: "V-03",
@@ -101,6 +104,32 @@ def upload_custom_files(config: CustomFilesConfig, bucket: Bucket, inputs: Input
             bucket.put(places(config)[file.name], file.data)
 
 
+def texts_of(inputs: Inputs) -> dict[str, str]:
+    """The files by name, as `Job.inputs` has them."""
+    files = (inputs.reward, inputs.hyperparameters, inputs.metadata)
+    return {file.name: file.data.decode("utf-8-sig", _ANY_BYTES) for file in files}
+
+
+def write_model_files(
+    bucket: Bucket, prefix: str, files: Mapping[str, str], *, only_missing: bool = False
+) -> None:
+    """Make the files of a start, `Job.inputs`, those of the model; equal ones stay as they are."""
+    own = {
+        keys.REWARD_FUNCTION_FILE: keys.reward_function(prefix),
+        keys.HYPERPARAMETERS_FILE: keys.hyperparameters(prefix),
+        keys.MODEL_METADATA_FILE: keys.model_metadata(prefix),
+    }
+    for name, text in files.items():
+        key, data = own.get(name) or keys.parameter_file(prefix, name), bytes_of(text)
+        if not bucket.exists(key) or not (only_missing or bucket.get(key) == data):
+            bucket.put(key, data)
+
+
+def bytes_of(text: str) -> bytes:
+    """The content of a file in `Job.inputs`."""
+    return text.encode("utf-8", _ANY_BYTES)
+
+
 def _content(path: Path) -> bytes | None:
     """The content of a file; None where it does not exist."""
     try:
@@ -111,5 +140,5 @@ def _content(path: Path) -> bytes | None:
             f"and `chmod u+r {quote(str(path))}`."
         )
         what = f"cannot be read ({e.strerror or e})."
-        rule = FILE_RULES[path.name]
+        rule = FILE_RULES.get(path.name, "V-02")  # a reward function may have any name
         raise ProblemsError([Problem(rule, "error", str(path), None, what, remedy)]) from e

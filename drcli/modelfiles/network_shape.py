@@ -1,13 +1,15 @@
 """Checks whether the weights of one model fit another."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from drcli.base.problems import Problem
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import LIDARS, SINGLE_CAMERAS, ModelMetadata
 from drcli.store import keys
-from drcli.store.bucket import Bucket
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
+from drcli.store.checkpoints import CheckpointStore
 
 
 @dataclass(frozen=True)
@@ -22,23 +24,45 @@ class Design:
     """Their content by name, where they were read from a model."""
 
     @staticmethod
-    def of_model(bucket: Bucket, prefix: str) -> "Design":
-        """The design that a model in the bucket was trained with.
+    def of_checkpoint(bucket: Bucket, prefix: str, name: str) -> "Design":
+        """What a checkpoint was trained with: `own_files`.
 
         Raises:
-            ObjectMissing: One of its files does not exist.
-            ProblemsError: One of them is wrong.
+            ObjectMissing: A file of the model does not exist.
+            ProblemsError: A file is wrong.
         """
-        keys_of_files = keys.model_metadata(prefix), keys.hyperparameters(prefix)
-        metadata, parameters = (bucket.get(key) for key in keys_of_files)
-        origins = [f"{bucket.name}/{key}" for key in keys_of_files]
+        files = own_files(bucket, prefix, name)
+        inputs = {file: data.decode("utf-8-sig") for file, data in files.items()}
+        return Design.of_model(bucket, prefix, inputs)
+
+    @staticmethod
+    def of_model(bucket: Bucket, prefix: str, inputs: Mapping[str, str] | None = None) -> "Design":
+        """What a start trains with: its `Job.inputs`, and the model's file for one that it lacks.
+
+        What an existing checkpoint does with its outputs, `of_checkpoint` knows.
+
+        Raises:
+            ObjectMissing: A file of the model does not exist.
+            ProblemsError: A file is wrong.
+        """
+        files, origins = {}, []
+        for name, key in model_files(prefix).items():
+            own = (inputs or {}).get(name)
+            files[name] = bucket.get(key) if own is None else own.encode()
+            origins.append(f"{bucket.name}/{key}")
+        metadata, parameters = files.values()
         return Design(
             ModelMetadata.from_bytes(metadata, origins[0]),
             Hyperparameters.from_bytes(parameters, origins[1]),
             origins[0],
             origins[1],
-            {keys.MODEL_METADATA_FILE: metadata, keys.HYPERPARAMETERS_FILE: parameters},
+            files,
         )
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """The content of the files by name, as the record of a checkpoint keeps it."""
+        return {name: data.decode("utf-8-sig") for name, data in self.files.items()}
 
     def conflicts(self) -> list[Problem]:
         """Values of the two files that do not fit each other."""
@@ -49,6 +73,33 @@ class Design:
             return []
         place, remedy = self.parameters_origin, "Change one of the two files."
         return [Problem("V-34", "error", place, None, conflict, remedy)]
+
+
+def model_files(prefix: str) -> dict[str, str]:
+    """Keys of the parameter files of a model by their names."""
+    return {
+        keys.MODEL_METADATA_FILE: keys.model_metadata(prefix),
+        keys.HYPERPARAMETERS_FILE: keys.hyperparameters(prefix),
+    }
+
+
+def own_files(bucket: Bucket, prefix: str, checkpoint: str) -> dict[str, bytes]:
+    """The parameter files by name that a checkpoint was trained with, without missing ones.
+
+    Its own record has them. Where it has not, as for TensorFlow's and old checkpoints, those of the
+    model count.
+    """
+    inputs: Mapping[str, str] = {}
+    with suppress(ObjectMissing, ObjectDamaged):
+        inputs = CheckpointStore(bucket, prefix).record(checkpoint).counters.inputs
+    found = {}
+    for name, key in model_files(prefix).items():
+        if name in inputs:
+            found[name] = inputs[name].encode()
+        else:
+            with suppress(ObjectMissing):
+                found[name] = bucket.get(key)
+    return found
 
 
 def weight_problems(trained: Design, wanted: Design, model: str) -> list[Problem]:

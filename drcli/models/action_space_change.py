@@ -15,10 +15,11 @@ from drcli.modelfiles.action_space import ActionSpace
 from drcli.modelfiles.custom_files import local_file
 from drcli.modelfiles.json_file import read_json_object
 from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.modelfiles.network_shape import own_files
 from drcli.models.copy_custom_files import BACKUP, write_file
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing
-from drcli.store.checkpoints import checkpoint_objects
+from drcli.store.bucket import Bucket
+from drcli.store.checkpoints import CheckpointStore, checkpoint_objects
 
 
 @dataclass(frozen=True)
@@ -128,9 +129,10 @@ def trained_with(settings: Settings, bucket: Bucket) -> tuple[int, ActionSpace |
     if not count:
         return 0, None
     try:
-        data = bucket.get(keys.model_metadata(prefix))
+        newest = str(CheckpointStore(bucket, prefix).pointed())
+        data = own_files(bucket, prefix, newest)[keys.MODEL_METADATA_FILE]
         return count, ModelMetadata.from_bytes(data, keys.model_metadata(prefix)).action_space
-    except (ObjectMissing, DrError):
+    except (KeyError, DrError):
         return count, None
 
 

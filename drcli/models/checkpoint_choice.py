@@ -1,16 +1,21 @@
 """Finds the checkpoint of a model that a word or a number chooses, or says what there is."""
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 
+from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.config.checkpoint_words import WORDS, CheckpointChoice, CheckpointWord
-from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
+from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.milestone_record import Milestone, Milestones
 from drcli.exchange.scores import Score, Scores
 from drcli.store import keys
-from drcli.store.bucket import Bucket, Listing
+from drcli.store.best_checkpoint import read_evaluation
+from drcli.store.bucket import Bucket, Listing, ObjectDamaged, ObjectMissing
 from drcli.store.milestones import readable_milestones
+from drcli.store.model_kind import what_helps
 from drcli.store.repair import Model, readable_history, readable_scores
 
 OUR_PARTS = (".safetensors", ".json")
@@ -18,6 +23,8 @@ OUR_PARTS = (".safetensors", ".json")
 
 MOST_LISTED = 12
 """Checkpoints in a message; those with a meaning are among them."""
+
+NEVER_EVALUATED = "never evaluated"
 
 _NEVER: dict[CheckpointWord, str] = {
     "first-lap": "no evaluation during its training has completed a lap",
@@ -102,7 +109,99 @@ class ModelCheckpoints:
         return sorted([*marked, *others[-max(0, MOST_LISTED - len(marked)) :]])
 
 
-def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> Score:
+@dataclass(frozen=True)
+class Chosen:
+    """A complete checkpoint; `parts` are the ends of its files' keys, after its name."""
+
+    choice: CheckpointChoice
+    score: Score
+    parts: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Such as `12_Step-7824.ckpt`."""
+        return self.score.name
+
+    @property
+    def number(self) -> int:
+        """The part before `_Step`."""
+        return checkpoint_name(self.name).number
+
+    @property
+    def line(self) -> str:
+        """The line of the reference's command, which scripts look for."""
+        if self.choice == "last":
+            return f"Latest checkpoint = {self.number}"
+        if self.choice == "best":
+            return f"Best checkpoint: {self.number}"
+        return f"Chosen checkpoint: {self.number}"
+
+
+def take_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> Chosen:
+    """`find_choice` for a command: a sentence on the terminal says which one it took."""
+    chosen = find_choice(model, choice, remedy=remedy)
+    notices.show(sentence_about(model, chosen))
+    return chosen
+
+
+def sentence_about(model: Model, chosen: Chosen) -> str:
+    """Which checkpoint was chosen, how its evaluation went, and the option for the other one.
+
+    Such as "Takes checkpoint 77 of m-1, the last: never evaluated. --checkpoint best takes 76: 20
+    of 20 laps clean, median 7.61 s, slowest 7.93 s."
+    """
+    history, _ = readable_history(model)
+    scores, _ = readable_scores(model)
+
+    def driven(score: Score) -> str:
+        return _driven(model, history, score)
+
+    of = f"{chosen.number} of {model.prefix}"
+    if chosen.choice not in ("last", "best") or scores is None:
+        return f"Takes checkpoint {of}: {driven(chosen.score)}."
+    word = "best" if chosen.choice == "last" else "last"
+    other = scores.best_checkpoint if word == "best" else scores.last_checkpoint
+    if other.name == chosen.name:
+        words = "the best and the last" if driven(other) != NEVER_EVALUATED else "the last"
+        return f"Takes checkpoint {of}, {words}: {driven(chosen.score)}."
+    return (
+        f"Takes checkpoint {of}, the {chosen.choice}: {driven(chosen.score)}. --checkpoint "
+        f"{word} takes {checkpoint_name(other.name).number}: {driven(other)}."
+    )
+
+
+def best_and_last(model: Model) -> str:
+    """How the best and the last checkpoint drove; empty without checkpoints.
+
+    Such as "best: 76, 20 of 20 laps clean, median 7.61 s, slowest 7.93 s; last: 77, never
+    evaluated".
+    """
+    history, _ = readable_history(model)
+    scores, _ = readable_scores(model)
+    if scores is None:
+        return ""
+    words = {"best": scores.best_checkpoint, "last": scores.last_checkpoint}
+    return "; ".join(
+        f"{word}: {checkpoint_name(score.name).number}, {_driven(model, history, score)}"
+        for word, score in words.items()
+    )
+
+
+def _driven(model: Model, history: Iterable[IterationRecord], score: Score) -> str:
+    """How the evaluation of a checkpoint went."""
+    number = checkpoint_name(score.name).number
+    laps = next((record.all_laps for record in history if record.iteration == number), None)
+    if laps is None:
+        with suppress(ObjectMissing, ObjectDamaged):
+            laps = read_evaluation(model.bucket, model.prefix, number).on("training").laps
+    if laps is not None:
+        return str(laps)
+    if score.avg_eval_metric is not None:  # of a copy, which comes without its history
+        return f"score {score.avg_eval_metric:.1f} in its evaluation"
+    return NEVER_EVALUATED
+
+
+def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> Chosen:
     """The checkpoint that a word or a number chooses; it has all its files.
 
     `remedy` replaces the advice to choose another one.
@@ -119,23 +218,22 @@ def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> 
             raise SettingsError(
                 f"No checkpoint file available at s3://{bucket.name}/"
                 f"{keys.deepracer_checkpoints(prefix)}. Exiting.",
-                remedy="Train that model first, or correct its prefix; `dr-list-models` lists all.",
+                remedy=what_helps(bucket, prefix),
             )
         score = scores.best_checkpoint if choice == "best" else scores.last_checkpoint
-        missing = missing_parts(bucket.list(keys.model_folder(prefix)), prefix, score.name)
+        listed = bucket.list(keys.model_folder(prefix))
+        missing = missing_parts(listed, prefix, score.name)
         if not missing:
-            return score
+            return Chosen(choice, score, _parts(listed, prefix, score.name))
         raise _gone(ModelCheckpoints.read(model), _incomplete(bucket, missing), remedy)
     if isinstance(choice, int):
-        name = _whole(bucket.list(keys.model_folder(prefix)), prefix, choice)
+        listed = bucket.list(keys.model_folder(prefix))
+        name = _whole(listed, prefix, choice)
         if name is not None:
-            return _score(scores, name)
+            return Chosen(choice, _score(scores, name), _parts(listed, prefix, str(name)))
     has = ModelCheckpoints.read(model)
     if not has.names:
-        raise SettingsError(
-            f"{has.url} has no checkpoint.",
-            remedy="Train that model first, or correct its prefix; `dr-list-models` lists all.",
-        )
+        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(bucket, prefix))
     if isinstance(choice, int):
         name = _numbered(has, choice, remedy)
     else:
@@ -143,7 +241,7 @@ def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> 
     missing = has.missing_parts(str(name))
     if missing:
         raise _gone(has, _incomplete(bucket, missing), remedy)
-    return _score(scores, name)
+    return Chosen(choice, _score(scores, name), _parts(has.listed, prefix, str(name)))
 
 
 def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
@@ -155,6 +253,13 @@ def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
     )
     is_tensorflow = len(ours) == len(OUR_PARTS) and len(theirs) < len(keys.TENSORFLOW_PARTS)
     return theirs if is_tensorflow else ours
+
+
+def _parts(listed: Listing, prefix: str, name: str) -> tuple[str, ...]:
+    """The ends of the keys of a checkpoint's files, after its name."""
+    start = keys.checkpoint_part(prefix, name, "")
+    found = [info.key for info in listed if info.key.startswith(f"{start}.")]
+    return tuple(key.removeprefix(start) for key in found)
 
 
 def _whole(listed: Listing, prefix: str, number: int) -> CheckpointName | None:

@@ -5,21 +5,14 @@ from dataclasses import dataclass, replace
 from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.config.bucket_config import ModelConfig
-from drcli.config.checkpoint_words import CheckpointChoice
-from drcli.exchange.scores import Score
+from drcli.modelfiles.network_shape import own_files
 from drcli.modelfiles.params_yaml import moved_training_parameters
-from drcli.models.checkpoint_choice import (
-    OUR_PARTS,
-    CheckpointGone,
-    find_choice,
-    missing_parts,
-)
+from drcli.models.checkpoint_choice import OUR_PARTS, Chosen
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_scores
-from drcli.store.bucket import Bucket, Listing, ObjectDamaged
+from drcli.store.bucket import Bucket, ObjectDamaged
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.complete_files import read_complete
-from drcli.store.repair import Model
 
 METADATA = "model/" + keys.MODEL_METADATA_FILE
 HYPERPARAMETERS = "ip/" + keys.HYPERPARAMETERS_FILE
@@ -41,55 +34,6 @@ class Item:
     data: bytes
 
 
-@dataclass(frozen=True)
-class Chosen:
-    """A complete checkpoint; `parts` are the ends of its files' keys, after its name."""
-
-    choice: CheckpointChoice
-    score: Score
-    parts: tuple[str, ...]
-
-    @property
-    def name(self) -> str:
-        """Such as `12_Step-7824.ckpt`."""
-        return self.score.name
-
-    @property
-    def number(self) -> int:
-        """The part before `_Step`."""
-        return int(self.name.partition("_")[0])
-
-    @property
-    def line(self) -> str:
-        """The line of the reference's command, which scripts look for."""
-        if self.choice == "last":
-            return f"Latest checkpoint = {self.number}"
-        if self.choice == "best":
-            return f"Best checkpoint: {self.number}"
-        return f"Chosen checkpoint: {self.number}"
-
-
-def choose(bucket: Bucket, prefix: str, choice: CheckpointChoice) -> Chosen:
-    """Find a checkpoint of a model.
-
-    Raises:
-        CheckpointGone: It does not exist, or one of its files is missing.
-        SettingsError: The model does not exist.
-    """
-    score = find_choice(Model(bucket, prefix, keys.metrics_prefix(prefix)), choice)
-    start = keys.checkpoint_part(prefix, score.name, "")
-    listed = bucket.list(keys.model_folder(prefix))
-    missing = missing_parts(listed, prefix, score.name)
-    if missing:
-        raise CheckpointGone(
-            "No model files found. Files possibly deleted. Try again. "
-            f"s3://{bucket.name}/{missing[0]} has just been deleted.",
-            remedy="Run the command again.",
-        )
-    found = [info.key for info in listed if info.key.startswith(start + ".")]
-    return Chosen(choice, score, tuple(key.removeprefix(start) for key in found))
-
-
 def known_best(bucket: Bucket, prefix: str) -> str | None:
     """Name of the best checkpoint of a model; None if that is not known."""
     try:
@@ -97,18 +41,6 @@ def known_best(bucket: Bucket, prefix: str) -> str | None:
     except ObjectDamaged:
         return None
     return None if scores is None else scores.best_checkpoint.name
-
-
-def needs_import(listed: Listing) -> bool:
-    """Whether a model has TensorFlow's checkpoints only, which `dr-import` makes usable here."""
-    names = [info.key for info in listed]
-    theirs = any(name.endswith(".ckpt.index") for name in names)
-    return theirs and not any(name.endswith(".ckpt.safetensors") for name in names)
-
-
-def import_command(url: str, *, local: bool = False, prefix: str = "NAME") -> str:
-    """The command that makes a model at an address one of ours."""
-    return f"dr-import {'-L ' if local else ''}{url} -t {prefix}"
 
 
 def read_checkpoint(bucket: Bucket, prefix: str, chosen: Chosen) -> list[Item]:
@@ -161,14 +93,20 @@ def refuse_incomplete(model: ModelConfig, bucket: Bucket, prefix: str) -> None:
 
 
 def read_model_files(
-    model: ModelConfig, bucket: Bucket, prefix: str, target: tuple[str, str], described: bytes
+    model: ModelConfig,
+    bucket: Bucket,
+    prefix: str,
+    checkpoint: str,
+    target: tuple[str, str],
+    described: bytes,
 ) -> list[Item]:
-    """Read all files that the checkpoints of a model share.
+    """Read all files that belong to a model with one of its checkpoints.
 
     Args:
         model: The model of the settings, which can have files outside its prefix.
         bucket: Holds the model.
         prefix: The model to read.
+        checkpoint: Its name. What it was trained with is in its record.
         target: Bucket and prefix of the copy, which its parameter file names.
         described: The parameter file to copy if the model has none.
     """
@@ -180,6 +118,9 @@ def read_model_files(
                 f"s3://{bucket.name}/{found[name]} is empty.",
                 remedy="Restore it from a copy, or upload another model with -p.",
             )
+    own = own_files(bucket, prefix, checkpoint)
+    for name in SHAPING:
+        items[name] = Item(name, own[name.rpartition("/")[2]])
     copies = [Item(keys.MODEL_METADATA_FILE, items[METADATA].data)]
     if bucket.exists(keys.training_start(prefix)):
         copies.append(Item(TRAINING_START, bucket.get(keys.training_start(prefix))))

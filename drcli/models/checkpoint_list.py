@@ -1,17 +1,20 @@
 """Lists the checkpoints of a model with what their evaluations showed."""
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from drcli.base.errors import SettingsError
 from drcli.config.bucket_config import ModelConfig
 from drcli.config.checkpoint_words import CheckpointWord
-from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
+from drcli.exchange.laps import Laps
 from drcli.exchange.milestone_record import KINDS, MilestoneKind
 from drcli.models.checkpoint_choice import ModelCheckpoints
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.milestones import readable_milestones
+from drcli.store.model_kind import is_tensorflow, what_helps
 from drcli.store.reconstruct import readable_evaluations
 from drcli.store.repair import Model, readable_history, readable_scores
 
@@ -26,11 +29,13 @@ class ListedCheckpoint:
         words: The words that also choose it: last, best, first-lap, three-laps, best-lap.
         every: Whether it is kept because of DR_TRAIN_KEEP_EVERY.
         episodes: Episodes of its evaluation; 0 if it was not evaluated.
-        laps: Completed laps of them.
+        laps: Clean laps among them: an episode ends at the first violation.
         progress: Their mean, percent of a lap; None if it was not evaluated.
-        best_lap_s: Fastest of the laps, simulated seconds; None without one.
+        best_lap_s: Fastest of the clean laps, simulated seconds; None without one.
         size_bytes: All its files.
         problem: What is wrong with it; empty if nothing is known.
+        form: `tensorflow` for a checkpoint of DeepRacer-for-Cloud or a console, else `drcli`.
+        median_s: Median time of the clean laps; None without one, or if it is unknown.
     """
 
     number: int
@@ -43,6 +48,8 @@ class ListedCheckpoint:
     best_lap_s: float | None
     size_bytes: int
     problem: str = ""
+    form: Literal["drcli", "tensorflow"] = "drcli"
+    median_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -52,9 +59,9 @@ class MilestoneEntry:
     Attributes:
         word: first-lap, three-laps or best-lap.
         checkpoint: Name of its checkpoint.
-        laps: Completed laps of its evaluation.
+        laps: Clean laps of its evaluation.
         episodes: Episodes of its evaluation.
-        best_lap_s: Fastest of the laps, simulated seconds.
+        best_lap_s: Fastest of the clean laps, simulated seconds.
         kept: Whether the checkpoint is still there.
     """
 
@@ -103,23 +110,31 @@ def list_checkpoints(
     model = Model.of(config, bucket, prefix)
     has = ModelCheckpoints.read(model)
     if not has.names:
-        raise SettingsError(
-            f"{has.url} has no checkpoint.",
-            remedy="Train that model first, or correct its prefix; `dr-list-models` lists all.",
-        )
+        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(bucket, prefix))
     history, damaged = readable_history(model)
     damaged += readable_scores(model)[1] + readable_milestones(bucket, prefix, [])[1]
     results = readable_evaluations(bucket, prefix).values()
-    evaluated = {r.checkpoint: (r.evaluation_progress, r.evaluation_lap_s) for r in history}
-    evaluated |= {result.checkpoint: (result.progress, result.lap_s) for result in results}
+    # By number: where driving and learning overlap, an older one drove the iteration.
+    evaluated = {
+        record.iteration: (
+            [*record.evaluation_progress, *record.confirmation_progress],
+            [*record.evaluation_lap_s, *record.confirmation_lap_s],
+        )
+        for record in history
+    }
+    for result in results:
+        episodes = result.on("training")
+        number = checkpoint_name(result.checkpoint).number
+        evaluated[number] = (episodes.progress, episodes.lap_s)
     # The record of a milestone has the numbers of an evaluation that the learning curve has lost.
     marked = {found.name: found for _, found in has.milestones.reached()}
     sizes = _sizes(has)
     store = CheckpointStore(bucket, prefix)
     spaced = set(has.milestones.spaced)
+    there = {info.key for info in has.listed}
     listed = []
     for name in has.names:
-        progress, lap_s = evaluated.get(str(name), ([], []))
+        progress, lap_s = evaluated.get(name.number, ([], []))
         known = marked.get(name)
         if known is None or progress:
             seen = len(progress), len(lap_s), _mean(progress), min(lap_s, default=None)
@@ -137,6 +152,8 @@ def list_checkpoints(
                 best_lap_s=seen[3],
                 size_bytes=sizes[name],
                 problem=_problem(has, store, name, check=check),
+                form="tensorflow" if is_tensorflow(there, prefix, str(name)) else "drcli",
+                median_s=Laps(len(progress), lap_s).median_s,
             )
         )
     reached = [

@@ -13,8 +13,10 @@ from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.base.regular_file import read_regular
 from drcli.config.bucket_config import CustomFilesConfig, StorageConfig
+from drcli.modelfiles.network_shape import own_files
 from drcli.store import keys
 from drcli.store.bucket import Bucket
+from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.verify import Checksums
 from drcli.store.write_probe import prove_writing
@@ -108,18 +110,16 @@ def download_custom_files(
 
 
 def write_own_files(bucket: Bucket, prefix: str, folder: Path) -> list[str]:
-    """Copy the three files that a model was made from to the racer's folder.
+    """Copy the three files that the last checkpoint of a model was made from to the racer's folder.
 
     Returns:
         The paths of those that have changed; each old one is kept as `NAME.bak`.
     """
-    origins = {
-        keys.REWARD_FUNCTION_FILE: keys.reward_function(prefix),
-        keys.HYPERPARAMETERS_FILE: keys.hyperparameters(prefix),
-        keys.MODEL_METADATA_FILE: keys.model_metadata(prefix),
+    files = {
+        keys.REWARD_FUNCTION_FILE: bucket.get(keys.reward_function(prefix)),
+        **own_files(bucket, prefix, str(CheckpointStore(bucket, prefix).pointed())),
     }
-    written = {folder / name: bucket.get(key) for name, key in origins.items()}
-    return [str(path) for path, data in written.items() if write_file(path, data)]
+    return [str(folder / name) for name, data in files.items() if write_file(folder / name, data)]
 
 
 def write_file(path: Path, data: bytes) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 from drcli.base.atomic_file import rewrite
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, ProblemsError, of_severity, refuse
+from drcli.base.replaceable import refuse_existing
 from drcli.config.run_config import RaceConfig
 from drcli.config.settings import Settings
 from drcli.config.track_names import is_installed
@@ -136,7 +137,9 @@ def export_car(
     refuse(stacked)
     model = build_policy(metadata, parameters)
     load_weights(model, source.weights, source.chosen.name)
-    graph = encode_policy(weights_of(model), policy_spec(metadata, parameters), metadata.sensor)
+    graph = source.graph or encode_policy(
+        weights_of(model), policy_spec(metadata, parameters), metadata.sensor
+    )
     archive = car_archive(graph, metadata)
     check = check_car_archive(archive, file_name)
     errors = of_severity(check.problems, "error")
@@ -178,26 +181,29 @@ def check_archive(path: Path) -> ArchiveReport:
     )
 
 
-def archive_path(out: Path | None, source_name: str) -> Path:
+def archive_path(out: Path | None, source_name: str, *, force: bool = False) -> Path:
     """Where to write an archive: a file of a name that the car takes.
 
     Args:
         out: A file; or a folder, which need not exist if its name has no dot; None for the current
             folder.
         source_name: Of the model.
+        force: Whether a file there may be replaced.
 
     Raises:
         ProblemsError: The car does not take a file of that name.
+        SettingsError: There is a file already.
     """
     path = Path() if out is None else out
     if path.is_dir() or (not path.exists() and "." not in path.name):
         path /= car_file_name(source_name)
     refuse(file_name_problems(path.name))
+    refuse_existing(path, force=force)
     return path
 
 
 def write_archive(export: CarExport, path: Path) -> CarReport:
-    """Write the archive to a file, whole or not at all; an older one is replaced.
+    """Write the archive to a file, whole or not at all.
 
     Raises:
         SettingsError: The file or its folder cannot be written.
@@ -261,7 +267,7 @@ def upload_names(source: ExportSource, *, numbered: bool, only_numbered: bool = 
 
     With `only_numbered`, the name of the model alone is left out.
     """
-    plain = car_file_name(source.name)
+    plain = car_file_name(source.file_name)
     names = [CAR_FILE] if only_numbered else [CAR_FILE, plain]
     if numbered or only_numbered:
         names.append(f"{plain.removesuffix(END)}-chk{source.chosen.number}{END}")

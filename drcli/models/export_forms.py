@@ -5,11 +5,11 @@ from pathlib import Path
 
 from drcli.base.atomic_file import rewrite
 from drcli.base.errors import SettingsError
+from drcli.base.replaceable import refuse_existing
 from drcli.config.settings import Settings
 from drcli.exchange.policy_source import Runtime
 from drcli.formats.policy_file import Form, metadata_path
 from drcli.models.export_model import ExportSource, Selection, read_export_source
-from drcli.models.write_export import usable_archive
 from drcli.store import keys
 
 SUFFIXES: dict[Form, str] = {
@@ -91,14 +91,16 @@ def plan_form(
         raise SettingsError(
             f"--out {out} does not end in {suffix}.", remedy=f"Name a folder or a {suffix} file."
         )
+    if out is not None and not out.is_dir():
+        refuse_existing(out, force=force)  # before the model is read, which takes longer
     source = read_export_source(settings, selection)
-    name = f"{source.name}-chk{source.chosen.number}{suffix}"
+    name = f"{source.file_name}-chk{source.chosen.number}{suffix}"
     path = Path(name) if out is None else out / name if out.is_dir() else out
     for written in _paths(form, path):
-        usable_archive(written, force=force)
+        refuse_existing(written, force=force)
     beside = metadata_path(path)
     if not (beside.is_file() and beside.read_bytes() == _metadata(source)):
-        usable_archive(beside, force=force)  # a policy in another form may have brought the same
+        refuse_existing(beside, force=force)  # a policy in another form may have brought the same
     return PlannedForm(form, source, path, fp16)
 
 

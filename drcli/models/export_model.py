@@ -2,23 +2,29 @@
 
 from dataclasses import dataclass
 
+from drcli.base import notices
 from drcli.base.errors import SettingsError
+from drcli.base.replaceable import safe_name
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import Settings, catalogue
+from drcli.exchange.checkpoint import CheckpointRecord
+from drcli.formats.stored_checkpoint import load_checkpoint
 from drcli.modelfiles.network_shape import Design
-from drcli.models.checkpoint_choice import OUR_PARTS, CheckpointGone
-from drcli.models.checkpoint_files import (
+from drcli.models.checkpoint_choice import (
+    OUR_PARTS,
+    CheckpointGone,
     Chosen,
-    choose,
-    known_best,
+    find_choice,
+    sentence_about,
 )
+from drcli.models.checkpoint_files import known_best
 from drcli.models.repair_model import repair_or_warn
 from drcli.models.run_metadata import read_start
 from drcli.models.transfer_buckets import checked_prefix
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer
-from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.repair import Model
 
 _WORLD = "DR_WORLD_NAME"
 
@@ -30,7 +36,7 @@ _PICKS = 5
 class Selection:
     """Which checkpoint to export; without `prefix`, one of the model in the settings."""
 
-    choice: CheckpointChoice = "last"
+    choice: CheckpointChoice = "best"
     prefix: str | None = None
 
 
@@ -47,6 +53,8 @@ class ExportSource:
         origin: Address of the weights, for messages.
         world: DR_WORLD_NAME of its training; None if that is not known.
         best: Name of the best checkpoint of the model; None if that is not known.
+        graph: The frozen graph of a TensorFlow checkpoint, as the reference wrote it; None for a
+            checkpoint of ours.
     """
 
     bucket: str
@@ -57,6 +65,7 @@ class ExportSource:
     origin: str
     world: str | None = None
     best: str | None = None
+    graph: bytes | None = None
 
     @property
     def url(self) -> str:
@@ -64,9 +73,9 @@ class ExportSource:
         return f"s3://{self.bucket}/{self.prefix}"
 
     @property
-    def name(self) -> str:
-        """The last part of the prefix, which names the model for people."""
-        return self.prefix.rpartition("/")[2]
+    def file_name(self) -> str:
+        """The model as part of the name of a file."""
+        return safe_name(self.prefix)
 
 
 def read_export_source(settings: Settings, selection: Selection) -> ExportSource:
@@ -74,19 +83,18 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
 
     Raises:
         SettingsError: The model, the checkpoint or a parameter file does not exist or cannot be
-            used, or the checkpoint is one of the reference's that has not been imported.
+            used.
         StorageError: The bucket cannot be read, or the checkpoint is damaged.
     """
     prefix = selection.prefix
     prefix = checked_prefix(prefix, "-p") if prefix else settings.model_prefix
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     repair_or_warn(settings.model, bucket, prefix)
+    model = Model.of(settings.model, bucket, prefix)
     for attempt in range(_PICKS):
-        chosen = choose(bucket, prefix, selection.choice)
-        if not all(part in chosen.parts for part in OUR_PARTS):
-            raise _not_imported(bucket, prefix, chosen)
+        chosen = find_choice(model, selection.choice)
         try:
-            weights = CheckpointStore(bucket, prefix).load(chosen.name).tensors
+            found = load_checkpoint(bucket, prefix, chosen.name)
         except ObjectMissing as e:
             if attempt == _PICKS - 1 or isinstance(selection.choice, int):
                 raise CheckpointGone(
@@ -95,22 +103,27 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
                 ) from e
             continue
         break
-    key = keys.checkpoint_tensors(prefix, chosen.name)
+    notices.show(sentence_about(model, chosen))
+    weights_part = next(part for part in (*OUR_PARTS, ".index") if part in chosen.parts)
+    key = keys.checkpoint_part(prefix, chosen.name, weights_part)
+    graph = keys.checkpoint_graph(prefix, chosen.number)
+    has_graph = weights_part == ".index" and bucket.exists(graph)
     return ExportSource(
         bucket.name,
         prefix,
         chosen,
-        _design(bucket, prefix),
-        weights,
+        _design(bucket, prefix, found.record),
+        found.tensors,
         f"s3://{bucket.name}/{key}",
         _world(bucket, prefix),
         known_best(bucket, prefix),
+        bucket.get(graph) if has_graph else None,
     )
 
 
-def _design(bucket: Bucket, prefix: str) -> Design:
+def _design(bucket: Bucket, prefix: str, record: CheckpointRecord) -> Design:
     try:
-        return Design.of_model(bucket, prefix)
+        return Design.of_model(bucket, prefix, record.counters.inputs)
     except ObjectMissing as e:
         raise SettingsError(
             f"Meta-data files are not found. Exiting. {e}",
@@ -129,11 +142,3 @@ def _world(bucket: Bucket, prefix: str) -> str | None:
         return None
     world = start.settings.get(_WORLD, catalogue()[_WORLD].default)
     return world if isinstance(world, str) else None
-
-
-def _not_imported(bucket: Bucket, prefix: str, chosen: Chosen) -> SettingsError:
-    url = f"s3://{bucket.name}/{prefix}"
-    return SettingsError(
-        f"{chosen.name} of {url} is a TensorFlow checkpoint of the reference simulator.",
-        remedy=f"Make it a model of this project first, with `dr-import {url}`.",
-    )

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
 from drcli.exchange.scores import Score
+from drcli.models.run_metadata import metric_of
 from drcli.store import keys, lease, race_keys
 from drcli.store.bucket import Bucket, ObjectInfo
+from drcli.store.model_kind import Kind, kind_of
 from drcli.store.notes import headline
 from drcli.store.repair import Model, readable_scores
 
@@ -21,15 +23,54 @@ class CheckpointEntry:
     Attributes:
         name: Name of the checkpoint, such as `12_Step-7824.ckpt`.
         metric: Mean score of its evaluation episodes; None before the first evaluation.
+        score: The same with its unit: percent, seconds or reward; empty without one.
+        laps: Its evaluation laps in words; empty if they are unknown.
+        clean: How many of them are clean; 0 if that is unknown.
     """
 
     name: str
     metric: float | None
+    score: str = ""
+    laps: str = ""
+    clean: int = 0
 
     @staticmethod
-    def of(score: Score) -> "CheckpointEntry":
-        """The entry of a checkpoint in a model's index."""
-        return CheckpointEntry(score.name, score.avg_eval_metric)
+    def of(score: Score, metric: str) -> "CheckpointEntry":
+        """The entry of a checkpoint in a model's index; see `score_text` for the metric."""
+        value = score.avg_eval_metric
+        laps = None if score.episodes is None else score.episodes.laps
+        return CheckpointEntry(
+            score.name,
+            value,
+            score_text(metric, value),
+            "" if laps is None else str(laps),
+            0 if laps is None else laps.clean,
+        )
+
+    @property
+    def told(self) -> str:
+        """Its number, and how it drives: its laps and what these do not tell of its score."""
+        number = self.name.partition("_")[0]
+        score = "" if self.clean and self.score.endswith((" %", " s")) else self.score
+        if self.laps:
+            return f"{number}{f' ({score})' if score else ''}: {self.laps}"
+        return f"{number} ({score})" if score else number
+
+
+def score_text(metric: str, value: float | None) -> str:
+    """A score with its unit.
+
+    Args:
+        metric: DR_TRAIN_BEST_MODEL_METRIC, which it was computed by; empty if unknown.
+        value: Percent, reward, or milliseconds; None before an evaluation.
+    """
+    if value is None:
+        return ""
+    if metric == "laptime":
+        return f"{value / 1000.0:.2f} s"
+    if metric == "progress":
+        return f"{value:.1f} %"
+    return f"{metric or 'score'} {value:.4g}"
 
 
 @dataclass(frozen=True)
@@ -47,6 +88,7 @@ class ModelEntry:
         training: Whether it is being trained now.
         damaged: Damage to its index; `best` and `last` are reconstructed then.
         note: Its description, else its newest note; empty without one.
+        kind: `tensorflow` for a model of DeepRacer-for-Cloud or a console, else `drcli`.
     """
 
     prefix: str
@@ -59,6 +101,7 @@ class ModelEntry:
     training: bool
     damaged: list[str] = field(default_factory=list)
     note: str = ""
+    kind: Kind = "drcli"
 
 
 @dataclass(frozen=True)
@@ -167,15 +210,19 @@ def _fits(prefix: str, pattern: str) -> bool:
 def _entry(bucket: Bucket, prefix: str, objects: list[ObjectInfo]) -> ModelEntry:
     names = {keys.checkpoint_of(prefix, info.key) for info in objects} - {None}
     scores, damaged = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
+    metric = ""
+    if scores is not None and any(info.key == keys.training_start(prefix) for info in objects):
+        metric = metric_of(bucket, prefix)
     return ModelEntry(
         prefix=prefix,
         checkpoints=len(names),
-        best=None if scores is None else CheckpointEntry.of(scores.best_checkpoint),
-        last=None if scores is None else CheckpointEntry.of(scores.last_checkpoint),
+        best=None if scores is None else CheckpointEntry.of(scores.best_checkpoint, metric),
+        last=None if scores is None else CheckpointEntry.of(scores.last_checkpoint, metric),
         objects=len(objects),
         size_bytes=sum(info.size_bytes for info in objects),
         modified=max(info.modified for info in objects).isoformat(timespec="seconds"),
         training=_is_trained(bucket, prefix),
         damaged=damaged,
         note=headline(bucket, prefix, {info.key: info for info in objects}),
+        kind=kind_of([info.key.removeprefix(keys.folder(prefix)) for info in objects]),
     )

@@ -4,7 +4,7 @@ import hashlib
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Any
 
@@ -52,6 +52,7 @@ class NewStart:
         outcome: As in the bucket: its session, machine and time.
         resumes: The checkpoint that it continues from, None for a new model.
         previous: What the start before came to; None if unknown.
+        inputs: `Job.inputs`, which are not the model's yet while a training goes on.
     """
 
     settings: Settings
@@ -59,6 +60,7 @@ class NewStart:
     outcome: RunOutcome
     resumes: str | None
     previous: RunOutcome | None
+    inputs: Mapping[str, str] = field(default_factory=dict)
 
 
 def training_id(prefix: str, start: TrainingStart | None) -> str:
@@ -85,6 +87,7 @@ def record_start(bucket: Bucket, new: NewStart, known: TrainingRecord | None) ->
     """
     settings, prefix = new.settings, new.settings.model_prefix
     texts = files_of(bucket, prefix)
+    texts |= {name: text for name, text in new.inputs.items() if name in texts}
     own = RecordedStart(
         session=new.outcome.session,
         host=new.outcome.host,
@@ -164,11 +167,15 @@ def derived_training(model: Model, start: TrainingStart | None = None) -> Traini
         metric=_setting(settings, _METRIC) or "",
         derived=True,
         **described_by(texts),
-        **{field: _setting(settings, name) for field, name in _DEFAULT.items() if settings},
+        **{
+            field: _setting(settings, name)
+            for field, name in _DEFAULT.items()
+            if settings is not None
+        },
     )
-    record = replace(record, results=read_results(model_of(record, bucket, model)))
     if not record.world:
         record = replace(record, **of_parameter_file(bucket, prefix))
+    record = replace(record, results=read_results(model_of(record, bucket, model), record))
     return with_spending(with_end(record, outcome), read_spending(bucket, prefix))
 
 
@@ -176,7 +183,7 @@ def with_results(
     record: TrainingRecord, model: Model, reader: HistoryReader | None = None
 ) -> TrainingRecord:
     """The record with what the training has come to until now."""
-    results = read_results(model_of(record, model.bucket, model), reader, record.results)
+    results = read_results(model_of(record, model.bucket, model), record, reader)
     return replace(record, results=results, updated_at=time.time())
 
 

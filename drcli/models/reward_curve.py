@@ -28,8 +28,9 @@ class CurvePoint:
         progress: Their mean progress, percent of a lap.
         evaluation_reward: Mean reward of the evaluation of its checkpoint.
         evaluation_progress: Mean progress of that.
-        evaluation_laps: Completed laps of that.
+        evaluation_laps: Clean laps of that, whose episodes end at the first violation.
         entropy: Of the policy, nats.
+        evaluation_episodes: Episodes of the evaluation.
     """
 
     iteration: int
@@ -39,6 +40,7 @@ class CurvePoint:
     evaluation_progress: float | None
     evaluation_laps: int
     entropy: float | None
+    evaluation_episodes: int = 0
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,7 @@ def _point(record: IterationRecord, rewards: Sequence[float]) -> CurvePoint:
         _mean(record.evaluation_progress),
         len(record.evaluation_lap_s),
         record.entropy,
+        len(record.evaluation_progress),
     )
 
 

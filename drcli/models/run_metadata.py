@@ -20,7 +20,7 @@ from drcli.config.setting_problems import hidden
 from drcli.config.settings import Settings, catalogue
 from drcli.exchange.training_start import GitState, Pretrained, TrainingStart
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectMissing, read_record
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer, read_record
 
 PACKAGES = ("drcli", "torch", "mujoco", "numpy", "numba")
 """Packages whose versions change the course of a training."""
@@ -74,6 +74,16 @@ def read_start(bucket: Bucket, prefix: str) -> TrainingStart | None:
         return read_record(bucket, keys.training_start(prefix), TrainingStart.decode, remedy)
     except ObjectMissing:
         return None
+
+
+def metric_of(bucket: Bucket, prefix: str) -> str:
+    """DR_TRAIN_BEST_MODEL_METRIC of the last start of a model; empty if nobody recorded it."""
+    with suppress(ObjectDamaged, ObjectNewer):
+        start = read_start(bucket, prefix)
+        if start is not None and start.settings is not None:
+            name = "DR_TRAIN_BEST_MODEL_METRIC"
+            return str(start.settings.get(name, catalogue()[name].default))
+    return ""
 
 
 def chosen_settings(settings: Settings) -> dict[str, Any]:

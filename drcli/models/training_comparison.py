@@ -13,6 +13,7 @@ NOT_COMPARED = ("DR_RUN_ID", "DR_LOCAL_S3_MODEL_PREFIX", "DR_LOCAL_S3_METRICS_PR
 """Settings that say which training it is and not how it trains."""
 
 _RESULTS = (
+    "world",
     "state",
     "iterations",
     "episodes",

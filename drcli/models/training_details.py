@@ -6,6 +6,7 @@ from pathlib import Path
 
 from drcli.base.atomic_file import rewrite
 from drcli.base.errors import SettingsError
+from drcli.base.replaceable import refuse_existing
 from drcli.exchange.training_record import TrainingRecord
 from drcli.models.recorded_files import texts_of
 from drcli.models.training_comparison import Compared
@@ -51,16 +52,21 @@ class ForgottenTrainings:
 
 
 def details_of(
-    bucket: Bucket, known: KnownTrainings, name: str, *, save: Path | None = None
+    bucket: Bucket,
+    known: KnownTrainings,
+    name: str,
+    *,
+    save: Path | None = None,
+    force: bool = False,
 ) -> TrainingDetails:
     """Everything about a training; with `save`, its files are written to that folder.
 
     Raises:
-        SettingsError: No training has this name, or a file exists already.
+        SettingsError: No training has this name, or a file exists and `force` is not given.
     """
     record = known.find(name)
     texts = {file: text for file, text in texts_of(bucket, record).items() if text is not None}
-    saved = [] if save is None else _saved(save, texts, name)
+    saved = [] if save is None else _saved(save, texts, name, force=force)
     entry = entry_of(record, exists=record.id in known.existing)
     return TrainingDetails(entry, record, sorted(texts), saved, list(known.damaged))
 
@@ -112,17 +118,14 @@ def forget(bucket: Bucket, records: Sequence[TrainingRecord]) -> None:
         forget_training(bucket, record.prefix, record.id)
 
 
-def _saved(folder: Path, texts: dict[str, str], name: str) -> list[str]:
+def _saved(folder: Path, texts: dict[str, str], name: str, *, force: bool) -> list[str]:
     if not texts:
         raise SettingsError(
             f"The files of the training {name} were not kept.",
             remedy=f"Look for {keys.REWARD_FUNCTION_FILE} in copies of the model.",
         )
     for file in texts:
-        if (folder / file).exists():
-            raise SettingsError(
-                f"{folder / file} exists.", remedy="Name another folder with --save."
-            )
+        refuse_existing(folder / file, force=force)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for file, text in texts.items():

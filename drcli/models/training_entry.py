@@ -33,9 +33,9 @@ class TrainingEntry:
         elapsed_s: Wall time of training.
         hours: Machine hours of all starts.
         usd: What these cost.
-        best_lap_s: Fastest lap of an evaluation, during the training or later.
-        best_training_lap_s: Fastest lap of a training episode.
-        best_progress: Highest mean progress of an evaluation, percent.
+        best_lap_s: Fastest clean lap of an evaluation on `world`, during the training or later.
+        best_training_lap_s: Fastest lap of a training episode on `world`.
+        best_progress: Highest mean progress of an evaluation on `world`, percent.
         best_checkpoint: Name of the best checkpoint.
         best_score: Its score.
         mean_reward: Of the last iteration.
@@ -49,6 +49,7 @@ class TrainingEntry:
         commit: Git commit of the working folder, with + if files were changed since.
         seed: Of its random numbers.
         description: DR_MODEL_DESCRIPTION.
+        metric: DR_TRAIN_BEST_MODEL_METRIC, of which the score is; empty if unknown.
     """
 
     id: str
@@ -87,13 +88,13 @@ class TrainingEntry:
     commit: str
     seed: int | None
     description: str
+    metric: str
 
 
 def entry_of(record: TrainingRecord, *, exists: bool) -> TrainingEntry:
     """A record as an entry of a list."""
     newest, results, parent = record.newest, record.results, record.parent
     git = newest.git.get("working_folder")
-    laps = [lap for lap in (results.best_lap_s, results.best_trial_lap_s) if lap is not None]
     return TrainingEntry(
         id=record.id,
         model=record.prefix,
@@ -115,7 +116,7 @@ def entry_of(record: TrainingRecord, *, exists: bool) -> TrainingEntry:
         elapsed_s=results.elapsed_s,
         hours=record.hours,
         usd=record.usd,
-        best_lap_s=min(laps, default=None),
+        best_lap_s=results.clean_lap_s(record.world),
         best_training_lap_s=results.best_training_lap_s,
         best_progress=results.best_progress,
         best_checkpoint=results.best_checkpoint,
@@ -131,6 +132,7 @@ def entry_of(record: TrainingRecord, *, exists: bool) -> TrainingEntry:
         commit="" if git is None else f"{git.commit[:12]}{'+' if git.dirty else ''}",
         seed=newest.seed,
         description=record.description,
+        metric=record.metric,
     )
 
 

@@ -164,7 +164,7 @@ def _surplus(
     for record in records:
         if record.gone_at is None:
             folder = keys.evaluation_metrics_folder(model_of(record, bucket).metrics_prefix)
-            fresh += evaluations.get(folder, [])[record.results.evaluations :]
+            fresh += evaluations.get(folder, [])[record.results.read_evaluations :]
     fresh.sort(key=lambda key: key.rpartition("/")[2])
     return set(fresh[:-MOST_EVALUATIONS])
 
@@ -181,4 +181,4 @@ def _as_it_is_now(
             record = ended_elsewhere(bucket, record)
         return with_results(record, model)
     found = evaluations.get(keys.evaluation_metrics_folder(model.metrics_prefix), [])
-    return replace(record, results=with_evaluations(record.results, bucket, found))
+    return replace(record, results=with_evaluations(record.results, model, found))

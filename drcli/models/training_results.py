@@ -1,17 +1,26 @@
 """What a training has come to, from its learning curve, its scores and its evaluations."""
 
 import json
+import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
+from drcli.base.json_record import RecordError
+from drcli.base.problems import ProblemsError
+from drcli.config.settings import catalogue
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.episode_metrics import is_clean
+from drcli.exchange.frozen_curriculum import FrozenCurriculum
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.race_recording import RaceRecording
 from drcli.exchange.scores import Scores
-from drcli.exchange.training_record import TrainingResults
+from drcli.exchange.training_record import RecordedStart, TrainingRecord, TrainingResults
+from drcli.modelfiles.curriculum_file import CurriculumFile
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing
+from drcli.store.bucket import ObjectInfo, ObjectMissing
 from drcli.store.history import HistoryReader
 from drcli.store.repair import Model, readable_history, readable_scores
 from drcli.store.training_records import at_once
@@ -21,17 +30,17 @@ _EVALUATION = re.compile(r"evaluation-\d{14}\.json")
 MOST_EVALUATIONS = 100
 """Newest stand-alone evaluations that are read at a time."""
 
-NOTHING_YET = TrainingResults()
+DR_WORLD_NAME = "DR_WORLD_NAME"
+
+STAMP_DIGITS = 14
 
 
 def read_results(
-    model: Model,
-    reader: HistoryReader | None = None,
-    known: TrainingResults = NOTHING_YET,
+    model: Model, record: TrainingRecord, reader: HistoryReader | None = None
 ) -> TrainingResults:
     """What a training has come to; damaged objects are reconstructed as far as possible.
 
-    Evaluations that are `known` are not read again.
+    Evaluations that the `record` knows are not read again.
 
     Raises:
         StorageError: The bucket does not answer.
@@ -40,30 +49,41 @@ def read_results(
     scores, _ = readable_scores(model)
     folder = keys.evaluation_metrics_folder(model.metrics_prefix)
     evaluations = evaluations_by_folder(model.bucket.list(folder)).get(folder, [])
+    known = record.results
     results = replace(
-        results_of(history, scores),
+        results_of(history, scores, on_track(record, history, _worlds_of_stages(model, record))),
         evaluations=known.evaluations,
         trials=known.trials,
         best_trial_lap_s=known.best_trial_lap_s,
+        clean_trial_lap_s=known.clean_trial_lap_s,
     )
-    return with_evaluations(results, model.bucket, evaluations)
+    if any(DR_WORLD_NAME in own for own in record.newest.worker_settings):
+        results = replace(results, best_training_lap_s=None)  # driven on several tracks
+    return with_evaluations(results, model, evaluations)
 
 
-def results_of(history: Sequence[IterationRecord], scores: Scores | None) -> TrainingResults:
+def results_of(
+    history: Sequence[IterationRecord],
+    scores: Scores | None,
+    comparable: Collection[int],
+) -> TrainingResults:
     """The results, without stand-alone evaluations.
 
     Args:
         history: All iterations, oldest first.
         scores: Of the best and the newest checkpoint; None if unknown.
+        comparable: Numbers of the iterations on the track of the training.
     """
     last = history[-1] if history else None
-    evaluated = [lap for record in history for lap in record.evaluation_lap_s]
-    driven = [record.best_lap_s for record in history if record.best_lap_s is not None]
+    on_it = [record for record in history if record.iteration in comparable]
+    driven = [record.best_lap_s for record in on_it if record.best_lap_s is not None]
     progress = [
         sum(record.evaluation_progress) / len(record.evaluation_progress)
-        for record in history
+        for record in on_it
         if record.evaluation_progress
     ]
+    sampled = [laps for record in on_it if (laps := record.all_laps) is not None]
+    fastest = [laps.fastest_s for laps in sampled if laps.fastest_s is not None]
     return TrainingResults(
         iterations=len(history),
         episodes=sum(record.episodes for record in history),
@@ -72,14 +92,70 @@ def results_of(history: Sequence[IterationRecord], scores: Scores | None) -> Tra
         mean_reward=None if last is None else last.mean_reward,
         mean_progress=None if last is None else last.mean_progress,
         full_laps=sum(record.full_laps for record in history),
-        evaluated_laps=len(evaluated),
-        best_lap_s=min(evaluated, default=None),
+        evaluated_laps=sum(laps.clean for r in history if (laps := r.all_laps) is not None),
+        best_lap_s=min(fastest, default=None),
         best_training_lap_s=min(driven, default=None),
         best_progress=max(progress, default=None),
         best_checkpoint=None if scores is None else scores.best_checkpoint.name,
         best_score=None if scores is None else scores.best_checkpoint.avg_eval_metric,
         last_checkpoint=None if scores is None else scores.last_checkpoint.name,
     )
+
+
+def on_track(
+    record: TrainingRecord,
+    history: Sequence[IterationRecord],
+    worlds_of_stages: Mapping[str, str] | None = None,
+) -> set[int]:
+    """Numbers of the iterations that drove the track which the record names.
+
+    A training may be resumed on another track, and its stages may each have their own.
+
+    Args:
+        record: With the settings of each start that it knows.
+        history: All iterations.
+        worlds_of_stages: Track of each stage; that of one that is not here is unknown.
+    """
+    starts = record.starts
+    worlds = [_world(start) or record.world for start in starts]
+    if not record.world or set(worlds) <= {record.world}:
+        begins: list[tuple[int, str]] = [(0, record.world)]
+    else:
+        begins = [
+            (0 if name is None else name.number, world)
+            for name, world in zip(map(_resumed, starts), worlds, strict=True)
+        ]
+        if any(start.resumes is None for start in starts[1:]):
+            begins = [(0, "")]  # nobody recorded where the other track began
+    found = set()
+    for each in history:
+        world = next((world for first, world in reversed(begins) if each.iteration >= first), "")
+        if each.stage:
+            world = (worlds_of_stages or {}).get(each.stage, "")
+        if world == record.world or not record.world:
+            found.add(each.iteration)
+    return found
+
+
+def _resumed(start: RecordedStart) -> CheckpointName | None:
+    return None if start.resumes is None else CheckpointName.parse(start.resumes)
+
+
+def _world(start: RecordedStart) -> str | None:
+    """The track of a start, whose settings are there only if they differ from their defaults."""
+    if start.settings is None:
+        return None
+    return str(start.settings.get(DR_WORLD_NAME, catalogue()[DR_WORLD_NAME].default))
+
+
+def _worlds_of_stages(model: Model, record: TrainingRecord) -> dict[str, str]:
+    if not record.stages:
+        return {}
+    with suppress(ObjectMissing, RecordError, ProblemsError):
+        frozen = FrozenCurriculum.decode(model.bucket.get(keys.curriculum(model.prefix)))
+        file = CurriculumFile.from_bytes(frozen.text.encode(), frozen.name)
+        return {stage.name: stage.world or record.world for stage in file.stages}
+    return {}
 
 
 def evaluations_by_folder(listed: Iterable[ObjectInfo]) -> dict[str, list[str]]:
@@ -93,31 +169,69 @@ def evaluations_by_folder(listed: Iterable[ObjectInfo]) -> dict[str, list[str]]:
 
 
 def with_evaluations(
-    results: TrainingResults, bucket: Bucket, evaluations: Sequence[str]
+    results: TrainingResults, model: Model, evaluations: Sequence[str]
 ) -> TrainingResults:
-    """The results with those evaluations that they do not have yet.
+    """The results with those stand-alone evaluations that they do not have yet.
 
     What cannot be read is left out: nothing but these numbers depends on it.
     """
-    fresh = list(evaluations[results.evaluations :])[-MOST_EVALUATIONS:]
-    read = at_once(lambda key: _trials(bucket, key), fresh)
-    laps = [lap for trials in read for lap in trials if lap is not None]
-    if results.best_trial_lap_s is not None:
-        laps.append(results.best_trial_lap_s)
+    fresh = list(evaluations[results.read_evaluations :])[-MOST_EVALUATIONS:]
+    read = at_once(lambda key: _trials(model, key), fresh)
+    known = results
+    if known.clean_trial_lap_s is None:  # counted by an earlier version, and now again
+        known = replace(known, trials=0, best_trial_lap_s=None)
+    laps = [lap_s for each in read for lap_s in each.lap_s]
+    if known.best_trial_lap_s is not None:
+        laps.append(known.best_trial_lap_s)
+    clean = dict(known.clean_trial_lap_s or {})
+    for each in read:
+        if each.clean_lap_s is not None:
+            clean[each.world] = min(each.clean_lap_s, clean.get(each.world, math.inf))
     return replace(
         results,
         evaluations=max(results.evaluations, len(evaluations)),
-        trials=results.trials + sum(map(len, read)),
-        best_trial_lap_s=min(laps, default=None),
+        trials=max(results.trials, known.trials + sum(each.trials for each in read)),
+        best_trial_lap_s=min(laps, default=results.best_trial_lap_s),
+        clean_trial_lap_s=clean,
     )
 
 
-def _trials(bucket: Bucket, key: str) -> list[float | None]:
+@dataclass(frozen=True)
+class _Trials:
+    """What a stand-alone evaluation drove.
+
+    Attributes:
+        trials: How many there are.
+        lap_s: Times of the finished laps, penalties included.
+        clean_lap_s: The fastest without a violation; None without one.
+        world: Their track; empty if there is no clean lap or nobody recorded it.
+    """
+
+    trials: int = 0
+    lap_s: Sequence[float] = ()
+    clean_lap_s: float | None = None
+    world: str = ""
+
+
+def _trials(model: Model, key: str) -> _Trials:
     with suppress(ObjectMissing, ValueError):
-        file: Any = json.loads(bucket.get(key))
+        file: Any = json.loads(model.bucket.get(key))
         metrics = file.get("metrics") if isinstance(file, dict) else None
-        return [_lap_s(trial) for trial in metrics or [] if isinstance(trial, dict)]
-    return []
+        trials = [trial for trial in metrics or [] if isinstance(trial, dict)]
+        finished = [(trial, lap_s) for trial in trials if (lap_s := _lap_s(trial)) is not None]
+        clean = min((lap_s for trial, lap_s in finished if is_clean(trial)), default=None)
+        world = "" if clean is None else _world_of(model, key)
+        return _Trials(len(trials), [lap_s for _, lap_s in finished], clean, world)
+    return _Trials()
+
+
+def _world_of(model: Model, key: str) -> str:
+    """The track of an evaluation, from what lies beside its trace."""
+    stamp = key.removesuffix(".json")[-STAMP_DIGITS:]
+    with suppress(ObjectMissing, RecordError):
+        trace = keys.evaluation_trace(model.prefix, stamp)
+        return RaceRecording.decode(model.bucket.get(keys.recording_of(trace))).world
+    return ""
 
 
 def _lap_s(trial: dict[str, Any]) -> float | None:

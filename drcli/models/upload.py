@@ -6,12 +6,10 @@ from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import Settings
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.modelfiles.params_yaml import training_parameters
-from drcli.models.checkpoint_choice import CheckpointGone
+from drcli.models.checkpoint_choice import CheckpointGone, Chosen, find_choice, take_choice
 from drcli.models.checkpoint_files import (
     SHAPING,
-    Chosen,
     Item,
-    choose,
     known_best,
     read_checkpoint,
     read_model_files,
@@ -31,6 +29,7 @@ from drcli.models.upload_retention import Retention, delete_surplus_checkpoints
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.repair import Model
 from drcli.store.write_probe import prove_writing
 
 _PICKS = 5
@@ -106,7 +105,7 @@ def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     repair_or_warn(settings.model, here, source, may_write=not options.dry_run)
     refuse_incomplete(settings.model, here, source)
-    chosen = choose(here, source, options.choice)
+    chosen = take_choice(Model.of(settings.model, here, source), options.choice)
     there.list(keys.model_folder(target))  # fails here if the target cannot be reached
     refuse_overlap((here, source), (there, target), flag="--to", may_write=not options.dry_run)
     if options.local:
@@ -130,7 +129,7 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
     chosen, checkpoint = _read_chosen(here, planned)
     place = (there.name, planned.target)
     described = training_parameters(settings)
-    shared = read_model_files(settings.model, here, planned.source, place, described)
+    shared = read_model_files(settings.model, here, planned.source, chosen.name, place, described)
     report = UploadReport(
         source=planned.source_url,
         target=planned.target_url,
@@ -177,7 +176,8 @@ def _read_chosen(here: Bucket, planned: PlannedUpload) -> tuple[Chosen, list[Ite
                     f"No model files found. Files possibly deleted. Try again. {e}",
                     remedy="Run the command again, or choose another checkpoint.",
                 ) from e
-            chosen = choose(here, planned.source, planned.options.choice)
+            model = Model(here, planned.source, keys.metrics_prefix(planned.source))
+            chosen = find_choice(model, planned.options.choice)
     raise AssertionError("the last attempt returns or raises")
 
 

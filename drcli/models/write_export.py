@@ -84,7 +84,8 @@ def export_target(
     if there and not force:
         raise SettingsError(
             f"{out} is not empty: it has {there[0].key.removeprefix(keys.folder(prefix))}.",
-            remedy="Choose another prefix with --out, or replace the files there with -f.",
+            remedy="Choose another prefix with --out, or replace the files there with -f "
+            "(--force).",
         )
     prove_writing(bucket, prefix, deletes=force)
     return ExportTarget(f"{_URL}{name}/{prefix}", bucket=bucket, prefix=prefix)
@@ -131,24 +132,6 @@ def write_archive(path: Path, data: bytes) -> None:
     rewrite(path, data)
 
 
-def usable_archive(path: Path, *, force: bool) -> Path:
-    """Check that an archive may be written.
-
-    Raises:
-        SettingsError: It exists, or is no file.
-    """
-    if path.is_dir():
-        raise SettingsError(
-            f"{shown(str(path))} is a folder.", remedy="Choose another name with --out."
-        )
-    if path.exists() and not force:
-        raise SettingsError(
-            f"{shown(str(path))} exists already.",
-            remedy="Choose another name with --out, or replace it with -f.",
-        )
-    return path
-
-
 def _usable_folder(folder: Path, *, force: bool) -> Path:
     try:
         if folder.exists() and not folder.is_dir():
@@ -158,7 +141,8 @@ def _usable_folder(folder: Path, *, force: bool) -> Path:
         if folder.is_dir() and any(folder.iterdir()) and not force:
             raise SettingsError(
                 f"--out {shown(str(folder))} is not empty.",
-                remedy="Choose another folder with --out, or replace the files there with -f.",
+                remedy="Choose another folder with --out, or replace the files there with -f "
+                "(--force).",
             )
     except OSError as e:
         raise _unwritable(folder, e) from e

@@ -168,6 +168,9 @@ def _summary(lap: RecordedLap, track: Track | None) -> dict[str, Any]:
         "seconds": lap.duration_s,
         "completed": lap.completed,
         "resets": int(lap.resets[-1]),
+        "penalty_s": lap.penalty_s,
+        "clean": lap.clean,
+        "text": lap.told,
         "status": lap.status[-1],
         "start_m": start_m,
         "start_percent": None

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from drcli.base.errors import DrError, SettingsError
+from drcli.base.json_record import RecordError
 from drcli.config.bucket_config import ModelConfig
+from drcli.exchange.episode_metrics import TrialMetrics
 from drcli.exchange.iteration import IterationRecord
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectInfo
@@ -67,7 +69,9 @@ class StoredTrace:
         mean_reward: Of its episodes, of all workers together; null where it is not known.
         mean_progress: The same in percent of a lap.
         full_laps: Episodes that completed a lap; null where it is not known.
-        best_lap_s: The fastest of them; null without one.
+        best_lap_s: The fastest clean one of them; null without one.
+        clean_laps: Of an evaluation: laps without reset and penalty.
+        resets: Of an evaluation: how often the car was put back on the track.
     """
 
     name: str
@@ -81,6 +85,8 @@ class StoredTrace:
     mean_progress: float | None = None
     full_laps: int | None = None
     best_lap_s: float | None = None
+    clean_laps: int | None = None
+    resets: int | None = None
 
 
 @dataclass(frozen=True)
@@ -232,19 +238,17 @@ def _evaluation_numbers(
             continue
         try:
             trials = json.loads(bucket.get(key))["metrics"]
-            progress = [float(trial["completion_percentage"]) for trial in trials]
-            laps = [
-                float(trial["elapsed_time_in_milliseconds"]) / 1000.0
-                for trial, done in zip(trials, progress, strict=True)
-                if done >= 100.0
-            ]
-        except (ValueError, KeyError, TypeError, RecursionError):
+            read = [TrialMetrics.from_json(trial) for trial in trials]
+        except (ValueError, KeyError, TypeError, RecursionError, RecordError):
             notes.append(f"s3://{bucket.name}/{key} is damaged: it has no readable trials.")
             continue
-        if progress:
+        if read:
+            clean_s = [t.elapsed_time_in_milliseconds / 1000.0 for t in read if t.clean]
             found[stamp] = {
-                "mean_progress": sum(progress) / len(progress),
-                "full_laps": len(laps),
-                "best_lap_s": min(laps, default=None),
+                "mean_progress": sum(trial.completion_percentage for trial in read) / len(read),
+                "full_laps": sum(trial.completion_percentage >= 100.0 for trial in read),
+                "best_lap_s": min(clean_s, default=None),
+                "clean_laps": len(clean_s),
+                "resets": sum(trial.reset_count for trial in read),
             }
     return found

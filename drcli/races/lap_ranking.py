@@ -10,9 +10,6 @@ from dataclasses import dataclass
 from drcli.exchange.race_rules import Ranking
 from drcli.exchange.race_submission import DrivenLap
 
-COMPLETE = "Lap complete"
-"""Status of a lap that was completed."""
-
 
 @dataclass(frozen=True)
 class LapFigures:
@@ -20,7 +17,8 @@ class LapFigures:
 
     Attributes:
         driven: Laps driven, complete or not.
-        complete: Laps completed.
+        complete: Laps completed, with or without resets, as the reference counts them.
+        clean: Laps completed without reset and penalty.
         in_a_row: Most laps completed in a row.
         best_lap_s: Fastest complete lap; None without one.
         best_average_s: Least mean of consecutive complete laps; None without so many.
@@ -29,10 +27,13 @@ class LapFigures:
         off_track: How often the car left the track.
         crashes: How often it crashed.
         resets: How often it was put back on the track.
+        best: The fastest complete lap; empty without one.
+        average: Those of the best average; empty without so many.
     """
 
     driven: int
     complete: int
+    clean: int
     in_a_row: int
     best_lap_s: float | None
     best_average_s: float | None
@@ -41,6 +42,8 @@ class LapFigures:
     off_track: int
     crashes: int
     resets: int
+    best: Sequence[DrivenLap] = ()
+    average: Sequence[DrivenLap] = ()
 
 
 @dataclass(frozen=True)
@@ -77,30 +80,37 @@ class Ranked:
 
 def figures_of(laps: Sequence[DrivenLap], average_laps: int) -> LapFigures:
     """What laps come to; `average_laps` is the length of the best average."""
-    is_complete = [lap.status == COMPLETE for lap in laps]
-    times = [lap.lap_s for lap, complete in zip(laps, is_complete, strict=True) if complete]
+    times = [lap.lap_s for lap in laps if lap.complete]
     rows = [
         laps[first : first + average_laps]
         for first in range(len(laps) - average_laps + 1)
-        if all(is_complete[first : first + average_laps])
+        if all(lap.complete for lap in laps[first : first + average_laps])
     ]
-    averages = [math.fsum(lap.lap_s for lap in row) / average_laps for row in rows]
+    average = min(rows, key=_sum_s, default=())
+    best = min((lap for lap in laps if lap.complete), key=lambda lap: lap.lap_s, default=None)
     longest = run = 0
-    for complete in is_complete:
-        run = run + 1 if complete else 0
+    for lap in laps:
+        run = run + 1 if lap.complete else 0
         longest = max(longest, run)
     return LapFigures(
         driven=len(laps),
         complete=len(times),
+        clean=sum(lap.clean for lap in laps),
         in_a_row=longest,
-        best_lap_s=min(times, default=None),
-        best_average_s=min(averages, default=None),
+        best_lap_s=None if best is None else best.lap_s,
+        best_average_s=_sum_s(average) / average_laps if average else None,
         total_s=math.fsum(times) if laps and len(times) == len(laps) else None,
         progress=math.fsum(lap.progress for lap in laps),
         off_track=sum(lap.off_track for lap in laps),
         crashes=sum(lap.crashes for lap in laps),
         resets=sum(lap.resets for lap in laps),
+        best=() if best is None else (best,),
+        average=average,
     )
+
+
+def _sum_s(laps: Sequence[DrivenLap]) -> float:
+    return math.fsum(lap.lap_s for lap in laps)
 
 
 def score_s(figures: LapFigures, rule: RankingRule) -> float | None:

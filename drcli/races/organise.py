@@ -100,6 +100,7 @@ def list_races(
                 queued=len(found.queue),
                 leader=first.racer if first is not None and leads else None,
                 leader_s=first.score_s if first is not None else None,
+                leader_text=first.score_text if first is not None else "",
                 runner=found.runner,
                 created_at=moment(found.rules.created_at),
             )

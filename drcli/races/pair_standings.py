@@ -1,10 +1,13 @@
 """What the pairs of a race in pairs come to: who meets whom, points, rounds. Pure functions."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
+from drcli.exchange.race_submission import DrivenLap
 from drcli.races import pairings
+from drcli.races import race_words as words
 from drcli.races.lap_ranking import figures_of, milliseconds
 from drcli.races.race_report import LeaderboardRow, PairEntry, SubmissionState
 from drcli.races.race_runs import Runner, cars_of, counted, row_of, run_state
@@ -88,10 +91,12 @@ def pair_rows(stored: StoredRace) -> list[LeaderboardRow]:
         if not laps and rounds.get(each.name, 1) < 2:  # nobody raced it yet
             continue
         figures = figures_of(laps, length)
-        averages = [figures_of(car.laps, length).best_average_s for car in cars[each.name]]
+        averages = [figures_of(car.laps, length).average for car in cars[each.name]]
+        average = min(filter(None, averages), key=_sum_s, default=())
         row = replace(
             row_of(stored, each.name, 1, figures),
-            best_average_s=min((time for time in averages if time is not None), default=None),
+            best_average_s=_sum_s(average) / length if average else None,
+            best_average_text=words.time_of(average, length),
             points=each.points,
             wins=each.wins,
             draws=each.draws,
@@ -143,10 +148,8 @@ def pair_entries(stored: StoredRace, runner: Runner) -> list[PairEntry]:
             if stored.rules.pairing == "bracket":
                 won = judge(*pair)
             laps = [figures_of(by_name[name].laps, 1) for name in pair]
-            times = [
-                sum(lap.lap_s for lap in by_name[name].laps if lap.status == "Lap complete")
-                for name in pair
-            ]
+            times = [_sum_s([lap for lap in by_name[n].laps if lap.complete]) for n in pair]
+            texts = [words.laps_in_pair(by_name[name].laps) for name in pair]
             entry = replace(
                 entry,
                 winner=submission_id(won or ""),
@@ -154,10 +157,16 @@ def pair_entries(stored: StoredRace, runner: Runner) -> list[PairEntry]:
                 second_laps=laps[1].complete,
                 first_s=times[0] or None,
                 second_s=times[1] or None,
+                first_text=texts[0],
+                second_text=texts[1],
                 videos=[by_name[name].video for name in pair if by_name[name].video],
             )
         found.append(entry)
     return found
+
+
+def _sum_s(laps: Sequence[DrivenLap]) -> float:
+    return math.fsum(lap.lap_s for lap in laps)
 
 
 def pair_state(stored: StoredRace, name: str, runner: Runner) -> SubmissionState:

@@ -67,7 +67,7 @@ def winner_of(laps: Sequence[Sequence[DrivenLap]]) -> int | None:
     keys = []
     for driven in laps:
         figures = figures_of(driven, 1)
-        times = [lap.lap_s for lap in driven if lap.status == "Lap complete"]
+        times = [lap.lap_s for lap in driven if lap.complete]
         violations = figures.off_track + figures.crashes
         keys.append((-figures.complete, milliseconds(sum(times)), -figures.progress, violations))
     if keys[0] == keys[1]:

@@ -2,24 +2,16 @@
 
 import csv
 import io
-import re
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 from drcli.base.atomic_file import rewrite
-from drcli.base.replaceable import HTML_PAGE, FileKind, refuse_replacing
 from drcli.races.race_page import race_page
 from drcli.races.race_report import LeaderboardRow, RaceReport
 from drcli.store.bucket import Bucket, ObjectMissing
 
 COLUMNS = tuple(each.name for each in fields(LeaderboardRow))
 """Of the table: those of the leaderboard."""
-
-RACE_TABLE = FileKind(
-    "the table of a race",
-    re.compile(rf"(\xef\xbb\xbf)?{','.join(COLUMNS[:3])},".encode()),
-    "--csv race.csv",
-)
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """Beginnings of a cell that spreadsheets would compute."""
@@ -82,12 +74,8 @@ def export_race(
         videos: That the page contains, by key.
 
     Raises:
-        SettingsError: A file cannot be written, or would replace one of another kind.
+        SettingsError: A file cannot be written.
     """
-    if csv_path is not None:
-        refuse_replacing(csv_path, RACE_TABLE)
-    if html_path is not None:
-        refuse_replacing(html_path, HTML_PAGE)
     page = b""
     if csv_path is not None:
         rewrite(csv_path, csv_of(report).encode())

@@ -3,7 +3,8 @@
 from dataclasses import dataclass, field
 
 from drcli.exchange.race_submission import RaceResult
-from drcli.races.lap_ranking import COMPLETE
+from drcli.races import race_words as words
+from drcli.races.lap_ranking import figures_of
 from drcli.races.race_runs import Runner, run_state
 from drcli.races.stored_race import StoredRace, submission_id
 
@@ -20,6 +21,8 @@ class RunCar:
         laps: Laps that it drove.
         best_lap_s: Its fastest complete lap; None without one.
         total_s: Time of its complete laps, simulated seconds; None without any.
+        clean: Laps that it completed without reset and penalty.
+        text: The same with penalties and resets, for people.
     """
 
     submission: str
@@ -29,6 +32,8 @@ class RunCar:
     laps: int = 0
     best_lap_s: float | None = None
     total_s: float | None = None
+    clean: int = 0
+    text: str = ""
 
 
 @dataclass(frozen=True)
@@ -89,7 +94,8 @@ def _run(stored: StoredRace, names: list[str], result: RaceResult, state: str) -
     cars = []
     for name in [car.submission for car in result.cars] or names:
         submission, driven = stored.submissions[name], laps.get(name, [])
-        times = [lap.lap_s for lap in driven if lap.status == COMPLETE]
+        times = [lap.lap_s for lap in driven if lap.complete]
+        figures = figures_of(driven, 1)
         cars.append(
             RunCar(
                 submission_id(name),
@@ -99,6 +105,10 @@ def _run(stored: StoredRace, names: list[str], result: RaceResult, state: str) -
                 len(driven),
                 min(times, default=None),
                 sum(times) if times else None,
+                figures.clean,
+                f"{words.laps_of(figures)}, best {words.time_of(figures.best)}"
+                if times
+                else words.laps_of(figures),
             )
         )
     return RaceRun(

@@ -86,11 +86,11 @@ def _board(report: RaceReport) -> str:
                 _rank(row),
                 row.racer,
                 row.model,
-                words.lap_time(row.score_s),
+                row.score_text,
                 words.gap(row),
-                words.lap_time(row.best_lap_s),
-                words.lap_time(row.best_average_s),
-                words.lap_time(row.total_s),
+                row.best_lap_text,
+                row.best_average_text,
+                row.total_text,
                 *_driven(row),
             ),
         )
@@ -124,7 +124,7 @@ def _pair_board(report: RaceReport) -> str:
                 str(row.wins),
                 str(row.draws),
                 str(row.losses),
-                words.lap_time(row.best_lap_s),
+                row.best_lap_text,
                 *_driven(row),
             ),
         )
@@ -135,7 +135,7 @@ def _pair_board(report: RaceReport) -> str:
 
 def _driven(row: LeaderboardRow) -> tuple[str, str, str]:
     """Laps, and how often the car left the track or crashed."""
-    return f"{row.complete_laps} of {row.laps}", str(row.off_track), str(row.crashes)
+    return row.laps_text, str(row.off_track), str(row.crashes)
 
 
 def _rank(row: LeaderboardRow) -> str:
@@ -200,10 +200,7 @@ def _laps(report: RaceReport) -> str:
     """All submissions with their laps; they need no script to be opened."""
     found = []
     for entry in report.submissions:
-        laps = ", ".join(
-            words.lap_time(time) if status == "Lap complete" else f"{words.lap_time(time)} {status}"
-            for time, status in zip(entry.lap_s, entry.lap_status, strict=True)
-        )
+        laps = "; ".join(entry.lap_text)
         text = laps or entry.message or entry.state
         notes = "".join(f'<p class="soft">{escape(note)}</p>' for note in entry.notes)
         found.append(

@@ -8,6 +8,8 @@ from drcli.base.errors import DrError, NotAvailable, OwnershipLost, SettingsErro
 from drcli.base.termination import Stopped, until_sigterm
 from drcli.config.settings import Settings
 from drcli.exchange.race_submission import BracketDraw, DrivenCar, DrivenLap, RaceResult
+from drcli.races import race_words as words
+from drcli.races.lap_ranking import figures_of
 from drcli.races.organise import show_race
 from drcli.races.queue_lease import QueueLease, held, runner_of
 from drcli.races.race_film import film_car
@@ -199,6 +201,7 @@ def _evaluated(
                     trial.off_track,
                     trial.crashes,
                     trial.resets,
+                    trial.penalty_s,
                 )
                 for trial in each.trials
             ],
@@ -216,7 +219,7 @@ def _outcome(result: RaceResult) -> str:
         return f"failed. {result.message}"
     texts = []
     for car in result.cars:
-        times = [lap.lap_s for lap in car.laps if lap.status == "Lap complete"]
-        best = f", best {min(times):.3f} s" if times else ""
-        texts.append(f"{len(times)} of {len(car.laps)} laps{best}")
+        figures = figures_of(car.laps, 1)
+        best = f", best {words.time_of(figures.best)}" if figures.best else ""
+        texts.append(f"{words.laps_of(figures)}{best}")
     return "; ".join(texts) + "."

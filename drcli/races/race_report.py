@@ -26,12 +26,18 @@ class LeaderboardRow:
         best_lap_s: Fastest complete lap; None without one.
         best_average_s: Best average of consecutive complete laps; None without so many.
         total_s: All laps together; None if one was not completed.
-        complete_laps: Laps completed.
+        complete_laps: Laps completed, with or without resets.
         laps: Laps driven.
         off_track: How often the car left the track.
         crashes: How often it crashed.
         resets: How often it was put back on the track.
         video: Key of the video in the bucket; empty without one.
+        clean_laps: Laps completed without reset and penalty.
+        score_text: The time that decides with its penalties and resets, for people.
+        best_lap_text: The best lap likewise.
+        best_average_text: The best average likewise.
+        total_text: The total likewise.
+        laps_text: Clean laps, and the others with their resets, for people.
         points: Of its pairs; None in other races.
         wins: Pairs won.
         draws: Pairs that nobody won.
@@ -55,6 +61,12 @@ class LeaderboardRow:
     crashes: int = 0
     resets: int = 0
     video: str = ""
+    clean_laps: int = 0
+    score_text: str = ""
+    best_lap_text: str = ""
+    best_average_text: str = ""
+    total_text: str = ""
+    laps_text: str = ""
     points: float | None = None
     wins: int = 0
     draws: int = 0
@@ -79,6 +91,7 @@ class SubmissionEntry:
         notes: What is worth knowing about its laps.
         lap_s: Times of its laps, simulated seconds.
         lap_status: How each lap ended.
+        lap_text: The same of each lap with penalties and resets, for people.
         simtrace: Key of its trace in the bucket.
         metrics: Key of its metrics in the bucket.
         video: Key of its video in the bucket; empty without one.
@@ -96,6 +109,7 @@ class SubmissionEntry:
     notes: list[str] = field(default_factory=list)
     lap_s: list[float] = field(default_factory=list)
     lap_status: list[str] = field(default_factory=list)
+    lap_text: list[str] = field(default_factory=list)
     simtrace: str = ""
     metrics: str = ""
     video: str = ""
@@ -118,6 +132,8 @@ class PairEntry:
         second_laps: Laps that the second completed.
         first_s: Time of these laps of the first, simulated seconds; None without any.
         second_s: The same of the second.
+        first_text: Laps and time of the first with resets and penalties, for people.
+        second_text: The same of the second.
         message: Why it failed.
         remedy: What to do about that.
         videos: Keys of its videos, one from each car.
@@ -134,6 +150,8 @@ class PairEntry:
     second_laps: int = 0
     first_s: float | None = None
     second_s: float | None = None
+    first_text: str = ""
+    second_text: str = ""
     message: str = ""
     remedy: str = ""
     videos: list[str] = field(default_factory=list)
@@ -187,6 +205,7 @@ class RaceEntry:
         queued: How many runs are still to be driven.
         leader: Racer on the first place; None if there is none.
         leader_s: The time that put the leader there; None without one.
+        leader_text: The same with its penalties and resets, for people.
         runner: The process that drives its queue now; empty if none does.
         created_at: When it was made, ISO 8601.
     """
@@ -202,6 +221,7 @@ class RaceEntry:
     leader_s: float | None
     runner: str
     created_at: str
+    leader_text: str = ""
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from drcli.exchange.race_submission import DrivenCar, RaceResult
+from drcli.races import race_words as words
 from drcli.races.lap_ranking import LapFigures, same_racer
 from drcli.races.race_report import LeaderboardRow, SubmissionState
 from drcli.races.stored_race import StoredRace, submission_id
@@ -92,4 +93,9 @@ def row_of(stored: StoredRace, name: str, rank: int | None, figures: LapFigures)
         off_track=figures.off_track,
         crashes=figures.crashes,
         resets=figures.resets,
+        clean_laps=figures.clean,
+        best_lap_text=words.time_of(figures.best),
+        best_average_text=words.time_of(figures.average, len(figures.average)),
+        total_text=words.NONE,
+        laps_text=words.laps_of(figures),
     )

@@ -1,6 +1,12 @@
 """How pages, tables and the command line write about a race."""
 
+import math
+from collections.abc import Sequence
+
+from drcli.exchange.laps import counted_resets
 from drcli.exchange.race_rules import RaceRules
+from drcli.exchange.race_submission import DrivenLap
+from drcli.races.lap_ranking import LapFigures
 from drcli.races.race_report import LeaderboardRow, PairEntry, RaceReport
 from drcli.races.race_settings import shown_settings
 
@@ -22,6 +28,38 @@ def lap_time(seconds: float | None) -> str:
     thousandths = round(seconds * 1000)
     minutes, rest = divmod(thousandths, 60_000)
     return f"{minutes}:{rest // 1000:02d}.{rest % 1000:03d}"
+
+
+def time_of(laps: Sequence[DrivenLap], average_laps: int = 1) -> str:
+    """Time of some laps, and what of it is no driving: 0:12.800 = 0:07.800 driven + 5.000 penalty.
+
+    Args:
+        laps: Those that the time consists of.
+        average_laps: The time is their sum divided by so many.
+    """
+    if not laps:
+        return NONE
+    seconds = math.fsum(lap.lap_s for lap in laps) / average_laps
+    penalty_s = math.fsum(lap.penalty_s or 0.0 for lap in laps) / average_laps
+    text = lap_time(seconds)
+    if penalty_s:
+        text += f" = {lap_time(seconds - penalty_s)} driven + {penalty_s:.3f} penalty"
+    resets = sum(lap.resets for lap in laps)
+    return f"{text}, {counted_resets(resets)}" if resets else text
+
+
+def laps_of(figures: LapFigures) -> str:
+    """How many laps are clean, and what became of the others."""
+    text = f"{figures.clean} of {figures.driven} clean"
+    if figures.complete > figures.clean:
+        text += f", {figures.complete} finished"
+    return f"{text}, {counted_resets(figures.resets)}" if figures.resets else text
+
+
+def lap_of(lap: DrivenLap) -> str:
+    """Time of a lap, and how it ended unless it was completed."""
+    text = time_of([lap])
+    return text if lap.complete else f"{text}, {lap.status.lower()}"
 
 
 def gap(row: LeaderboardRow) -> str:
@@ -97,8 +135,7 @@ def pair_result(pair: PairEntry) -> str:
     if pair.state != "done":
         states = {"waiting": "waits for earlier pairs", "alone": "goes on without racing"}
         return states.get(pair.state, pair.state)
-    first = _driven(pair.first_laps, pair.first_s)
-    second = _driven(pair.second_laps, pair.second_s)
+    first, second = pair.first_text, pair.second_text
     if not pair.winner:
         return f"nobody wins: {first}, {second}"
     if pair.winner == pair.first:
@@ -106,7 +143,12 @@ def pair_result(pair: PairEntry) -> str:
     return f"{pair.second_racer} wins: {second} against {first}"
 
 
-def _driven(laps: int, seconds: float | None) -> str:
-    if not laps:
+def laps_in_pair(laps: Sequence[DrivenLap]) -> str:
+    """Complete laps and the time for them."""
+    complete = [lap for lap in laps if lap.complete]
+    if not complete:
         return "no complete lap"
-    return f"{laps} lap{'s' * (laps != 1)} in {lap_time(seconds)}"
+    count, clean = len(complete), sum(lap.clean for lap in complete)
+    word = f"lap{'s' * (count != 1)}"
+    driven = f"{count} clean {word}" if clean == count else f"{count} {word} ({clean} clean)"
+    return f"{driven} in {time_of(complete)}"

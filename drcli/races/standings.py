@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from drcli.exchange.race_rules import RaceRules
+from drcli.races import race_words as words
 from drcli.races.lap_ranking import RankingRule, best_of_each, figures_of
 from drcli.races.pair_standings import (
     is_undecided,
@@ -94,15 +95,25 @@ def _lap_rows(stored: StoredRace) -> list[LeaderboardRow]:
     length = stored.rules.average_laps
     figures = {name: figures_of(car.laps, length) for name, car in cars.items()}
     racers = {name: stored.submissions[name].racer for name in figures}
-    return [
-        replace(
-            row_of(stored, place.name, place.rank, figures[place.name]),
+    found = []
+    for place in best_of_each(figures, racers, rule_of(stored.rules)):
+        row = row_of(stored, place.name, place.rank, figures[place.name])
+        if row.total_s is not None:
+            row = replace(row, total_text=words.time_of(cars[place.name].laps))
+        decides = {
+            "best-lap": row.best_lap_text,
+            "best-average": row.best_average_text,
+            "total-time": row.total_text,
+        }
+        row = replace(
+            row,
             score_s=place.score_s,
+            score_text=words.NONE if place.score_s is None else decides[stored.rules.ranking],
             gap_s=place.gap_s,
             video=cars[place.name].video,
         )
-        for place in best_of_each(figures, racers, rule_of(stored.rules))
-    ]
+        found.append(row)
+    return found
 
 
 def _entries(
@@ -138,6 +149,7 @@ def _entries(
                 entry,
                 lap_s=[lap.lap_s for lap in car.laps],
                 lap_status=[lap.status for lap in car.laps],
+                lap_text=[words.lap_of(lap) for lap in car.laps],
                 simtrace=car.simtrace,
                 metrics=car.metrics,
                 video=car.video,

@@ -18,7 +18,8 @@ from drcli.exchange.race_rules import RaceRules
 from drcli.exchange.race_submission import QueueOrder, RaceSubmission
 from drcli.exchange.scores import Score, encode_single
 from drcli.modelfiles.model_metadata import SINGLE_CAMERAS, ModelMetadata
-from drcli.models.checkpoint_choice import OUR_PARTS, find_choice
+from drcli.modelfiles.network_shape import own_files
+from drcli.models.checkpoint_choice import OUR_PARTS, take_choice
 from drcli.races.lap_ranking import same_racer
 from drcli.races.organise import show_race
 from drcli.races.queue_lease import runner_of
@@ -28,7 +29,8 @@ from drcli.races.race_wish import checked_name
 from drcli.races.standings import queue_of, state_of
 from drcli.races.stored_race import StoredRace, new_name, put, read_race, submission_id
 from drcli.store import keys, race_keys
-from drcli.store.bucket import Bucket, ObjectMissing
+from drcli.store.bucket import Bucket
+from drcli.store.model_kind import what_helps
 from drcli.store.repair import Model
 
 _PARTS = (*OUR_PARTS, *keys.TENSORFLOW_PARTS)
@@ -66,7 +68,7 @@ def submit(
     race: str,
     *,
     prefix: str | None = None,
-    checkpoint: str = "last",
+    checkpoint: str = "best",
     racer: str | None = None,
     now_s: float | None = None,
 ) -> SubmissionReport:
@@ -102,8 +104,8 @@ def submit(
         ) from None
     _refuse_late(stored, now)
     _refuse_too_many(stored, name)
-    _check_model(bucket, model, stored.rules, race)
-    chosen = find_choice(Model.of(settings.model, bucket, model), choice).name
+    chosen = take_choice(Model.of(settings.model, bucket, model), choice).name
+    _check_model(bucket, model, chosen, stored.rules, race)
     _refuse_twice(stored, model, chosen)
     taken = new_name(bucket, race)
     _copy(bucket, model, chosen, race_keys.model(race, taken, model))
@@ -255,19 +257,17 @@ def _refuse_twice(stored: StoredRace, model: str, checkpoint: str) -> None:
             )
 
 
-def _check_model(bucket: Bucket, model: str, rules: RaceRules, race: str) -> None:
+def _check_model(bucket: Bucket, model: str, checkpoint: str, rules: RaceRules, race: str) -> None:
     """Refuse a model that does not exist, or has sensors that the race does not allow."""
     url = f"s3://{bucket.name}/{model}"
-    key = keys.model_metadata(model)
-    try:
-        data = bucket.get(key)
-    except ObjectMissing:
+    data = own_files(bucket, model, checkpoint).get(keys.MODEL_METADATA_FILE)
+    if data is None:
         raise SettingsError(
-            f"{url} has no trained model: {key} is missing.",
-            remedy="Name one of those that `dr-list-models` shows.",
-        ) from None
+            f"{url} has no trained model: {keys.model_metadata(model)} is missing.",
+            remedy=what_helps(bucket, model),
+        )
     try:
-        used = ModelMetadata.from_bytes(data, f"s3://{bucket.name}/{key}").sensor
+        used = ModelMetadata.from_bytes(data, f"{url}/{checkpoint}: model_metadata.json").sensor
     except (ProblemsError, RecordError) as error:
         remedy = getattr(error, "remedy", "") or "Repair that file."
         raise SettingsError(str(error), remedy=remedy) from error
@@ -289,13 +289,17 @@ def _copy(bucket: Bucket, model: str, checkpoint: str, target: str) -> None:
         for info in bucket.list(keys.model_folder(model))
         if keys.checkpoint_of(model, info.key) == wanted and info.key.endswith(_PARTS)
     ]
-    found += [keys.model_metadata(model)]
-    for key in (keys.hyperparameters(model), keys.reward_function(model)):
-        if bucket.exists(key):
-            found.append(key)
+    if bucket.exists(keys.reward_function(model)):
+        found.append(keys.reward_function(model))
     for key in found:
         copy = keys.folder(target) + key.removeprefix(keys.folder(model))
         bucket.put(copy, bucket.get(key))
+    copies = {
+        keys.MODEL_METADATA_FILE: keys.model_metadata(target),
+        keys.HYPERPARAMETERS_FILE: keys.hyperparameters(target),
+    }
+    for name, data in own_files(bucket, model, checkpoint).items():
+        bucket.put(copies[name], data)
     bucket.put(keys.deepracer_checkpoints(target), encode_single(Score(checkpoint)))
     bucket.put(keys.coach_checkpoint(target), checkpoint.encode())
 

@@ -15,9 +15,9 @@ from drcli.modelfiles.droa_params import (
     split_world,
 )
 from drcli.modelfiles.params_yaml import training_parameters
+from drcli.models.checkpoint_choice import find_choice, sentence_about
 from drcli.models.checkpoint_files import (
     PARAMETERS_FILE,
-    choose,
     read_checkpoint,
     read_model_files,
     refuse_incomplete,
@@ -28,6 +28,7 @@ from drcli.models.transfer_buckets import bucket_to_look_at
 from drcli.remote.droa_package import Files
 from drcli.remote.droa_rules import INDEX, POINTER
 from drcli.store import keys
+from drcli.store.repair import Model
 from drcli.tracks.track_list import list_tracks
 
 
@@ -43,18 +44,20 @@ def read_bucket_model(settings: Settings, prefix: str, choice: CheckpointChoice)
     """
     bucket = bucket_to_look_at(settings.transfer, upload=False)
     refuse_incomplete(settings.model, bucket, prefix)
-    chosen = choose(bucket, prefix, choice)
+    chosen = find_choice(Model.of(settings.model, bucket, prefix), choice)
     if not set(keys.TENSORFLOW_PARTS) <= set(chosen.parts):
         exported = read_droa_export(settings, Selection(choice, prefix), world=None)
         for note in exported.notes:
             notices.show(note)
         return package_files(exported)
+    notices.show(sentence_about(Model.of(settings.model, bucket, prefix), chosen))
     items = [
         *read_checkpoint(bucket, prefix, chosen),
         *read_model_files(
             settings.model,
             bucket,
             prefix,
+            chosen.name,
             (bucket.name, prefix),
             training_parameters(settings),
         ),

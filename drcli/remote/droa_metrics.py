@@ -6,9 +6,10 @@ import tarfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from drcli.base.errors import SettingsError, StorageError
+from drcli.exchange.episode_metrics import is_clean
 from drcli.remote.droa_api import Droa
 from drcli.remote.droa_models import RemoteModel
 
@@ -25,8 +26,9 @@ class PhaseMeans:
         episodes: How many episodes there are.
         mean_reward: Mean reward of an episode.
         mean_progress: Mean part of the lap, percent.
-        full_laps: How many episodes completed the lap.
-        best_lap_s: Shortest time of a complete lap; None if there is none.
+        full_laps: How many episodes completed the lap, with or without resets.
+        best_lap_s: Shortest time of a clean lap; None if there is none.
+        clean_laps: How many completed it without reset and penalty.
     """
 
     phase: str
@@ -35,6 +37,7 @@ class PhaseMeans:
     mean_progress: float
     full_laps: int
     best_lap_s: float | None
+    clean_laps: int = 0
 
 
 @dataclass(frozen=True)
@@ -132,7 +135,7 @@ def archive_summary(file: Path) -> list[PhaseMeans]:
 
 def means_of(files: list[bytes]) -> list[PhaseMeans]:
     """The means of the episodes in metrics files, by phase; others are skipped."""
-    by_phase: dict[str, list[tuple[float, float, float]]] = {}
+    by_phase: dict[str, list[_Episode]] = {}
     for data in files:
         for entry in _entries(data):
             numbers = [
@@ -147,7 +150,8 @@ def means_of(files: list[bytes]) -> list[PhaseMeans]:
             if progress is None:
                 continue
             phase = str(entry.get("phase") or "evaluation")
-            by_phase.setdefault(phase, []).append((reward or 0.0, progress, elapsed_ms or math.nan))
+            found = _Episode(reward or 0.0, progress, elapsed_ms or math.nan, is_clean(entry))
+            by_phase.setdefault(phase, []).append(found)
     return [_means(phase, episodes) for phase, episodes in sorted(by_phase.items(), reverse=True)]
 
 
@@ -174,15 +178,23 @@ def _number(value: Any) -> float | None:
     return float(value) if usable else None
 
 
-def _means(phase: str, episodes: list[tuple[float, float, float]]) -> PhaseMeans:
-    laps = [ms / 1000 for _, progress, ms in episodes if progress >= 100]
-    timed = [seconds for seconds in laps if math.isfinite(seconds)]
+class _Episode(NamedTuple):
+    reward: float
+    progress: float
+    elapsed_ms: float
+    clean: bool
+
+
+def _means(phase: str, episodes: list[_Episode]) -> PhaseMeans:
+    finished = [each for each in episodes if each.progress >= 100]
+    clean = [each.elapsed_ms / 1000 for each in finished if each.clean]
     number = len(episodes)
     return PhaseMeans(
         phase,
         number,
-        sum(reward for reward, _, _ in episodes) / number,
-        sum(progress for _, progress, _ in episodes) / number,
-        len(laps),
-        min(timed) if timed else None,
+        sum(each.reward for each in episodes) / number,
+        sum(each.progress for each in episodes) / number,
+        len(finished),
+        min((seconds for seconds in clean if math.isfinite(seconds)), default=None),
+        len(clean),
     )

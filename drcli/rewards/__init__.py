@@ -1,1 +1,1 @@
-"""Checks, plots and compares reward functions."""
+"""Checks, tries, plots and compares reward functions."""

@@ -1,16 +1,22 @@
 """Checks a reward function on the configured track, in the configured race."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Event
 
-from drcli.base.problems import Problem
-from drcli.checks.sandbox.sandbox_records import CallIndex
+from drcli.base.problems import Problem, of_severity
+from drcli.config.run_config import RaceConfig
 from drcli.config.settings import Settings
+from drcli.modelfiles.custom_files import InputFile
 from drcli.rewards.course import Course, TriedReward, try_rewards
-from drcli.rewards.lint import SIMULATION_STEP_S, named_parameters, problems_of
+from drcli.rewards.lint import SIMULATION_STEP_S
+from drcli.rewards.loopholes import drive_problems
+from drcli.rewards.sandbox.sandbox_records import CallIndex
 from drcli.rewards.scripted_drive import drive, each_race
-from drcli.rewards.source import file_of
+from drcli.rewards.source import read_racers_file
+from drcli.rewards.try_inputs import races_of, tolerated_share
+from drsim.episode.reward_errors import names_in
 
 
 @dataclass(frozen=True)
@@ -161,17 +167,46 @@ def check(settings: Settings, file: Path | None, directory: Path) -> RewardRepor
     Raises:
         SettingsError: The file or the track does not exist, or the race does not fit on it.
     """
-    path = file_of(settings, file)
+    read = read_racers_file(settings, file, directory)
+    return report_of(try_in_each_race(settings, read, directory, lambda own: Course.of(drive(own))))
+
+
+def try_in_each_race(
+    settings: Settings,
+    file: InputFile,
+    directory: Path,
+    course_of: Callable[[RaceConfig], Course],
+    given_up: Event | None = None,
+) -> list[TriedReward]:
+    """Try a reward function as before a start, and on the course of each distinct race.
+
+    The arguments are those of `check`; `course_of` gives the course of a race, and `given_up` ends
+    the trial early when it is set. The first result has the samples of all races.
+    """
     tried: list[TriedReward] = []
+    tolerated = tolerated_share(settings.run.train)
     for own in each_race(settings.races):
-        tried += try_rewards([path], Course.of(drive(own)), directory)
-    first, *others = map(report, tried)
-    return with_others(first, others)
+        races = None if tried else races_of(settings.run)
+        course = course_of(own)
+        if given_up is not None and given_up.is_set():
+            break
+        tried += try_rewards([file], course, directory, races, tolerated, given_up)
+    return tried
 
 
-def report(tried: TriedReward) -> RewardReport:
-    """The report on one race."""
-    found = problems_of(tried)
+def report_of(races: Sequence[TriedReward]) -> RewardReport:
+    """The report on the first race, with the problems that only show in the others."""
+    found: list[Problem] = []
+    for each in races:
+        drive_ = each.course.drive
+        place = f"On {drive_.world}, {drive_.race_type}: " if each is not races[0] else ""
+        known = {(problem.rule, problem.where) for problem in found}
+        found += [
+            replace(problem, message=place + problem.message)
+            for problem in (*each.problems, *drive_problems(each))
+            if (problem.rule, problem.where) not in known
+        ]
+    tried = races[0]
     drive_ = tried.course.drive
     paid = [
         (value, sequence, index)
@@ -206,31 +241,14 @@ def report(tried: TriedReward) -> RewardReport:
             for trip in drive_.trips
         ],
         curve=tried.result.values[0],
-        errors=[problem for problem in found if problem.severity == "error"],
-        warnings=[problem for problem in found if problem.severity == "warning"],
-        others=[],
+        errors=list(of_severity(found, "error")),
+        warnings=list(of_severity(found, "warning")),
+        others=[
+            OtherRace(drive_.world, drive_.race_type, drive_.track.reverse, each.result.calls)
+            for each in races[1:]
+            for drive_ in [each.course.drive]
+        ],
     )
-
-
-def with_others(first: RewardReport, others: list[RewardReport]) -> RewardReport:
-    """A report with the problems that only show in other races."""
-    errors, warnings = list(first.errors), list(first.warnings)
-    for other in others:
-        place = f"On {other.world}, {other.race_type}: "
-        known_errors = {(problem.rule, problem.where) for problem in errors}
-        known_warnings = {problem.rule for problem in warnings}
-        errors += [
-            replace(problem, message=place + problem.message)
-            for problem in other.errors
-            if (problem.rule, problem.where) not in known_errors
-        ]
-        warnings += [
-            replace(problem, message=place + problem.message)
-            for problem in other.warnings
-            if problem.rule not in known_warnings
-        ]
-    races = [OtherRace(o.world, o.race_type, o.reversed, o.calls) for o in others]
-    return replace(first, errors=errors, warnings=warnings, others=races)
 
 
 def _extreme(tried: TriedReward, found: tuple[float, int, int] | None) -> Extreme | None:
@@ -260,7 +278,7 @@ def _parameters(tried: TriedReward) -> list[ParameterReport]:
         for trip in drive_.trips
         for call in trip.calls
     ]
-    read = named_parameters(tried.text)
+    read = names_in(tried.text)
     found = []
     for name in sorted(calls[0]):
         # The waypoints are the same object in all calls.

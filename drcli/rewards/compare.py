@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.atomic_file import rewrite
+from drcli.base.problems import refuse
 from drcli.base.replaceable import refuse_replacing
 from drcli.config.settings import Settings
 from drcli.rewards.course import Course, TriedReward, position, scaled, try_rewards
 from drcli.rewards.pictures import draw_comparison
 from drcli.rewards.scripted_drive import drive
-from drcli.rewards.source import files_of
+from drcli.rewards.source import read_files
 
 Floats = NDArray[np.float64]
 
@@ -97,7 +98,13 @@ class ComparisonReport:
 
 
 def compare(
-    settings: Settings, first: Path, second: Path, out: Path | None, directory: Path
+    settings: Settings,
+    first: Path,
+    second: Path,
+    out: Path | None,
+    directory: Path,
+    *,
+    force: bool = False,
 ) -> ComparisonReport:
     """Try two functions on the same drive over the configured track.
 
@@ -105,20 +112,20 @@ def compare(
         settings: The track, the race and the direction.
         first: A function.
         second: Another one.
-        out: A picture to draw, a PNG file, or None; an older one is replaced.
+        out: A picture to draw, a PNG file, or None.
         directory: The racer's working folder.
+        force: Whether an existing picture may be replaced.
 
     Raises:
         SettingsError: A function fails, the track does not exist, or the picture cannot be
             written.
     """
-    files = files_of([first, second])
+    files = read_files([first, second], directory)
     if out is not None:
-        refuse_replacing(out)
+        refuse_replacing(out, force=force)
     course = Course.of(drive(settings.race))
     both = try_rewards(files, course, directory)
-    for tried in both:
-        tried.refuse_failing()
+    refuse(problem for tried in both for problem in tried.problems)
     if out is not None:
         rewrite(out, draw_comparison(*both))
     return _report(*both, picture=str(out) if out else None)

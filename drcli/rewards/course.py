@@ -11,15 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem
-from drcli.base.regular_file import read_regular
-from drcli.checks.sandbox.run_sandbox import Sandbox
-from drcli.checks.sandbox.sandbox_records import REMEDIES, CallIndex, SandboxRequest, SandboxResult
+from drcli.config.run_config import RaceConfig
+from drcli.modelfiles.custom_files import InputFile
 from drcli.rewards.drivers import FAST, STEADY, ScriptedDriver
+from drcli.rewards.lint import problems_of
+from drcli.rewards.reward_rules import read_source
+from drcli.rewards.sandbox.run_sandbox import Sandbox
+from drcli.rewards.sandbox.sandbox_records import CallIndex, SandboxRequest, SandboxResult
 from drcli.rewards.scripted_drive import Drive, Trip
-from drcli.rewards.source import display_name
-from drcli.rewards.track_grid import Grid, track_grid, unusual_states
+from drcli.rewards.track_grid import Grid, track_grid
 from drsim.episode.reward import RewardParams
 
 Floats = NDArray[np.float64]
@@ -32,34 +33,24 @@ class Course:
     Attributes:
         drive: The calls of the drivers.
         grid: Places on and off the road.
-        unusual: Single states that the drivers do not get into, by name.
     """
 
     drive: Drive
     grid: Grid
-    unusual: dict[str, RewardParams]
 
     @staticmethod
     def of(drive: Drive) -> "Course":
         """The course of a drive."""
-        return Course(drive, track_grid(drive), unusual_states(drive, drive.trip(STEADY).calls))
+        return Course(drive, track_grid(drive))
 
     @property
     def sequences(self) -> list[list[dict[str, Any]]]:
-        """All calls: the drivers' first, then the grid, then the unusual states."""
-        trips = [trip.calls for trip in self.drive.trips]
-        return [*trips, self.grid.calls, list(self.unusual.values())]
-
-    @property
-    def size(self) -> int:
-        """How many calls there are."""
-        return sum(map(len, self.sequences))
+        """All calls: the drivers' first, then the grid."""
+        return [*(trip.calls for trip in self.drive.trips), self.grid.calls]
 
     def describe(self, place: CallIndex) -> str:
         """A call in words."""
         trips = self.drive.trips
-        if place.sequence > len(trips):
-            return list(self.unusual)[place.index]
         if place.sequence == len(trips):
             return f"a car placed on the track, {position(self.grid.calls[place.index])}"
         trip = trips[place.sequence]
@@ -69,13 +60,21 @@ class Course:
 
 @dataclass(frozen=True)
 class TriedReward:
-    """One reward function on a course; `name` is the author's name for its file."""
+    """One reward function on a course.
+
+    Attributes:
+        name: The author's name for its file.
+        course: The calls.
+        result: What the sandbox found.
+        text: The function; empty if it cannot be decoded.
+        problems: Everything that every check finds.
+    """
 
     name: str
     course: Course
     result: SandboxResult
-    file: Path
-    text: bytes
+    text: str
+    problems: list[Problem]
 
     def values(self, driver: ScriptedDriver) -> list[float | None]:
         """The rewards of a driver, step by step."""
@@ -115,23 +114,14 @@ class TriedReward:
         values = self.result.values[len(self.course.drive.trips)]
         return as_array(values).reshape(self.course.grid.off.shape)
 
+    @property
+    def samples(self) -> list[float | None]:
+        """The rewards of the samples of the first race; empty if they were not tried."""
+        return next(iter(self.result.values[len(self.course.sequences) :]), [])
+
     def warning(self, rule: str, message: str, remedy: str, line: int | None = None) -> Problem:
         """A problem of this function that does not stop a training."""
         return Problem(rule, "warning", self.name, line, message, remedy)
-
-    def refuse_failing(self) -> None:
-        """Refuse a function that fails, unless only in unusual states.
-
-        Raises:
-            SettingsError: It says where and why.
-        """
-        unusual = len(self.course.drive.trips) + 1
-        for failure in self.result.failures:
-            if failure.first is not None and failure.first.sequence == unusual:
-                continue
-            where = f"{self.name} line {failure.line}" if failure.line else self.name
-            remedy = f"{REMEDIES[failure.kind]} `dr-reward check {self.name}` shows every problem."
-            raise SettingsError(f"{where}: {failure.sentence()}", remedy=remedy)
 
 
 def as_array(values: list[float | None]) -> Floats:
@@ -157,49 +147,40 @@ def position(call: RewardParams) -> str:
     )
 
 
-def try_rewards(files: list[Path], course: Course, directory: Path) -> list[TriedReward]:
-    """Call reward functions on a course, all at the same time.
-
-    Raises:
-        SettingsError: A file cannot be read.
-    """
-    texts = []
-    for file in files:
-        try:
-            texts.append((file, read_regular(file)))
-        except OSError as error:
-            raise SettingsError(
-                f"{file}: the reward function cannot be read: {error.strerror}.",
-                remedy="Choose a file that you can read, such as custom_files/reward_function.py.",
-            ) from None
-    return try_texts(texts, course, directory)
-
-
-def try_texts(
-    texts: Sequence[tuple[Path, bytes]],
+def try_rewards(
+    files: Sequence[InputFile],
     course: Course,
     directory: Path,
+    races: list[RaceConfig] | None = None,
+    tolerated: float = 0.0,
     given_up: Event | None = None,
 ) -> list[TriedReward]:
     """Call reward functions on a course, all at the same time.
 
     Args:
-        texts: The contents of files, which need not be written yet, with their paths.
+        files: The functions, which need not be written yet.
         course: The calls.
         directory: The racer's working folder.
+        races: Before the course, try the samples of these too.
+        tolerated: As in `lint.problems_of`.
         given_up: Ends the trial early when it is set; its values are then of no use.
     """
     ways = course.drive.waypoints()
     waypoints = [[list(point) for point in ways[way]] for way in (False, True)]
     repeated = len(course.drive.trips)
+    tried = []
     with ExitStack() as stack:
         running = []
-        for file, text in texts:
-            name = display_name(file, directory)
-            request = SandboxRequest(name, course.sequences, waypoints, repeated)
-            sandbox = stack.enter_context(Sandbox(request, text, directory))
-            running.append((name, sandbox, file, text))
-        return [
-            TriedReward(name, course, sandbox.result(given_up), file, text)
-            for name, sandbox, file, text in running
-        ]
+        for file in files:
+            source, wrong = read_source(file)
+            request = SandboxRequest(file.origin, course.sequences, waypoints, repeated, races)
+            sandbox = Sandbox(request, file.data, directory) if source is not None else None
+            running.append((file.origin, source, wrong, sandbox and stack.enter_context(sandbox)))
+        for name, source, problems, sandbox in running:
+            result = SandboxResult(values=[[None] * len(calls) for calls in course.sequences])
+            if source is not None and sandbox is not None:
+                result = sandbox.result(given_up)
+                problems = problems_of(source, result, directory, tolerated)
+            text = "" if source is None else source.text
+            tried.append(TriedReward(name, course, result, text, problems))
+    return tried

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.problems import Problem
-from drcli.checks.reward_rules import read_source, review_source
 from drcli.config.run_config import RaceConfig
 from drcli.config.settings import Settings
 from drcli.modelfiles.custom_files import InputFile
-from drcli.rewards.check import RewardReport, report, with_others
-from drcli.rewards.course import Course, TriedReward, as_array, try_texts
+from drcli.rewards.check import RewardReport, report_of, try_in_each_race
+from drcli.rewards.course import Course, TriedReward, as_array
 from drcli.rewards.pictures import cell_edges
-from drcli.rewards.scripted_drive import drive, each_race
+from drcli.rewards.reward_rules import read_source
+from drcli.rewards.scripted_drive import drive
 from drcli.rewards.source import display_name
 from drcli.rewards.track_grid import SPEED_MPS
 
@@ -146,23 +146,17 @@ class LiveCheck:
             SettingsError: The track does not exist, or the race does not fit on it.
         """
         path = settings.custom_files_dir / "reward_function.py"
-        source, wrong = read_source(InputFile(path.name, text, display_name(path, directory)))
+        file = InputFile(path.name, text, display_name(path, directory))
+        source, wrong = read_source(file)
         if source is None:
             return LiveReport(wrong)
-        tried: list[TriedReward] = []
-        keys = []
-        for own in each_race(settings.races):
-            keys.append(_key(own))
-            if given_up.is_set():
-                return None
-            tried += try_texts([(path, text)], self._course(own), directory, given_up)
-            if given_up.is_set():
-                return None
-        first, *others = map(report, tried)
-        whole = with_others(first, others)
-        found = _once([*review_source(source), *whole.errors, *whole.warnings])
-        course = None if known == keys[0] else _course_picture(keys[0], tried[0].course)
-        return LiveReport(found, whole, _picture(keys[0], tried[0]), course)
+        tried = try_in_each_race(settings, file, directory, self._course, given_up)
+        if given_up.is_set():
+            return None
+        whole, key = report_of(tried), _key(settings.race)
+        course = None if known == key else _course_picture(key, tried[0].course)
+        found = [*whole.errors, *whole.warnings]
+        return LiveReport(found, whole, _picture(key, tried[0]), course)
 
     def _course(self, own: RaceConfig) -> Course:
         key = _key(own)
@@ -171,15 +165,6 @@ class LiveCheck:
         while len(self._courses) > MOST_COURSES:
             del self._courses[next(iter(self._courses))]
         return course
-
-
-def _once(problems: list[Problem]) -> list[Problem]:
-    """Errors first; an undefined name is found by reading and by trying."""
-    kept: dict[tuple[object, ...], Problem] = {}
-    for problem in problems:
-        place = (problem.line, problem.severity) if problem.line is not None else (problem.message,)
-        kept.setdefault(place, problem)
-    return sorted(kept.values(), key=lambda problem: problem.severity != "error")
 
 
 def _key(own: RaceConfig) -> str:

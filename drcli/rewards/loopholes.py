@@ -1,4 +1,8 @@
-"""Finds loopholes: rewards that lead a car to something else than a fast lap."""
+"""Finds what a drive shows of a reward function.
+
+Loopholes lead a car to something else than a fast lap. Rewards that depend on chance or on earlier
+episodes cannot be learned.
+"""
 
 from collections.abc import Iterator
 
@@ -7,6 +11,14 @@ import numpy as np
 from drcli.base.problems import Problem
 from drcli.rewards.course import TriedReward
 from drcli.rewards.drivers import FAST, LEAVING, STANDING, STEADY
+from drcli.rewards.sandbox.sample_calls import LATE
+from drcli.rewards.sandbox.sandbox_records import Difference, FailureKind
+
+_DIGITS, _ALL_DIGITS = 4, 17
+"""Digits of a reward that are shown, and how many distinguish any two numbers."""
+
+_FATAL: tuple[FailureKind, ...] = ("load", "signature", "endless", "ends", "crashes")
+"""After these failures there are too few values to find loopholes."""
 
 _SAME = 1e-9
 _GROWS = 3.0
@@ -21,7 +33,14 @@ _NEARLY = 0.95
 _BETTER = "Pay for progress per step, or for a lap in few steps."
 
 
-def loopholes(tried: TriedReward) -> Iterator[Problem]:
+def drive_problems(tried: TriedReward) -> Iterator[Problem]:
+    """What the drive shows, all of it warnings."""
+    yield from _memory(tried)
+    if not any(failure.kind in _FATAL for failure in tried.result.failures):
+        yield from _loopholes(tried)
+
+
+def _loopholes(tried: TriedReward) -> Iterator[Problem]:
     """The loopholes that show in the values of a function."""
     values = np.concatenate([tried.drive_values, tried.grid_values.reshape(-1)])
     values = values[~np.isnan(values)]
@@ -42,13 +61,13 @@ def loopholes(tried: TriedReward) -> Iterator[Problem]:
 
 
 def _growth(tried: TriedReward, greatest: float) -> Iterator[Problem]:
-    late = tried.result.values[-1][0]
+    late = tried.samples[LATE] if tried.samples else None
     if late is not None and abs(late) > max(_GROWS * greatest, 1.0):
         yield tried.warning(
             "unbounded",
-            f"It grows without end: {next(iter(tried.course.unusual))}, one step pays {late:,.4g}; "
-            f"on the whole drive no step pays more than {greatest:,.4g}. So a long episode is "
-            "worth more than a good one.",
+            f"It grows without end: late in a very long episode one step pays {late:,.4g}; on the "
+            f"whole drive no step pays more than {greatest:,.4g}. So a long episode is worth more "
+            "than a good one.",
             "Limit it, as in min(reward, 10.0), or pay for the pace: progress / steps.",
         )
 
@@ -109,3 +128,32 @@ def _laps(tried: TriedReward) -> Iterator[Problem]:
         )
     elif creeping:
         yield tried.warning("standing", creeping, _BETTER)
+
+
+def _memory(tried: TriedReward) -> Iterator[Problem]:
+    random, memory = tried.result.random, tried.result.memory
+    if random is not None:
+        yield tried.warning(
+            "random",
+            f"The reward changes when the same drive is repeated: {_both(tried, random, 'and')}.",
+            "Remove random numbers and clocks: the car also learns from noise in the reward.",
+        )
+    if memory is not None:
+        yield tried.warning(
+            "memory",
+            "For the same parameters the reward depends on earlier calls: "
+            f"{_both(tried, memory, 'or')}. It remembers something from earlier episodes.",
+            'Reset it when an episode begins (`params["steps"] <= 2`), or do without it.',
+        )
+
+
+def _both(tried: TriedReward, difference: Difference, word: str) -> str:
+    """Both values, with enough digits to distinguish them, and the place."""
+    values, digits = (difference.value, difference.other), _DIGITS
+    while True:
+        one, other = ("a failure" if value is None else f"{value:.{digits}g}" for value in values)
+        if one != other or digits == _ALL_DIGITS:
+            break
+        digits += 1
+    often = f"{difference.times:,} of {difference.of:,} calls"
+    return f"{one} {word} {other} ({tried.course.describe(difference.place)}; {often})"

@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from drcli.base.atomic_file import rewrite
+from drcli.base.problems import refuse
 from drcli.base.replaceable import refuse_replacing
 from drcli.config.settings import Settings
 from drcli.rewards.course import Course, try_rewards
 from drcli.rewards.pictures import draw_reward
 from drcli.rewards.scripted_drive import drive
-from drcli.rewards.source import file_of
+from drcli.rewards.source import read_racers_file
 
 
 @dataclass(frozen=True)
@@ -37,24 +38,27 @@ class PlotReport:
     laps: dict[str, float]
 
 
-def plot(settings: Settings, file: Path | None, out: Path, directory: Path) -> PlotReport:
+def plot(
+    settings: Settings, file: Path | None, out: Path, directory: Path, *, force: bool = False
+) -> PlotReport:
     """Draw the rewards of a function on the configured track.
 
     Args:
         settings: The track, the race and the direction.
         file: The function; None takes that of a training.
-        out: The picture, a PNG file; an older one is replaced.
+        out: The picture, a PNG file.
         directory: The racer's working folder.
+        force: Whether an existing picture may be replaced.
 
     Raises:
         SettingsError: The function fails, the track does not exist, or the picture cannot be
             written.
     """
-    path = file_of(settings, file)
-    refuse_replacing(out)
+    read = read_racers_file(settings, file, directory)
+    refuse_replacing(out, force=force)
     course = Course.of(drive(settings.race))
-    [tried] = try_rewards([path], course, directory)
-    tried.refuse_failing()
+    [tried] = try_rewards([read], course, directory)
+    refuse(tried.problems)
     replaced = out.exists()
     rewrite(out, draw_reward(tried))
     values = tried.grid_values

@@ -1,14 +1,12 @@
 """Places on and off the road, and the reward parameters of a car at each."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.checks.sandbox.sample_calls import places
+from drcli.rewards.sandbox.sample_calls import places
 from drcli.rewards.scripted_drive import Drive
-from drcli.workers.build_race import MAX_EPISODE_STEPS, SLACK
 from drsim.car.car import CONTROL_HZ, REFERENCE_POINT_AHEAD_M, WHEELS_M
 from drsim.episode.params import Situation, params_of
 from drsim.episode.reward import RewardParams
@@ -28,7 +26,6 @@ between two of them, and all wheels are off the road at the outermost."""
 
 _SPACING_M = 0.12
 _MOST_ALONG = 400
-_SLOWEST_MPS = 0.5
 
 
 @dataclass(frozen=True)
@@ -84,22 +81,6 @@ def track_grid(drive: Drive) -> Grid:
         del call["waypoints"]
     shape = (len(OFFSETS), count)
     return Grid(xy.reshape(*shape, 2), off.reshape(shape), outlines, calls)
-
-
-def unusual_states(drive: Drive, trip_calls: list[RewardParams]) -> dict[str, RewardParams]:
-    """States that come up in trainings but not in a good drive, by name; from a good drive."""
-    usual = trip_calls[len(trip_calls) // 2]
-    slow_lap_s = drive.track.length_m / _SLOWEST_MPS
-    longest = min(MAX_EPISODE_STEPS, math.ceil(SLACK * slow_lap_s * CONTROL_HZ))
-    late = {**usual, "steps": float(longest), "sim_time": longest / CONTROL_HZ}
-    return {
-        f"after {longest:,} steps": late,
-        "after a day of training": {**usual, "sim_time": 86_400.0},
-        "backed over the start line": {**usual, "progress": -0.5},
-        "at full lock to the left, 4 m/s": {**usual, "steering_angle": 30.0, "speed": 4.0},
-        "at full lock to the right, 0.1 m/s": {**usual, "steering_angle": -30.0, "speed": 0.1},
-        "turned round": {**usual, "heading": (usual["heading"] + 360.0) % 360.0 - 180.0},
-    }
 
 
 def _objects(drive: Drive, count: int) -> tuple[Objects | None, Floats]:

@@ -24,13 +24,13 @@ from drcli.base.json_record import RecordError
 from drcli.base.log import LogFile, get_logger
 from drcli.base.process_identity import started_s
 from drcli.base.termination import until_sigterm
-from drcli.checks.reward_timeout import exit_of_stuck
 from drcli.config.settings import Settings
 from drcli.exchange.episode_metrics import REPORT_FILE, EvaluationTrials
 from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.log_places import log_file
 from drcli.exchange.policy_source import PolicySource
+from drcli.rewards.reward_timeout import exit_of_stuck
 from drcli.runs.cloud_watch import sent_to_cloud_watch
 from drcli.runs.evaluation_plan import CHECKPOINT, EvaluationPlan, prepare_evaluation
 from drcli.runs.evaluation_report import EvaluationReport, trial_reports

@@ -7,7 +7,7 @@ from drcli.base.json_record import RecordError, parse_json
 from drcli.config.bucket_config import ModelConfig
 from drcli.exchange.episode_metrics import TrialMetrics
 from drcli.exchange.race_recording import RaceRecording
-from drcli.runs.evaluation_report import COMPLETE, TrialReport, trial_reports
+from drcli.runs.evaluation_report import TrialReport, laps_of, summary, trial_reports
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer, read_record
 from drcli.store.repair import Model
@@ -30,14 +30,18 @@ class ListedEvaluation:
         reverse: Whether it was driven in the opposite direction.
         checkpoint: Name of the checkpoint or file that drove.
         trials: In order.
-        complete_laps: How many of them completed the lap.
-        best_lap_s: Fastest of these, simulated seconds.
-        mean_lap_s: Mean of these.
+        complete_laps: How many of them completed the lap, with or without resets.
+        best_lap_s: Fastest clean lap, simulated seconds; None without one.
+        mean_lap_s: Mean of the completed laps, penalties included.
         off_track_penalty_s: What leaving the track adds to the time of a lap.
         collision_penalty_s: What a crash adds to it.
         video: Whether there is a video of it.
         trace: Whether its steps are stored, so that it can be filmed.
         problem: Why its trials cannot be read; empty if they can.
+        clean_laps: How many trials completed the lap without reset and penalty.
+        resets: How often the car was put back on the track in all trials.
+        best_finished_s: Fastest completed lap, penalties included; None without one.
+        summary: The trials in a sentence.
     """
 
     stamp: str
@@ -54,6 +58,10 @@ class ListedEvaluation:
     video: bool
     trace: bool
     problem: str = ""
+    clean_laps: int = 0
+    resets: int = 0
+    best_finished_s: float | None = None
+    summary: str = ""
 
 
 @dataclass(frozen=True)
@@ -121,7 +129,7 @@ def _listed(
         trials = trial_reports(read_record(bucket, key, _decode, remedy))
     except (ObjectMissing, ObjectDamaged, ObjectNewer) as error:
         problem = str(error)
-    laps = [trial.lap_s for trial in trials if trial.status == COMPLETE]
+    laps, clean = [trial.lap_s for trial in trials if trial.finished], laps_of(trials)
     return ListedEvaluation(
         stamp=stamp,
         world=recording.world if recording is not None else "",
@@ -130,13 +138,17 @@ def _listed(
         checkpoint=recording.checkpoint if recording is not None else "",
         trials=trials,
         complete_laps=len(laps),
-        best_lap_s=min(laps, default=None),
+        best_lap_s=clean.fastest_s,
         mean_lap_s=sum(laps) / len(laps) if laps else None,
         off_track_penalty_s=recording.off_track_penalty_s if recording is not None else None,
         collision_penalty_s=recording.collision_penalty_s if recording is not None else None,
         video=f"evaluation-{stamp}/video.mp4" in present,
         trace=f"evaluation-{stamp}/evaluation-simtrace/0-iteration.csv" in present,
         problem=problem,
+        clean_laps=clean.clean,
+        resets=sum(trial.resets for trial in trials),
+        best_finished_s=min(laps, default=None),
+        summary=summary(trials),
     )
 
 

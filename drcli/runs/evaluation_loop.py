@@ -16,7 +16,7 @@ from drcli.config.settings import Settings
 from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.runs.evaluation import run_evaluation, until_stopped
 from drcli.runs.evaluation_plan import choose_checkpoint, claim_stamp, prepare_evaluation
-from drcli.runs.evaluation_report import EvaluationReport
+from drcli.runs.evaluation_report import EvaluationReport, best_lap, summary
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
@@ -38,12 +38,16 @@ class BestLap(JsonRecord):
     Attributes:
         world: The track.
         checkpoint: What drove.
-        best_lap_s: Fastest completed lap, simulated seconds.
+        best_lap_s: Fastest clean lap, simulated seconds; without one the fastest completed lap,
+            penalties included.
         best_average_s: Least mean time of DR_EVAL_AVERAGE_LAPS completed laps in a row.
         completed: Completed laps of the round.
         trials: All laps of the round.
         driven_at: When, as ISO 8601.
         stamp: Fourteen digits that name the evaluation.
+        clean: Laps of the round without reset and penalty; None in tables of version 0.1.0.
+        penalty_s: Penalties in `best_lap_s`; None if unknown.
+        resets: Resets in `best_lap_s`; None if unknown.
     """
 
     world: str
@@ -54,18 +58,25 @@ class BestLap(JsonRecord):
     trials: int
     driven_at: str
     stamp: str
+    clean: int | None = None
+    penalty_s: float | None = None
+    resets: int | None = None
+
+    @property
+    def rank(self) -> tuple[bool, float, str]:
+        """Sorts rounds: those with a clean lap first, then the fastest, then the oldest."""
+        return not self.clean, self.best_lap_s, self.driven_at
 
 
 @dataclass(frozen=True)
 class BestLaps(JsonRecord):
-    """The best rounds of a model over all its loops, the fastest lap first."""
+    """The best rounds of a model over all its loops, the fastest clean lap first."""
 
     laps: list[BestLap] = field(default_factory=list)
 
     def with_lap(self, lap: BestLap) -> "BestLaps":
         """The table with one more round, and at most `MOST_ROWS`."""
-        laps = sorted([*self.laps, lap], key=lambda one: (one.best_lap_s, one.driven_at))
-        return BestLaps(laps[:MOST_ROWS])
+        return BestLaps(sorted([*self.laps, lap], key=lambda one: one.rank)[:MOST_ROWS])
 
 
 @dataclass(frozen=True)
@@ -167,37 +178,39 @@ class _Loop:
         self._failures_in_a_row = 0
         self._last = report
         before = self._best_here()
-        laps = "lap" if len(report.trials) == 1 else "laps"
-        said = f"Round {self.rounds}: {report.completed} of {len(report.trials)} {laps}, "
-        said += report.checkpoint
+        said = f"Round {self.rounds}, {report.checkpoint}: {summary(report.trials)}"
         self._keep(report, plan.stamp)
-        if report.best_lap_s is not None:
-            said += f", best {report.best_lap_s:.2f} s"
-            if before is None or report.best_lap_s < before:
-                said += ", the best lap so far"
+        if report.best_lap_s is not None and (before is None or report.best_lap_s < before):
+            said += ", the best lap so far"
         fresh = [note for note in report.notes if note not in self._noted]
         self._noted.update(fresh)
         return " ".join([f"{said}.", *fresh])
 
     def _best_here(self) -> float | None:
         laps = [
-            lap.best_lap_s for lap in self._table.laps if lap.world == self._settings.world_name
+            lap.best_lap_s
+            for lap in self._table.laps
+            if lap.world == self._settings.world_name and lap.clean
         ]
         return min(laps, default=None)
 
     def _keep(self, report: EvaluationReport, stamp: str) -> None:
         """Add the round to the table, and delete what belongs to none of its rows."""
         before = {lap.stamp for lap in self._table.laps}
-        if report.best_lap_s is not None:
+        best = best_lap(report.trials)
+        if best is not None:
             lap = BestLap(
                 world=report.world,
                 checkpoint=report.checkpoint,
-                best_lap_s=report.best_lap_s,
+                best_lap_s=best.lap_s,
                 best_average_s=report.best_average_s,
                 completed=report.completed,
                 trials=len(report.trials),
                 driven_at=datetime.now(UTC).isoformat(timespec="seconds"),
                 stamp=stamp,
+                clean=report.clean,
+                penalty_s=best.penalty_s,
+                resets=best.resets,
             )
             self._table = self._table.with_lap(lap)
             self._bucket.put(self._key, self._table.encode())

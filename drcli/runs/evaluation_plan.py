@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError
 from drcli.config.checkpoint_words import parse_checkpoint
@@ -17,11 +18,12 @@ from drcli.exchange.evaluation_record import claim, sweep
 from drcli.exchange.job import Job
 from drcli.exchange.policy_source import PolicySource, Runtime
 from drcli.modelfiles.params_yaml import evaluation_parameters
-from drcli.models.checkpoint_choice import find_choice
+from drcli.models.checkpoint_choice import Chosen, find_choice, sentence_about
 from drcli.models.repair_model import repair_or_warn
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.model_kind import what_helps
 from drcli.store.repair import Model, readable_scores
 from drcli.store.write_probe import prove_writing
 
@@ -171,7 +173,11 @@ def _driven(
     settings: Settings, bucket: Bucket, prefix: str, choice: str, source: PolicySource
 ) -> str:
     """The name of the checkpoint or file that drives."""
-    return _choose(settings, bucket, prefix, choice) if source.file is None else source.file.name
+    if source.file is not None:
+        return source.file.name
+    chosen = _found(settings, bucket, prefix, choice)
+    notices.show(sentence_about(Model.of(settings.model, bucket, prefix), chosen))
+    return chosen.name
 
 
 def check_model(bucket: Bucket, prefix: str, setting: str) -> None:
@@ -181,20 +187,8 @@ def check_model(bucket: Bucket, prefix: str, setting: str) -> None:
         if not bucket.exists(key):
             raise SettingsError(
                 f"s3://{bucket.name}/{prefix} has no trained model: {key} is missing.",
-                remedy=f"Train it with `dr-start-training`, or correct {setting}.",
+                remedy=what_helps(bucket, prefix, setting=setting),
             )
-
-
-def _choose(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> str:
-    """The checkpoint of a model that DR_EVAL_CHECKPOINT or DR_EVAL_OPP_CHECKPOINT asks for."""
-    model = Model.of(settings.model, bucket, prefix)
-    scores, _ = readable_scores(model)
-    if scores is None:
-        raise SettingsError(
-            f"s3://{bucket.name}/{prefix} has no checkpoint yet.",
-            remedy="Wait for the first iteration; `dr-status` shows how far it is.",
-        )
-    return find_choice(model, parse_checkpoint(choice)).name
 
 
 def choose_checkpoint(settings: Settings, bucket: Bucket, prefix: str) -> str:
@@ -203,7 +197,18 @@ def choose_checkpoint(settings: Settings, bucket: Bucket, prefix: str) -> str:
     Raises:
         SettingsError: The model has none.
     """
-    return _choose(settings, bucket, prefix, settings.eval_checkpoint)
+    return _found(settings, bucket, prefix, settings.eval_checkpoint).name
+
+
+def _found(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> Chosen:
+    model = Model.of(settings.model, bucket, prefix)
+    scores, _ = readable_scores(model)
+    if scores is None:
+        raise SettingsError(
+            f"s3://{bucket.name}/{prefix} has no checkpoint yet.",
+            remedy=what_helps(bucket, prefix),
+        )
+    return find_choice(model, parse_checkpoint(choice))
 
 
 def _cloned(settings: Settings, bucket: Bucket) -> Settings:

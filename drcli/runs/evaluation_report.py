@@ -1,11 +1,13 @@
-"""What `dr-evaluate` reports: trials, best lap, and the best average of laps in a row."""
+"""What `dr-evaluate` reports: trials, clean laps, and the best average of laps in a row."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from drcli.exchange.episode_metrics import TrialMetrics
+from drcli.exchange.laps import Laps, lap_time, laps_summary
+from drcli.exchange.trace import STATUS_LABELS
 
-COMPLETE = "Lap complete"
+COMPLETE = STATUS_LABELS["lap_complete"]
 """Status of a trial that completed its lap."""
 
 
@@ -21,6 +23,12 @@ class TrialReport:
         off_track: How often the car left the track.
         crashes: How often it crashed.
         resets: How often it was put back on the track.
+        penalty_s: Penalties in the lap time; None if nobody recorded them.
+        start_position: Where on the lap it began, as a fraction of it; None if unknown.
+        start_offset_m: How far to the left of the centre line it began; None if unknown.
+        start_angle_deg: How far the car was turned to the left; None if unknown.
+        end_waypoint: Waypoint closest to its end; None if unknown.
+        clean: Whether the lap was completed without reset and penalty.
     """
 
     trial: int
@@ -30,6 +38,27 @@ class TrialReport:
     off_track: int
     crashes: int
     resets: int
+    penalty_s: float | None = None
+    start_position: float | None = None
+    start_offset_m: float | None = None
+    start_angle_deg: float | None = None
+    end_waypoint: int | None = None
+    clean: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Decide whether the lap is clean."""
+        clean = self.finished and not self.resets and not self.penalty_s
+        object.__setattr__(self, "clean", clean)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the lap was completed, with or without resets, as the reference counts it."""
+        return self.status == COMPLETE
+
+    @property
+    def time(self) -> str:
+        """Such as "7.80 s" or "12.80 s = 7.80 driven + 5.00 penalty, 1 reset"."""
+        return lap_time(self.lap_s, self.penalty_s, self.resets)
 
 
 @dataclass(frozen=True)
@@ -67,9 +96,19 @@ class EvaluationReport:
     videos: list[str] = field(default_factory=list)
 
     @property
+    def clean(self) -> int:
+        """How many laps were completed without reset and penalty."""
+        return sum(trial.clean for trial in self.trials)
+
+    @property
     def completed(self) -> int:
-        """How many trials completed the lap."""
-        return sum(trial.status == COMPLETE for trial in self.trials)
+        """How many trials completed the lap, with or without resets."""
+        return sum(trial.finished for trial in self.trials)
+
+    @property
+    def resets(self) -> int:
+        """How often the car was put back on the track in all trials."""
+        return sum(trial.resets for trial in self.trials)
 
     @property
     def total_s(self) -> float | None:
@@ -80,9 +119,13 @@ class EvaluationReport:
 
     @property
     def best_lap_s(self) -> float | None:
-        """Fastest completed lap, simulated seconds."""
-        laps = [trial.lap_s for trial in self.trials if trial.status == COMPLETE]
-        return min(laps, default=None)
+        """Fastest clean lap, simulated seconds; None without one."""
+        return laps_of(self.trials).fastest_s
+
+    @property
+    def best_finished_s(self) -> float | None:
+        """Fastest completed lap, penalties included; its resets are among those of the trials."""
+        return min((trial.lap_s for trial in self.trials if trial.finished), default=None)
 
     @property
     def best_average_s(self) -> float | None:
@@ -93,14 +136,45 @@ class EvaluationReport:
         return best_average_s(self.trials, self.average_laps)
 
 
+def laps_of(trials: Sequence[TrialReport]) -> Laps:
+    """The trials as a sample of laps."""
+    return Laps(len(trials), [trial.lap_s for trial in trials if trial.clean])
+
+
+def best_lap(trials: Sequence[TrialReport]) -> TrialReport | None:
+    """The fastest clean lap; without one the fastest completed lap, if there is any."""
+    finished = [trial for trial in trials if trial.finished]
+    return min(finished, key=lambda trial: (not trial.clean, trial.lap_s), default=None)
+
+
+def best_average(trials: Sequence[TrialReport], laps: int) -> Sequence[TrialReport]:
+    """So many completed laps in a row with the least mean time; none if there are not so many."""
+    runs = (trials[first : first + laps] for first in range(len(trials) - laps + 1))
+    whole = (run for run in runs if all(trial.finished for trial in run))
+    return min(whole, key=lambda run: sum(trial.lap_s for trial in run), default=())
+
+
 def best_average_s(trials: Sequence[TrialReport], laps: int) -> float | None:
     """Least mean time of so many completed laps in a row; None without them."""
-    runs = (trials[first : first + laps] for first in range(len(trials) - laps + 1))
-    whole = (run for run in runs if all(trial.status == COMPLETE for trial in run))
-    return min((sum(trial.lap_s for trial in run) / laps for run in whole), default=None)
+    run = best_average(trials, laps)
+    return sum(trial.lap_s for trial in run) / laps if run else None
 
 
-def trial_reports(records: list[TrialMetrics]) -> list[TrialReport]:
+def summary(trials: Sequence[TrialReport]) -> str:
+    """Such as "2 of 3 laps clean (1 reset), 3 finished, best 7.73 s".
+
+    The best lap is a clean one. Without any, the fastest finished one is told with its resets.
+    """
+    best = best_lap(trials)
+    return laps_summary(
+        laps_of(trials),
+        resets=sum(trial.resets for trial in trials),
+        finished=sum(trial.finished for trial in trials),
+        best="" if best is None else best.time,
+    )
+
+
+def trial_reports(records: Sequence[TrialMetrics]) -> list[TrialReport]:
     """The trials of an evaluation as commands report them."""
     return [
         TrialReport(
@@ -111,6 +185,15 @@ def trial_reports(records: list[TrialMetrics]) -> list[TrialReport]:
             off_track=record.off_track_count,
             crashes=record.crash_count,
             resets=record.reset_count,
+            penalty_s=_seconds(record.penalty_in_milliseconds),
+            start_position=record.start_position,
+            start_offset_m=record.start_offset_m,
+            start_angle_deg=record.start_angle_deg,
+            end_waypoint=record.end_waypoint,
         )
         for record in records
     ]
+
+
+def _seconds(milliseconds: float | None) -> float | None:
+    return None if milliseconds is None else milliseconds / 1000.0

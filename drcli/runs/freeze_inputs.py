@@ -1,34 +1,53 @@
 """Copies the files of a training below its model prefix, where they stay as they are."""
 
+from collections.abc import Mapping
 from pathlib import PurePosixPath
 
 from drcli.config.settings import Settings
 from drcli.exchange.frozen_curriculum import FrozenCurriculum
-from drcli.modelfiles.custom_files import Inputs, upload_custom_files
+from drcli.modelfiles.custom_files import (
+    Inputs,
+    texts_of,
+    upload_custom_files,
+    write_model_files,
+)
 from drcli.modelfiles.network_shape import Design
 from drcli.modelfiles.params_yaml import training_parameters
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 
 
+def files_to_train_with(settings: Settings, inputs: Inputs, design: Design) -> dict[str, str]:
+    """The files of a start by name, `Job.inputs`; hyperparameters with all their values."""
+    parameters = design.parameters.canonical_json(design.metadata.training_algorithm)
+    own = parameter_files(settings).items()
+    return {
+        **texts_of(inputs),
+        keys.HYPERPARAMETERS_FILE: parameters,
+        **{name: training_parameters(each).decode() for name, each in own},
+    }
+
+
 def freeze(
     settings: Settings,
     bucket: Bucket,
     inputs: Inputs,
-    design: Design,
+    files: Mapping[str, str],
     curriculum: FrozenCurriculum | None = None,
+    resumed: Design | None = None,
 ) -> None:
-    """Copy the files of the training below the model prefix, with its curriculum if it has one."""
+    """Copy the files of a start (`Job.inputs`) below the model prefix, with its curriculum if any.
+
+    Those of a training that goes on from a checkpoint (`resumed`) become the model's with the first
+    checkpoint that has learned with them.
+    """
     prefix = settings.model_prefix
     if curriculum is not None:
         bucket.put(keys.curriculum(prefix), curriculum.encode())
     upload_custom_files(settings.custom_files, bucket, inputs)
-    bucket.put(keys.reward_function(prefix), inputs.reward.data)
-    bucket.put(keys.model_metadata(prefix), inputs.metadata.data)
-    parameters = design.parameters.canonical_json(design.metadata.training_algorithm)
-    bucket.put(keys.hyperparameters(prefix), parameters.encode())
-    for name, own in parameter_files(settings).items():
-        bucket.put(keys.parameter_file(prefix, name), training_parameters(own))
+    if resumed is not None:
+        write_model_files(bucket, prefix, resumed.texts)
+    write_model_files(bucket, prefix, files, only_missing=resumed is not None)
 
 
 def parameter_files(settings: Settings) -> dict[str, Settings]:

@@ -8,8 +8,8 @@ import psutil
 
 from drcli.base.elapsed import duration
 from drcli.base.errors import SettingsError
-from drcli.checks.reward_timeout import WHY
 from drcli.exchange.job import WorkerExit
+from drcli.rewards.reward_timeout import WHY
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.outcome import Outcome
 from drcli.runs.seen_pulses import Seen, SeenPulses, cpu_s

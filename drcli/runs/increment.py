@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.checks.start_rules import refuse_second_run
 from drcli.config.bucket_config import StorageConfig
@@ -11,7 +12,7 @@ from drcli.config.run_env import RunEnvEdit, plan_edit, raised, refuse_stronger_
 from drcli.config.settings import Settings
 from drcli.exchange.run_record import run_folder
 from drcli.exchange.training_start import Pretrained
-from drcli.models.pretrained import read_weights
+from drcli.models.pretrained import read_weights, sentence_of
 from drcli.models.repair_model import repair_or_warn
 from drcli.runs.increment_overrides import (
     CHECKPOINT,
@@ -100,15 +101,16 @@ def plan_increment(
 
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     repair_or_warn(settings.model, bucket, before)
-    files = changed_files(settings, overrides, bucket)
     checkpoint = parse_checkpoint(others.get(CHECKPOINT, settings.pretrained_checkpoint))
     place = settings.place(MODEL)
     pretrained, _ = read_weights(bucket, before, checkpoint, MODEL, place)
+    notices.show(sentence_of(bucket, pretrained))
+    files = changed_files(settings, overrides, bucket, pretrained.name)
     used = is_used(bucket, after)
     if used and not wiping:
         raise SettingsError(
             f"s3://{bucket.name}/{after} already contains a model.",
-            remedy="Choose another name with -p, or delete that model with -w.",
+            remedy="Choose another name with -p; -w would delete that model.",
         )
     if used:
         lease.refuse_other_owner(bucket, after)

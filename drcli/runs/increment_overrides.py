@@ -9,7 +9,6 @@ from typing import Any
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError, closest, refuse, shown
-from drcli.checks.reward_rules import read_source, review_source
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.example_files import model_file
 from drcli.config.loading import load_settings
@@ -20,15 +19,14 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.modelfiles.network_shape import Design, weight_problems
 from drcli.models.copy_custom_files import write_file
+from drcli.rewards.reward_rules import read_source, review_source
+from drcli.rewards.source import read_files
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
 CHECKPOINT = "DR_LOCAL_S3_PRETRAINED_CHECKPOINT"
 WORLD = "DR_WORLD_NAME"
 DESCRIPTION = "DR_MODEL_DESCRIPTION"
-
-LARGEST_REWARD = 1 << 20
-"""Bytes; a reward function is a few kilobytes."""
 
 
 @dataclass(frozen=True)
@@ -98,8 +96,12 @@ def check_settings(settings: Settings, values: Mapping[str, str]) -> Settings:
     return after
 
 
-def changed_files(settings: Settings, overrides: Overrides, bucket: Bucket) -> dict[str, bytes]:
+def changed_files(
+    settings: Settings, overrides: Overrides, bucket: Bucket, checkpoint: str
+) -> dict[str, bytes]:
     """New contents of files in `custom_files/`, by name; everything in them is checked.
+
+    The weights are those of a checkpoint, by its name.
 
     Raises:
         ProblemsError: A file or a value is wrong, or the weights do not fit the new values.
@@ -110,12 +112,12 @@ def changed_files(settings: Settings, overrides: Overrides, bucket: Bucket) -> d
     found = find(settings.custom_files, bucket)
     changed: dict[str, bytes] = {}
     if overrides.reward is not None:
-        changed[keys.REWARD_FUNCTION_FILE] = _reward(overrides.reward)
+        changed[keys.REWARD_FUNCTION_FILE] = _reward(overrides.reward, settings.directory)
     if overrides.hyperparameters:
         name = keys.HYPERPARAMETERS_FILE
         base = found.get(name) or InputFile(name, model_file(name).read_bytes(), name)
         changed[name] = _parameters(base, overrides.hyperparameters)
-        _refuse_other_shape(settings, bucket, changed[name], found)
+        _refuse_other_shape(settings, bucket, checkpoint, changed[name], found)
     examples = {str(model_file(name)) for name in found}
     for name, file in found.items():  # one file alone would be a mistake before a start
         if file.origin in examples:
@@ -133,30 +135,16 @@ def write_files(settings: Settings, changed: Mapping[str, bytes]) -> list[str]:
     return [str(folder / name) for name, data in changed.items() if write_file(folder / name, data)]
 
 
-def _reward(path: Path) -> bytes:
-    path = path.expanduser().absolute()
-    try:
-        if not path.is_file() or path.stat().st_size > LARGEST_REWARD:
-            raise SettingsError(
-                f"--reward {path}: it is not a file, or too large for a reward function.",
-                remedy="Give the path of a reward function, such as rewards/second.py.",
-            )
-        data = path.read_bytes()
-    except OSError as e:
-        raise SettingsError(
-            f"--reward {path}: it cannot be read ({e.strerror or e}).",
-            remedy="Make it readable, or give another file.",
-        ) from e
-    source, problems = read_source(InputFile(keys.REWARD_FUNCTION_FILE, data, str(path)))
-    if source is not None:
-        problems = [*problems, *review_source(source)]
-    refuse(problem for problem in problems if problem.severity == "error")
-    if source is not None and not _defines_reward(data):
+def _reward(path: Path, directory: Path) -> bytes:
+    [file] = read_files([path.expanduser()], directory)
+    source, problems = read_source(file)
+    refuse(problems if source is None else review_source(source))
+    if not _defines_reward(file.data):
         raise SettingsError(
             f"--reward {path}: it defines no reward_function.",
             remedy="Write `def reward_function(params):` in it.",
         )
-    return data
+    return file.data
 
 
 def _defines_reward(data: bytes) -> bool:
@@ -193,12 +181,16 @@ def _parameters(base: InputFile, texts: Sequence[str]) -> bytes:
 
 
 def _refuse_other_shape(
-    settings: Settings, bucket: Bucket, parameters: bytes, found: Mapping[str, InputFile]
+    settings: Settings,
+    bucket: Bucket,
+    checkpoint: str,
+    parameters: bytes,
+    found: Mapping[str, InputFile],
 ) -> None:
-    """Refuse values for which the weights of the model do not fit."""
+    """Refuse values for which the weights of a checkpoint do not fit."""
     metadata = found.get(keys.MODEL_METADATA_FILE)
     try:
-        trained = Design.of_model(bucket, settings.model_prefix)
+        trained = Design.of_checkpoint(bucket, settings.model_prefix, checkpoint)
     except (ObjectMissing, ProblemsError):
         return  # a start says so
     if metadata is None:

@@ -18,7 +18,6 @@ from types import FrameType
 from drcli.base.errors import OwnershipLost, SettingsError
 from drcli.base.json_record import RecordError, from_json
 from drcli.base.process_identity import started_s
-from drcli.checks.reward_timeout import exit_of_stuck
 from drcli.checks.start_rules import refuse_second_run
 from drcli.config.run_config import RaceConfig
 from drcli.config.settings import Settings
@@ -29,6 +28,7 @@ from drcli.exchange.pulse_record import PulseRecord
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_record import WaitingStart, run_folder
 from drcli.exchange.run_state import TrainingEnd
+from drcli.rewards.reward_timeout import exit_of_stuck
 from drcli.runs import training
 from drcli.runs.join_check import refuse_other_machine
 from drcli.runs.outcome import CTRL_C, INTERRUPTED, TERMINATED

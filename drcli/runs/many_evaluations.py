@@ -8,19 +8,20 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 from drcli.base.atomic_file import load_record
 from drcli.base.json_record import JsonRecord
 from drcli.base.process_identity import started_s
 from drcli.exchange.evaluation_record import EvaluationRecord
 from drcli.exchange.evaluation_task import EvaluationTask, TaskOutcome
-from drcli.exchange.job import WorkerExit
+from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.log_places import log_file
 from drcli.exchange.robust_result import RobustResult
 from drcli.runs.cloud_watch import sent_to_cloud_watch
 from drcli.runs.evaluation import EXIT_S, failure, until_stopped
-from drcli.runs.evaluation_report import COMPLETE, best_average_s, trial_reports
+from drcli.runs.evaluation_report import best_average_s, laps_of, trial_reports
+from drcli.runs.laps_report import LapsReport, compare, laps_report
 from drcli.runs.many_evaluations_plan import ManyPlan
 from drcli.runs.run_logs import empty_logs
 from drcli.runs.worker_processes import end_process, start_process
@@ -40,15 +41,19 @@ class TableRow(JsonRecord):
         prefix: Model prefix.
         checkpoint: Name of its checkpoint; empty where it cannot be evaluated.
         world: The track.
-        completed: Trials that completed the lap.
+        completed: Trials that completed the lap, with or without resets.
         trials: All trials.
         progress: Mean percent of the lap over the trials.
-        best_lap_s: Fastest completed lap, simulated seconds.
+        best_lap_s: Fastest clean lap, simulated seconds.
         best_average_s: Least mean time of DR_EVAL_AVERAGE_LAPS completed laps in a row.
         off_track: How often the car left the track.
         robust_score: Of a robust evaluation.
         reason: Why it could not be evaluated; empty if it was.
         remedy: What to do about it.
+        clean: Trials that completed the lap without reset and penalty.
+        resets: How often the car was put back on the track in all trials.
+        median_s: Median time of the clean laps.
+        best_finished_s: Fastest completed lap, penalties included.
     """
 
     prefix: str
@@ -63,6 +68,10 @@ class TableRow(JsonRecord):
     robust_score: float | None = None
     reason: str = ""
     remedy: str = ""
+    clean: int = 0
+    resets: int = 0
+    median_s: float | None = None
+    best_finished_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -92,6 +101,8 @@ class TableReport:
         table: Key of this table in the bucket.
         robust: The grids, if these were driven, in the order of the rows.
         notes: What was driven otherwise than the settings ask, and why.
+        laps: The laps from fresh starts, if these were driven, in the order of the rows; a single
+            report, which has the other one in it, if two are compared.
     """
 
     rows: list[TableRow]
@@ -99,6 +110,7 @@ class TableReport:
     table: str
     robust: list[RobustResult] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    laps: list[LapsReport] = field(default_factory=list)
 
 
 def run_many(plan: ManyPlan, on_progress: Callable[[str], None] = lambda text: None) -> TableReport:
@@ -106,7 +118,7 @@ def run_many(plan: ManyPlan, on_progress: Callable[[str], None] = lambda text: N
 
     Raises:
         Stopped: SIGTERM came.
-        DrError: There is one evaluation only, and it failed.
+        DrError: There is one evaluation or comparison only, and it failed.
     """
     job = plan.job
     try:
@@ -115,8 +127,9 @@ def run_many(plan: ManyPlan, on_progress: Callable[[str], None] = lambda text: N
         outcomes = [_outcome(plan, task) for task in job.tasks]
     finally:
         shutil.rmtree(job.folder, ignore_errors=True)
-    if len(outcomes) == 1 and not plan.refused and outcomes[0].reason:
-        raise failure(outcomes[0].code, outcomes[0].reason, outcomes[0].remedy)
+    failed = next((outcome for outcome in outcomes if outcome.reason), None)
+    if failed is not None and not plan.refused and (len(outcomes) == 1 or plan.compares):
+        raise failure(failed.code, failed.reason, failed.remedy)
     report = _report(plan, outcomes)
     table = {"rows": [row.to_json() for row in report.rows], "best": list(map(asdict, report.best))}
     bucket = open_bucket(job.config.storage)
@@ -207,9 +220,32 @@ def _report(plan: ManyPlan, outcomes: Sequence[TaskOutcome]) -> TableReport:
     places = {(row.prefix, row.world): place for place, row in enumerate(rows)}
     robust = [outcome.robust for outcome in outcomes if outcome.robust is not None]
     robust.sort(key=lambda found: places[found.prefix, found.world])
+    samples = [
+        _laps(plan.job, task, outcome)
+        for task, outcome in zip(plan.job.tasks, outcomes, strict=True)
+        if task.fresh_laps and not outcome.reason
+    ]
+    if plan.compares:
+        first, second = samples
+        samples = [replace(first, against=second, comparison=compare(first, second))]
+    samples.sort(key=lambda found: places[found.prefix, found.world])
     notes = dict.fromkeys(note for outcome in outcomes for note in outcome.notes)
     return TableReport(
-        rows, _best(plan.worlds, rows), keys.comparison(plan.stamp), robust, [*notes]
+        rows, _best(plan.worlds, rows), keys.comparison(plan.stamp), robust, [*notes], samples
+    )
+
+
+def _laps(job: Job, task: EvaluationTask, outcome: TaskOutcome) -> LapsReport:
+    return laps_report(
+        trial_reports(outcome.trials),
+        prefix=task.prefix,
+        world=task.world,
+        checkpoint=task.checkpoint,
+        seed=job.seed,
+        simtrace=keys.evaluation_trace(task.prefix, task.stamp),
+        metrics=keys.evaluation_metrics(task.metrics_prefix, task.stamp),
+        runtime=task.source.runtime or "torch",
+        file=None if task.source.file is None else str(task.source.file),
     )
 
 
@@ -224,20 +260,27 @@ def _row(task: EvaluationTask, outcome: TaskOutcome, laps: int) -> TableRow:
         return TableRow(
             *begin,
             completed=sum(cell.completed for cell in cells),
+            clean=sum(cell.completed for cell in cells),
             trials=trials,
             progress=sum(cell.progress * cell.trials for cell in cells) / trials,
             best_lap_s=min(times, default=None),
+            best_finished_s=min(times, default=None),
             robust_score=outcome.robust.robust_score,
         )
     trials_ = trial_reports(outcome.trials)
-    whole = [trial.lap_s for trial in trials_ if trial.status == COMPLETE]
+    whole, clean = [trial.lap_s for trial in trials_ if trial.finished], laps_of(trials_)
     return TableRow(
         *begin,
         completed=len(whole),
+        clean=clean.clean,
+        resets=sum(trial.resets for trial in trials_),
+        median_s=clean.median_s,
+        best_finished_s=min(whole, default=None),
         trials=len(trials_),
         progress=sum(trial.progress for trial in trials_) / max(len(trials_), 1),
-        best_lap_s=min(whole, default=None),
-        best_average_s=best_average_s(trials_, laps),
+        best_lap_s=clean.fastest_s,
+        # Laps from fresh starts do not follow each other.
+        best_average_s=None if task.fresh_laps else best_average_s(trials_, laps),
         off_track=sum(trial.off_track for trial in trials_),
     )
 
@@ -245,12 +288,13 @@ def _row(task: EvaluationTask, outcome: TaskOutcome, laps: int) -> TableRow:
 def _rank(row: TableRow) -> tuple[float, ...]:
     """Sorts rows of one track: the best first, those without a result last."""
     many = float("inf")
+    times = row.best_average_s or row.median_s, row.best_lap_s, row.best_finished_s
     return (
         float(bool(row.reason)),
         -(row.robust_score or 0.0),
+        -row.clean / max(row.trials, 1),
         -row.completed / max(row.trials, 1),
-        row.best_average_s if row.best_average_s is not None else many,
-        row.best_lap_s if row.best_lap_s is not None else many,
+        *(many if time_s is None else time_s for time_s in times),
         -row.progress,
     )
 

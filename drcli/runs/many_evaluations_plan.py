@@ -2,11 +2,13 @@
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from drcli.base.errors import DrError, SettingsError
-from drcli.base.problems import Place, ProblemsError
+from drcli.base.problems import BadValue, Place, ProblemsError
+from drcli.config.checkpoint_words import CheckpointChoice, parse_checkpoint
 from drcli.config.settings import Settings
 from drcli.config.track_names import track_problem
 from drcli.exchange.evaluation_record import claim, sweep
@@ -49,12 +51,45 @@ class ManyPlan:
         stamp: The name of all of them together, the time as fourteen digits.
         worlds: The tracks, in the order of the command.
         refused: Models that cannot be evaluated.
+        compares: Whether there are two tasks, whose laps are to be compared.
     """
 
     job: Job
     stamp: str
     worlds: list[str]
     refused: list[Refused] = field(default_factory=list)
+    compares: bool = False
+
+
+@dataclass(frozen=True)
+class Rival:
+    """The other checkpoint of a comparison.
+
+    Attributes:
+        prefix: Its model; None for the same one.
+        choice: A number or word, as in DR_EVAL_CHECKPOINT.
+    """
+
+    prefix: str | None
+    choice: CheckpointChoice = "best"
+
+    @staticmethod
+    def parse(text: str) -> "Rival":
+        """Read CHECKPOINT, PREFIX or PREFIX:CHECKPOINT.
+
+        Raises:
+            BadValue: It is none of these.
+        """
+        with suppress(BadValue):
+            return Rival(None, parse_checkpoint(text))
+        prefix, colon, choice = text.strip().partition(":")
+        prefix = prefix.strip("/")
+        if not prefix:
+            raise BadValue(
+                "names neither a checkpoint nor a model",
+                "Write the number of a checkpoint, a word such as last, or the prefix of a model.",
+            )
+        return Rival(prefix, parse_checkpoint(choice)) if colon else Rival(prefix)
 
 
 def prepare_many(
@@ -63,6 +98,8 @@ def prepare_many(
     models: Sequence[str] = (),
     worlds: Sequence[str] = (),
     robust: bool = False,
+    fresh_laps: int = 0,
+    rival: Rival | None = None,
     seed: int | None = None,
     own: PolicySource | None = None,
     on_progress: Callable[[str], None] = lambda text: None,
@@ -74,6 +111,8 @@ def prepare_many(
         models: Prefixes, which may contain `*` and `?`; none for the model of the settings.
         worlds: Tracks; none for that of the settings.
         robust: Whether to drive the grid of disturbances.
+        fresh_laps: How many laps from fresh starts to drive instead of the trials; 0 for none.
+        rival: Drives from the same starts; only without `models` and `worlds`.
         seed: Of all random numbers.
         own: What drives instead of a checkpoint; only without `models`.
         on_progress: Shows a short sentence on each step.
@@ -84,8 +123,8 @@ def prepare_many(
     if settings.race_type == "HEAD_TO_MODEL":
         raise SettingsError(
             "DR_RACE_TYPE=HEAD_TO_MODEL races two models, but here each model drives alone.",
-            remedy="Choose another DR_RACE_TYPE, or run `dr-evaluate` without --models, --worlds "
-            "and --robust.",
+            remedy="Choose another DR_RACE_TYPE, or run `dr-evaluate` without --models, --worlds, "
+            "--robust and --laps.",
         )
     worlds = list(dict.fromkeys(worlds)) or [settings.world_name]
     for world in worlds:
@@ -95,7 +134,8 @@ def prepare_many(
     source = checked_source(own or PolicySource())
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     prefixes = matching_models(bucket, models) if models else [settings.model_prefix]
-    chosen, refused = {}, []
+    chosen: dict[str, str] = {}
+    refused: list[Refused] = []
     for prefix in prefixes:
         try:
             if source.file is None:
@@ -107,6 +147,18 @@ def prepare_many(
             if not models:
                 raise
             refused.append(Refused(prefix, str(error), error.remedy))
+    if not chosen:
+        raise SettingsError(refused[0].reason, remedy=refused[0].remedy)
+    entrants = [
+        (prefix, chosen[prefix], world, index, source)
+        for index, world in enumerate(worlds)
+        for prefix in chosen
+    ]
+    if rival is not None:
+        prefix, checkpoint = _rival(settings, bucket, rival, entrants[0])
+        # Its stamp is a second later, because it may be the same model.
+        engine = source if source.file is None else checked_source(PolicySource())
+        entrants.append((prefix, checkpoint, worlds[0], 1, engine))
     sweep(settings.directory, settings.run_id)
     stamp, folder = _claimed(settings)
     tasks = [
@@ -114,19 +166,39 @@ def prepare_many(
             number=number,
             prefix=prefix,
             metrics_prefix=_metrics_prefix(settings, prefix),
-            checkpoint=chosen[prefix],
+            checkpoint=checkpoint,
             world=world,
             stamp=_free_stamp(bucket, prefix, stamp, index),
-            source=source,
+            source=driver,
             robust=robust,
+            fresh_laps=fresh_laps,
         )
-        for number, (prefix, index, world) in enumerate(
-            (prefix, index, world) for index, world in enumerate(worlds) for prefix in chosen
-        )
+        for number, (prefix, checkpoint, world, index, driver) in enumerate(entrants)
     ]
-    on_progress(_announced(len(chosen), worlds, robust=robust))
+    on_progress(_announced(tasks, worlds))
     job = replace(evaluation_job(settings, folder, seed), tasks=tuple(tasks))
-    return ManyPlan(job, stamp, worlds, refused)
+    return ManyPlan(job, stamp, worlds, refused, compares=rival is not None)
+
+
+def _rival(
+    settings: Settings, bucket: Bucket, rival: Rival, own: tuple[str, str, str, int, PolicySource]
+) -> tuple[str, str]:
+    """Model and checkpoint of the other side of a comparison.
+
+    Raises:
+        SettingsError: It does not exist, or drives anyway.
+    """
+    prefix = rival.prefix or settings.model_prefix
+    check_model(bucket, prefix, "--against")
+    asked = settings.replaced(eval_checkpoint=str(rival.choice))
+    checkpoint = choose_checkpoint(asked, bucket, prefix)
+    if (prefix, checkpoint) == own[:2] and own[-1].file is None:
+        raise SettingsError(
+            f"--against chooses {checkpoint} of {prefix}, which drives anyway.",
+            remedy="Choose another checkpoint, as in --against last; `dr-list-checkpoints` lists "
+            "them.",
+        )
+    return prefix, checkpoint
 
 
 def on_world(settings: Settings, world: str) -> Settings:
@@ -164,9 +236,14 @@ def _metrics_prefix(settings: Settings, prefix: str) -> str:
     return keys.metrics_prefix(prefix)
 
 
-def _announced(models: int, worlds: Sequence[str], *, robust: bool) -> str:
-    what = f"{models} model{'s' * (models != 1)}"
-    how = " under a grid of disturbances" if robust else ""
+def _announced(tasks: Sequence[EvaluationTask], worlds: Sequence[str]) -> str:
+    drivers = list(dict.fromkeys((task.prefix, task.checkpoint) for task in tasks))
+    what = f"{len(drivers)} models"
+    if len(drivers) == 1 or {prefix for prefix, _ in drivers} == {drivers[0][0]}:
+        what = f"{' and '.join(name for _, name in drivers)} of {drivers[0][0]}"
+    laps = tasks[0].fresh_laps
+    how = " under a grid of disturbances" if tasks[0].robust else ""
+    how += f", {laps} lap{'s' * (laps != 1)} from fresh starts" if laps else ""
     return f"Evaluating {what} on {', '.join(worlds)}{how} ..."
 
 

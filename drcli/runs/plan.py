@@ -19,10 +19,12 @@ from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.training_start import Pretrained, TrainingStart
 from drcli.modelfiles.custom_files import Inputs, find
 from drcli.modelfiles.hyperparameters import Hyperparameters
-from drcli.modelfiles.network_shape import Design
+from drcli.modelfiles.network_shape import Design, model_files
+from drcli.models.continue_reference import plan_conversion
+from drcli.models.pretrained import sentence_of
 from drcli.models.repair_model import repair_all
 from drcli.models.run_metadata import describe_start, read_start
-from drcli.runs.freeze_inputs import freeze, parameter_files
+from drcli.runs.freeze_inputs import files_to_train_with, freeze, parameter_files
 from drcli.runs.journal_of_start import start_entries
 from drcli.runs.planned_job import begun_by, first_start, planned_job
 from drcli.runs.planned_stages import plan_stages
@@ -35,13 +37,11 @@ from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.last_outcome import read_outcome, write_outcome
+from drcli.store.model_kind import what_helps
 from drcli.store.model_prefix import is_aborted_start, is_used, newest_checkpoint, wipe
 from drcli.store.notes import describe
 from drcli.store.repair import Model
 from drcli.workers.goals import ending
-
-NOT_SHOWN = ("V-20",)
-"""Rules whose warnings only `dr validate` shows."""
 
 
 @dataclass(frozen=True)
@@ -121,26 +121,34 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     if options.resume and newest is None:
         raise SettingsError(
             f"s3://{bucket.name}/{prefix} has no checkpoint to resume from.",
-            remedy=f"Start it {'with -w' if is_used(bucket, prefix) else 'without --resume'}.",
+            remedy=what_helps(bucket, prefix),
         )
     model = Model.of(settings.model, bucket, prefix)
-    repairs = repair_all(model) if options.resume else []
+    conversion = plan_conversion(bucket, prefix) if options.resume else None
+    repairs = repair_all(model) if options.resume and conversion is None else []
     for sentence in repairs:
         # Show these now: the plan's warnings are lost if the start is refused.
         notices.warn(sentence)
     before = read_start(bucket, prefix) if options.resume else None
-    resumes, damaged = _resumable(bucket, prefix) if options.resume else (None, [])
+    resumes, damaged = None, []
+    if conversion is not None:
+        resumes, damaged = conversion.name, [conversion.sentence]
+    elif options.resume:
+        resumes, damaged = _resumable(bucket, prefix)
     continues = options.resume or options.over_aborted
     previous = read_outcome(bucket, prefix) if continues else None
     began_at = first_start(previous, before)
     custom = settings.custom_files
     files = find(resumed_files(custom, prefix) if options.resume else custom, bucket)
+    if conversion is not None:
+        files |= conversion.own_files(files)
     staged = plan_stages(settings, files, bucket, resumes=options.resume)
     settings = staged.settings
     job = _job(settings, options, _seed(settings, options, before), began_at)
+    trained = Design.of_checkpoint(bucket, prefix, resumes) if resumes else None
     plans = Plans(
         wiping=options.wipe or options.over_aborted,
-        resumed=Design.of_model(bucket, prefix) if options.resume else None,
+        resumed=trained if conversion is None else conversion.design,
     )
     examined = examine_stages(
         settings, staged.review, job, files, bucket, plans, first=staged.first
@@ -148,10 +156,11 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     refuse(examined.problems)
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
     found = of_severity([*clock, *examined.problems], "warning")
-    shown = (str(problem) for problem in found if problem.rule not in NOT_SHOWN)
-    warnings = [*damaged, *settings.warnings, *staged.warnings, *shown]
-    job = replace(job, stages=staged.stages)
+    warnings = [*damaged, *settings.warnings, *staged.warnings, *map(str, found)]
+    job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
     source = transfer.source if transfer is not None else None
+    if source is not None:
+        notices.show(sentence_of(bucket, source))
     ends = ending(job, design.parameters)
 
     def review() -> None:
@@ -170,17 +179,20 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         begun = begun_by(job, began_at, ends)
         # First of all: a start that is cut off here must be known as one.
         write_outcome(bucket, prefix, begun)
-        freeze(settings, bucket, inputs, design, staged.frozen)
+        freeze(settings, bucket, inputs, job.inputs, staged.frozen, plans.resumed)
         warnings += _forget_other_scores(settings, bucket, before)
         start = describe_start(settings, directory, job.seed, source, before, training)
         bucket.put(keys.training_start(prefix), start.encode())
-        training = records.record(start, begun, resumes, previous)
+        training = records.record(start, begun, resumes, previous, job.inputs)
         describe(bucket, prefix, settings.model_description, is_new=not options.resume)
         noted = start_entries(start, resumes, previous, repairs)
         if transfer is not None:
             # Checkpoint 0 with a fresh optimizer: steps, episodes and time count from 0.
-            counters = Counters(critic_warmup=transfer.critic_warmup)
+            own = {name: job.inputs[name] for name in model_files(prefix)}
+            counters = Counters(critic_warmup=transfer.critic_warmup, inputs=own)
             CheckpointStore(bucket, prefix).save(0, 0, transfer.tensors, counters=counters)
+        if conversion is not None:
+            conversion.write()
         if not options.resume:
             begin_logs(directory, prefix, settings.log_max_mb)
     job = replace(job, begun=begun, noted=noted, training=training)
@@ -288,6 +300,8 @@ def _forget_other_scores(
     names = ["DR_TRAIN_BEST_MODEL_METRIC", "DR_TRAIN_BEST_MODEL_WORLD"]
     if settings.train_best_model_world != "training":
         names.append("DR_TRAIN_EVAL_WORLD")
+    if settings.train_best_model_world != "evaluation" and not settings.curriculum_file:
+        names.append("DR_WORLD_NAME")  # laps of different tracks cannot be compared
     for name in names:
         setting = catalogue()[name]
         known = before.settings.get(name, setting.default)

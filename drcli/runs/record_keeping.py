@@ -6,6 +6,7 @@ Nothing about it ends a training or keeps one from starting.
 import secrets
 import socket
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 
 from drcli.base import notices
@@ -85,6 +86,7 @@ class StartRecorder:
         outcome: RunOutcome,
         resumes: str | None,
         previous: RunOutcome | None,
+        inputs: Mapping[str, str],
     ) -> str:
         """Write the record of a start, whose files are in place.
 
@@ -93,11 +95,12 @@ class StartRecorder:
             outcome: As in the bucket: its session, machine and time.
             resumes: The checkpoint that it continues from, None for a new model.
             previous: What the start before came to; None if unknown.
+            inputs: `Job.inputs`.
 
         Returns:
             The id of the training; empty if nothing could be written.
         """
-        new = NewStart(self._settings, start, outcome, resumes, previous)
+        new = NewStart(self._settings, start, outcome, resumes, previous, inputs)
         try:
             return record_start(self._model.bucket, new, self._known).id
         except DrError as error:

@@ -14,6 +14,7 @@ from drcli.base.errors import DrError
 from drcli.base.log import get_logger
 from drcli.exchange.job import Job
 from drcli.exchange.journal_entry import JournalEntry
+from drcli.models.model_list import CheckpointEntry
 from drcli.remote.message_channels import Channel, Message, open_channels
 from drcli.runs.checkpoint_watch import LAST_LOOK_S, CheckpointWatch
 from drcli.runs.duty import Duty, RunningTraining
@@ -99,8 +100,8 @@ class Messages(Duty):
             self._best = best.name
         elif now_s - self._best_s >= BEST_EVERY_S:
             self._best, self._best_s = best.name, now_s
-            metric = f" ({best.avg_eval_metric:.4g})" if best.avg_eval_metric is not None else ""
-            self.tell("best", f"New best checkpoint {best.name}{metric}.", checkpoint=best.name)
+            told = CheckpointEntry.of(best, self._job.config.model.metric).told
+            self.tell("best", f"New best checkpoint {told}.", checkpoint=best.name)
         return None
 
     def finish(self, ending: Ending) -> None:
@@ -119,6 +120,9 @@ class Messages(Duty):
             if score is not None:
                 facts[name] = score.name
         text = f"{outcome.message} {outcome.remedy}".strip()
+        if event == "end" and self._watch.best is not None:
+            entry = CheckpointEntry.of(self._watch.best, self._job.config.model.metric)
+            text += f" Best checkpoint {entry.told}."
         self.tell(event, text, **facts, **self._facts())
         self._queue.put(None)
         if self._thread.is_alive():

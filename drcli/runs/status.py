@@ -2,21 +2,25 @@
 
 import socket
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError
 from drcli.base.process_identity import exists
 from drcli.config.run_config import RunConfig
+from drcli.exchange.checkpoint import checkpoint_name
 from drcli.exchange.daily_spending import DayBudget, budget_of
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.joined_worker import MemberRecord
+from drcli.exchange.laps import Laps
 from drcli.exchange.log_places import log_file
 from drcli.exchange.milestone_record import MilestoneKind
 from drcli.exchange.reward_error_record import RewardCounts, sum_of
 from drcli.exchange.rollback_record import Rollback
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
 from drcli.exchange.run_state import ActivityRecord
+from drcli.exchange.scores import Score
 from drcli.exchange.spending import Spending
 from drcli.exchange.stage import StageMark
 from drcli.exchange.watch_record import WatchRecord
@@ -85,15 +89,56 @@ class JoinedReport:
 
 
 @dataclass(frozen=True)
+class CheckpointLaps:
+    """Laps of a checkpoint in evaluations during the training, which end at the first violation.
+
+    Attributes:
+        checkpoint: Its number; --checkpoint takes it.
+        laps: How many it drove.
+        clean: How many of them are clean: completed without a violation.
+        median_s: Median time of the clean ones, simulated seconds; None without one.
+        p90_s: Nine of ten clean ones do not exceed it.
+        fastest_s: The fastest clean one.
+        slowest_s: The slowest clean one.
+        text: The same in words.
+    """
+
+    checkpoint: int
+    laps: int
+    clean: int
+    median_s: float | None
+    p90_s: float | None
+    fastest_s: float | None
+    slowest_s: float | None
+    text: str
+
+    @staticmethod
+    def of(checkpoint: int, laps: Laps | None) -> "CheckpointLaps | None":
+        """The laps of a checkpoint; None without any."""
+        if laps is None:
+            return None
+        return CheckpointLaps(
+            checkpoint,
+            laps.driven,
+            laps.clean,
+            laps.median_s,
+            laps.p90_s,
+            laps.fastest_s,
+            laps.slowest_s,
+            str(laps),
+        )
+
+
+@dataclass(frozen=True)
 class MilestoneReport:
     """A milestone of the training.
 
     Attributes:
         word: first-lap, three-laps or best-lap; --checkpoint takes it.
         checkpoint: Name of its checkpoint.
-        laps: Completed laps of its evaluation.
+        laps: Clean laps of its evaluation.
         episodes: Episodes of its evaluation.
-        best_lap_s: Fastest of the laps, simulated seconds.
+        best_lap_s: Fastest of the clean laps, simulated seconds.
     """
 
     word: MilestoneKind
@@ -124,6 +169,8 @@ class RunReport:
         history: All finished iterations, oldest first.
         best: The best checkpoint by DR_TRAIN_BEST_MODEL_METRIC.
         last: The newest checkpoint.
+        best_laps: All evaluation laps of the best checkpoint; None without any.
+        newest_laps: The newest evaluation; None before the first.
         warning: Problems with the learning curve; empty if there is none.
         advice: What to do about them, a sentence for each.
         damaged: A sentence about each damaged object in the bucket. The history and the checkpoints
@@ -166,6 +213,8 @@ class RunReport:
     history: list[IterationRecord] = field(default_factory=list)
     best: CheckpointEntry | None = None
     last: CheckpointEntry | None = None
+    best_laps: CheckpointLaps | None = None
+    newest_laps: CheckpointLaps | None = None
     warning: str = ""
     damaged: list[str] = field(default_factory=list)
     unreachable: str = ""
@@ -217,7 +266,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     # The bucket of the start: the settings may name another one now.
     bucket = open_running_bucket(record.storage_at_start(config.storage, config.directory))
     history: list[IterationRecord] = []
-    best = last = None
+    best = last = best_laps = None
     damaged: list[str] = []
     said: dict[str, ActivityRecord] = {}
     failed: RewardCounts | None = None
@@ -232,8 +281,9 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             scores, also = readable_scores(model)
             damaged += also
             if scores is not None:
-                best = CheckpointEntry.of(scores.best_checkpoint)
-                last = CheckpointEntry.of(scores.last_checkpoint)
+                best = CheckpointEntry.of(scores.best_checkpoint, model.metric)
+                last = CheckpointEntry.of(scores.last_checkpoint, model.metric)
+                best_laps = _laps_of(history, scores.best_checkpoint)
             counted = read_reward_errors(bucket, record.prefix)
             if counted:
                 failed = sum_of(each.total for each in counted)
@@ -293,6 +343,8 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         history=history,
         best=best,
         last=last,
+        best_laps=best_laps,
+        newest_laps=_newest_laps(history),
         warning="; ".join(alarm.text for alarm in found),
         advice=[alarm.remedy for alarm in found],
         reward_errors=failed,
@@ -321,6 +373,20 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         threads=record.threads,
         joined=joined,
     )
+
+
+def _laps_of(history: Sequence[IterationRecord], score: Score) -> CheckpointLaps | None:
+    """All evaluation laps of a checkpoint on the training track."""
+    number = checkpoint_name(score.name).number
+    known = next((each.all_laps for each in history if each.iteration == number), None)
+    if known is None and score.episodes is not None:
+        known = score.episodes.laps  # the learning curve has no record of its iteration yet
+    return CheckpointLaps.of(number, known)
+
+
+def _newest_laps(history: Sequence[IterationRecord]) -> CheckpointLaps | None:
+    newest = next((each for each in reversed(history) if each.evaluation is not None), None)
+    return None if newest is None else CheckpointLaps.of(newest.iteration, newest.evaluation)
 
 
 def _budget(config: RunConfig) -> DayBudget | None:

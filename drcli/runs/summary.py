@@ -1,6 +1,7 @@
 """A summary of a working folder: settings, bucket, what runs there, and the machine."""
 
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from platform import python_version
@@ -10,11 +11,14 @@ from drcli.base.errors import StorageError
 from drcli.config.settings import Settings
 from drcli.exchange.daily_spending import DayBudget, budget_of
 from drcli.exchange.evaluation_record import running_evaluations
+from drcli.models.model_list import CheckpointEntry
 from drcli.models.run_metadata import installed_versions, output_of
 from drcli.runs.addresses import addresses
 from drcli.runs.periodic import within
 from drcli.runs.stopping import Run, kind_of, running_trainings
 from drcli.store import keys
+from drcli.store.best_checkpoint import read_scores
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectNewer
 from drcli.store.connect import open_running_bucket
 from drcli.store.model_prefix import newest_checkpoint
 from drcli.store.server import server
@@ -35,6 +39,7 @@ class BucketState:
         reason: Why it is silent, empty otherwise.
         checkpoint: The model's newest checkpoint; None if it has none or it is unknown.
         model: Whether the model has a checkpoint; None if unknown.
+        best: The model's best checkpoint; None if it has none or it is unknown.
     """
 
     cloud: str
@@ -44,6 +49,7 @@ class BucketState:
     reason: str = ""
     checkpoint: str | None = None
     model: bool | None = None
+    best: CheckpointEntry | None = None
 
 
 @dataclass(frozen=True)
@@ -160,16 +166,32 @@ def _bucket_state(settings: Settings) -> BucketState:
             if bucket is None:
                 return
             newest = newest_checkpoint(bucket, settings.model_prefix)
+            best = _best(bucket, settings)
         except StorageError as error:
             answer.append(replace(state, reason=str(error)))
         else:
             found = None if newest is None else str(newest)
             answer.append(
-                replace(state, state="answers", reason="", checkpoint=found, model=bool(found))
+                replace(
+                    state,
+                    state="answers",
+                    reason="",
+                    checkpoint=found,
+                    model=bool(found),
+                    best=best,
+                )
             )
 
     within(BUCKET_PATIENCE_S, ask)
     return answer[0] if answer else state
+
+
+def _best(bucket: Bucket, settings: Settings) -> CheckpointEntry | None:
+    with suppress(ObjectDamaged, ObjectNewer):
+        scores = read_scores(bucket, settings.model_prefix)
+        if scores is not None:
+            return CheckpointEntry.of(scores.best_checkpoint, settings.model.metric)
+    return None
 
 
 def _newest_on_disk(settings: Settings) -> str | None:

@@ -9,11 +9,11 @@ from types import FrameType
 
 from drcli.base.errors import DrError, SettingsError, StorageError
 from drcli.base.log import get_logger
-from drcli.checks.reward_timeout import exit_of_stuck
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.log_places import log_file
 from drcli.exchange.run_record import RunRecord, State, StopRequest, WorkerRecord
 from drcli.models.repair_model import restore_parameters
+from drcli.rewards.reward_timeout import exit_of_stuck
 from drcli.runs.duty import Duty, RunningTraining, attempt
 from drcli.runs.journal import Journal
 from drcli.runs.lease_renewal import LOOK_S, Renewal

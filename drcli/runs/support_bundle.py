@@ -16,8 +16,9 @@ from importlib import metadata
 from pathlib import Path
 
 from drcli.base import log_files
-from drcli.base.errors import DrError, SettingsError
+from drcli.base.errors import DrError
 from drcli.base.problems import ProblemsError
+from drcli.base.replaceable import refuse_existing
 from drcli.checks.doctor.diagnose import diagnose
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
@@ -103,8 +104,7 @@ def make_bundle(
     Raises:
         SettingsError: The archive exists or cannot be written, or a secret was found in it.
     """
-    if target.exists() and not overwrite:
-        raise SettingsError(f"{target} exists.", remedy="Choose another name, or use --force.")
+    refuse_existing(target, force=overwrite)
     check_writable(target)  # before collecting, which takes a while
     return _Bundle(directory, with_custom_files=with_custom_files).write(target)
 

@@ -5,9 +5,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.checks.reward_timeout import source_line, stuck_place
 from drcli.exchange.job import Job
 from drcli.exchange.log_places import log_file
+from drcli.rewards.reward_timeout import source_line, stuck_place
 from drcli.runs.worker_processes import Child
 from drcli.workers.pulse import STACKS_SIGNAL
 

@@ -9,10 +9,10 @@ import torch
 
 from drcli.base.atomic_file import rewrite
 from drcli.base.errors import SettingsError
-from drcli.base.replaceable import HTML_PAGE, make_picture_folder, refuse_replacing
+from drcli.base.replaceable import make_picture_folder
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import Settings
-from drcli.models.checkpoint_choice import find_choice
+from drcli.models.checkpoint_choice import take_choice
 from drcli.saliency.explained_episode import (
     ExplainedEpisode,
     explain_episode,
@@ -119,7 +119,7 @@ def explain_checkpoint(
             f"{prefix!r} is not the prefix of a model.",
             remedy="List the models with `dr-list-models`; a policy's file is named by --model.",
         )
-    name = find_choice(Model.of(settings.model, bucket, prefix), choice).name
+    name = take_choice(Model.of(settings.model, bucket, prefix), choice).name
     subject = open_policy(bucket, prefix, name)
     number = name.partition("_")[0]
     return _explain(f"{prefix}, checkpoint {number}", subject, settings, question), name
@@ -141,9 +141,8 @@ def write_page(path: Path, explained: ExplainedEpisode) -> None:
     """Write an explained episode as an HTML file; an older page is replaced.
 
     Raises:
-        SettingsError: The file cannot be written, or is no HTML file.
+        SettingsError: The file cannot be written.
     """
-    refuse_replacing(path, HTML_PAGE)
     rewrite(path, page(explained).encode())
 
 
@@ -194,8 +193,9 @@ def _explain(
     title: str, subject: ExplainedPolicy, settings: Settings, question: Question
 ) -> ExplainedEpisode:
     threads = usable_cores(settings.run.train)
-    torch.set_num_threads(threads)
+    torch.set_num_threads(1)  # as in an evaluation: more would round in another way
     episode = record_episode(subject, settings.run, seed=question.seed, threads=threads)
+    torch.set_num_threads(threads)
     chosen = _chosen(episode, question)
     try:
         return explain_episode(

@@ -4,19 +4,17 @@ from pathlib import Path
 
 from drcli.base.atomic_file import rewrite
 from drcli.base.errors import SettingsError
+from drcli.base.replaceable import refuse_existing
 from drcli.config.example_files import model_file
 
 
-def write_example(path: Path) -> Path:
-    """Write the example, unless there is a file.
+def write_example(path: Path, *, force: bool = False) -> Path:
+    """Write the example; over an existing file only with `force`.
 
     Raises:
         SettingsError: There is a file, or it cannot be written.
     """
-    if path.exists():
-        raise SettingsError(
-            f"{path} exists.", remedy="Name another file, as in `dr-sweep init second.yaml`."
-        )
+    refuse_existing(path, force=force)
     if not path.parent.is_dir():
         raise SettingsError(f"{path.parent} is not a folder.", remedy="Create it first.")
     rewrite(path, model_file("sweep.yaml").read_bytes())

@@ -181,7 +181,7 @@ class SweepStart:
         models = [trial.model for trial in report.trials if trial.progress is not None]
         if len(models) < 2:
             return report
-        check_targets(page, None)
+        check_targets(page, None, force=True)
         found = write_comparison_of(read_runs(self._settings, models), page)
         return replace(report, comparison=found.html)
 

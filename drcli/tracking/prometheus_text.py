@@ -23,8 +23,10 @@ _MEANINGS = {
     "charts/episodic_progress": "Mean progress of the training episodes of an iteration, percent.",
     "charts/full_laps": "Training episodes of an iteration that completed a lap.",
     "evaluation/progress": "Mean progress of the evaluation of the newest scored checkpoint.",
-    "evaluation/laps": "Laps that this evaluation completed.",
-    "evaluation/best_lap_s": "Fastest of these laps, simulated seconds.",
+    "evaluation/laps": "Clean laps of this evaluation.",
+    "evaluation/clean_share": "Share of its laps that are clean.",
+    "evaluation/best_lap_s": "Fastest of the clean laps, simulated seconds.",
+    "evaluation/median_lap_s": "Median of the clean laps, simulated seconds.",
     "losses/entropy": "Entropy of the policy, nats.",
     "losses/approx_kl": "Divergence from the policy that drove.",
 }

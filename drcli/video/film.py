@@ -8,10 +8,9 @@ from typing import Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from drcli.exchange.trace import STATUS_LABELS
 from drcli.video.filmed_motion import CarMotion, motion_of
 from drcli.video.overlay import RGB, Overlay, Readings, Titles
-from drcli.video.recorded_lap import JUMP_M, RecordedLap
+from drcli.video.recorded_lap import JUMP_M, RecordedLap, status_label
 from drcli.video.track_inset import TrackInset
 from drsim.race.solids import SHAPES, Shape
 from drsim.track.track import Track
@@ -236,9 +235,9 @@ def _status(
         # What ends an episode is shown a little before, or nobody could read it.
         early = ahead_s if since_s >= lap.duration_s - 1e-6 else 0.0
         if since_s - 0.25 * early <= now_s <= since_s + _STATUS_S:
-            return STATUS_LABELS.get(status, status.replace("_", " ").capitalize()), (
-                status == "lap_complete"
-            )
+            if status == "lap_complete":
+                return lap.end, lap.clean
+            return status_label(status), False
     return "", False
 
 

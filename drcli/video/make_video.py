@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from drcli.base.errors import NotAvailable, SettingsError
-from drcli.base.replaceable import VIDEO, refuse_new_file, refuse_replacing
+from drcli.base.replaceable import refuse_replacing
 from drcli.config.shell_colors import shell_color
+from drcli.exchange.laps import counted_resets
 from drcli.exchange.trace import STATUS_LABELS
 from drcli.video import encode
 from drcli.video.film import GHOST_COLORS, SIZES, Film, Renderer, Scene, View, frame_count
@@ -94,7 +95,6 @@ def film_trace(
     """
     laps = chosen_laps(trace.laps, wish.episode, trace.origin)
     for _, path in files:
-        refuse_file(path)
         if path.suffix.lower() == ".mp4":
             encode.require_encoder()
     shapes = _shapes(trace)
@@ -190,8 +190,8 @@ def chosen_laps(laps: Sequence[RecordedLap], episode: str, origin: str) -> list[
     return found[:1]
 
 
-def refuse_file(path: Path) -> None:
-    """Refuse to replace a file that is not a video, or to write where nothing can be written.
+def refuse_file(path: Path, *, force: bool = False) -> None:
+    """Refuse a name that is not a video's, to replace a file, and a place that takes none.
 
     Raises:
         SettingsError: It is one of these.
@@ -201,8 +201,7 @@ def refuse_file(path: Path) -> None:
             f"{path} ends neither in .mp4 nor in .gif.",
             remedy="Name another file with --out, such as --out lap.mp4 or --out lap.gif.",
         )
-    refuse_replacing(path, VIDEO)
-    refuse_new_file(path)  # a video takes the place of an old one when it is complete
+    refuse_replacing(path, force=force)
 
 
 def rank_of(lap: RecordedLap) -> tuple[bool, int, float]:
@@ -246,9 +245,13 @@ def _ghosts(
     """The laps that drive along: those that were named, then the best ones of the same trace."""
     rest = sorted((other for other in trace.laps if other is not lap), key=rank_of)[:count]
     named = [*others, *((f"episode {other.number}", other) for other in rest)]
-    return [
-        (f"{name}  {clock(other.duration_s)}", other) for name, other in named[: len(GHOST_COLORS)]
-    ]
+    return [(f"{name}  {_ghost_time(other)}", other) for name, other in named[: len(GHOST_COLORS)]]
+
+
+def _ghost_time(lap: RecordedLap) -> str:
+    """The time of a ghost with its resets, in as little room as a title has."""
+    resets = int(lap.resets[-1])
+    return f"{clock(lap.duration_s)}, {counted_resets(resets)}" if resets else clock(lap.duration_s)
 
 
 def _scene(
@@ -301,4 +304,7 @@ def _filmed(lap: RecordedLap) -> FilmedEpisode:
         round(float(lap.progress[-1]), 3),
         STATUS_LABELS.get(status, status),
         int(lap.resets[-1]),
+        round(lap.penalty_s, 3),
+        lap.clean,
+        lap.told,
     )

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.errors import SettingsError
+from drcli.exchange.laps import counted_resets, lap_time
 from drcli.exchange.race_recording import RaceRecording
-from drcli.exchange.trace import VIOLATIONS
+from drcli.exchange.trace import STATUS_LABELS, VIOLATIONS
 from drsim.car.car import REFERENCE_POINT_AHEAD_M
 
 Floats = NDArray[np.float64]
@@ -87,6 +88,34 @@ class RecordedLap:
         return np.cumsum(fresh)
 
     @property
+    def penalty_s(self) -> float:
+        """Simulated seconds that the car waited for penalties to end; the duration has them."""
+        waits = np.array([status == "pause" for status in self.status[1:]], bool)
+        return float(np.diff(self.time_s)[waits].sum())
+
+    @property
+    def clean(self) -> bool:
+        """Whether the lap was completed without reset and penalty."""
+        return self.completed and not self.resets[-1] and not self.penalty_s
+
+    @property
+    def told(self) -> str:
+        """How it ended, such as "Finished: 12.80 s = 7.80 driven + 5.00 penalty, 1 reset"."""
+        if not self.completed:
+            return self.end
+        time = lap_time(self.duration_s, self.penalty_s, int(self.resets[-1]))
+        return f"{'Clean lap' if self.clean else 'Finished'}: {time}"
+
+    @property
+    def end(self) -> str:
+        """The same in as few words as a film has room for: "Clean lap", "Finished, 1 reset"."""
+        if self.clean:
+            return "Clean lap"
+        if self.completed:
+            return f"Finished, {counted_resets(int(self.resets[-1]))}"
+        return status_label(self.status[-1])
+
+    @property
     def driven_mps(self) -> Floats:
         """Speed over ground, measured from the poses over about a fifth of a second."""
         steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
@@ -112,6 +141,11 @@ class RecordedLap:
             at = np.minimum(np.arange(rows), len(poses) - 1)
             return replace(self, objects=poses[at])
         return self
+
+
+def status_label(status: str) -> str:
+    """A status of a trace for people."""
+    return STATUS_LABELS.get(status, status.replace("_", " ").capitalize())
 
 
 def read_laps(data: bytes, origin: str) -> tuple[list[RecordedLap], list[str]]:

@@ -13,6 +13,9 @@ class FilmedEpisode:
         progress: Percent of the lap.
         status: How it ended, such as "Lap complete".
         resets: How often the car left the track or crashed before its end.
+        penalty_s: Penalties in the time, simulated seconds.
+        clean: Whether the lap was completed without reset and penalty.
+        text: How it ended, with its time if it was completed, for people.
     """
 
     episode: int
@@ -20,6 +23,9 @@ class FilmedEpisode:
     progress: float
     status: str
     resets: int
+    penalty_s: float = 0.0
+    clean: bool = False
+    text: str = ""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from drcli.base.problems import Problem, ProblemsError
 from drcli.config.editing import FilesChanged
 
 MOST_BYTES = 1 << 20
-"""Of a JSON request: a reward function has at most 140,000 characters."""
+"""Of a JSON request; a reward function may be as long."""
 
 MOST_DEPTH = 20
 """Of nested lists and objects in a request."""

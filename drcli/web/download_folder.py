@@ -1,6 +1,5 @@
 """Files that tasks have made and that the page may download, for a while."""
 
-import re
 import secrets
 import shutil
 import threading
@@ -13,8 +12,6 @@ from drcli.web.answers import BadRequest
 
 MOST_KEPT = 12
 """Older ones are deleted."""
-
-_UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
 
 
 @dataclass(frozen=True)
@@ -66,8 +63,3 @@ class DownloadFolder:
         if path is None or not path.is_file():
             raise BadRequest("This download is no longer kept. Start it again.", 404)
         return FileResponse(path, media_type="application/octet-stream", filename=path.name)
-
-
-def safe_name(text: str) -> str:
-    """A text as part of the name of a file."""
-    return _UNSAFE.sub("-", text).strip("-.") or "model"

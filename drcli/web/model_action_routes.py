@@ -10,6 +10,7 @@ from starlette.routing import BaseRoute, Route
 from drcli.base.errors import SettingsError, StorageError, WorkerDied
 from drcli.base.problems import BadValue
 from drcli.base.process_identity import is_alive
+from drcli.base.replaceable import safe_name
 from drcli.config.checkpoint_words import CheckpointChoice, parse_checkpoint
 from drcli.exchange.log_places import log_file
 from drcli.runs import stopping
@@ -21,7 +22,7 @@ from drcli.runs.text_tail import text_tail
 from drcli.web import model_work
 from drcli.web.answers import BadRequest, accepts, answers, text_of
 from drcli.web.apart import run_apart
-from drcli.web.download_folder import DownloadFolder, safe_name
+from drcli.web.download_folder import DownloadFolder
 from drcli.web.model_reader import ModelReader, checked, prefix_of
 from drcli.web.tasks import Progress, Task
 
@@ -111,7 +112,8 @@ def action_routes(
         return clone_model(reader, prefix, target, choice, description)
 
     def upload(_: Request, body: dict[str, Any]) -> Any:
-        prefix, choice = _existing(reader, body), choice_of(body)
+        # As dr-upload-model: the last one.
+        prefix, choice = _existing(reader, body), choice_of(body, "last")
         to, local = checked(body.get("to"), "name at the target"), body.get("local") is True
 
         def work(progress: Progress) -> Any:
@@ -210,7 +212,7 @@ def _existing(reader: ModelReader, body: dict[str, Any]) -> str:
     return prefix
 
 
-def choice_of(body: dict[str, Any], default: str = "last") -> CheckpointChoice:
+def choice_of(body: dict[str, Any], default: str = "best") -> CheckpointChoice:
     """The checkpoint of a request: a number, or a word such as best.
 
     Raises:

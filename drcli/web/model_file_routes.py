@@ -9,10 +9,11 @@ from starlette.responses import FileResponse
 from starlette.routing import BaseRoute, Route
 
 from drcli.analysis.report_place import report_file, report_folder
+from drcli.base.replaceable import safe_name
 from drcli.runs.evaluation_list import is_video
 from drcli.store import keys
 from drcli.web.answers import BadRequest, answers
-from drcli.web.download_folder import DownloadFolder, safe_name
+from drcli.web.download_folder import DownloadFolder
 from drcli.web.model_reader import ModelReader, prefix_of
 from drcli.web.object_range import ObjectCopies
 

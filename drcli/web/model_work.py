@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
+from drcli.base.replaceable import safe_name
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.store.bucket import Watch
 from drcli.web import start_work
@@ -26,14 +27,14 @@ def make_download(
 ) -> dict[str, Any]:
     """Make a file to download, and return its path and the report of the command."""
     settings = settings_for(directory, prefix)
-    name = prefix.rpartition("/")[2]
+    name = safe_name(prefix)
     if kind == "car":
         from drcli.models.export_car import archive_path, write_archive
         from drcli.models.export_model import Selection, read_export_source
         from drcli.runs.car_archive_on_drive import made_car_archive
 
         source = read_export_source(settings, Selection(choice, prefix))
-        path = archive_path(folder, source.name)
+        path = archive_path(folder, source.file_name)
         progress("Writes the graph and compares it with the weights on a drive.")
         report = write_archive(made_car_archive(settings, source, path.name), path)
         return {"file": str(path), "report": report}

@@ -9,6 +9,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from drcli.base.errors import SettingsError
+from drcli.models.checkpoint_choice import best_and_last
 from drcli.models.model_list import list_models
 from drcli.races import queue_process, submissions
 from drcli.races.organise import close_race, create_race, delete_race, open_race
@@ -20,6 +21,7 @@ from drcli.races.race_wish import SENSORS, rules_of
 from drcli.races.rules_change import change_rules, wish_of
 from drcli.races.stored_race import is_race_id, race_id, read_rules
 from drcli.store import keys, race_keys
+from drcli.store.repair import Model
 from drcli.tracks.track_list import list_tracks
 from drcli.web.answers import BadRequest, accepts, answers, text_of
 from drcli.web.hub import Polled, Publish
@@ -111,7 +113,10 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
         listed = [] if bucket is None else bucket.list(keys.model_folder(prefix))
         names = {keys.checkpoint_of(prefix, info.key) for info in listed}
         numbers = sorted({name.number for name in names if name is not None}, reverse=True)
-        return {"checkpoints": numbers}
+        about = ""
+        if bucket is not None:
+            about = best_and_last(Model(bucket, prefix, keys.metrics_prefix(prefix)))
+        return {"checkpoints": numbers, "about": about}
 
     return [
         Route("/api/races", answers(lambda _: reader.races())),
@@ -133,7 +138,7 @@ def _race_routes(reader: RaceReader) -> Sequence[BaseRoute]:
             bucket,
             race_of(request),
             prefix=text_of(body, "prefix"),
-            checkpoint=text_of(body, "checkpoint", "last"),
+            checkpoint=text_of(body, "checkpoint", "best"),
             racer=text_of(body, "racer"),
             now_s=reader.clock(),
         )

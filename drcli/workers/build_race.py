@@ -1,7 +1,7 @@
 """Builds the track, race, simulation and reward function of a worker. Needs no torch."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +13,7 @@ from drcli.base.problems import Problem, ProblemsError
 from drcli.config.run_config import RaceConfig
 from drcli.config.track_names import remedy, track_problem
 from drcli.exchange.stage import Stage
+from drcli.modelfiles.custom_files import bytes_of
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -210,9 +211,14 @@ def build_simulation(
 
 
 def load_reward(
-    bucket: Bucket, prefix: str, folder: Path, cars: int, stage: Stage | None = None
+    bucket: Bucket,
+    prefix: str,
+    folder: Path,
+    cars: int,
+    stage: Stage | None = None,
+    inputs: Mapping[str, str] | None = None,
 ) -> list[RewardFunction]:
-    """The model's copy of the racer's reward function, or a stage's own, loaded once for each car.
+    """A stage's reward function, that of a start (`Job.inputs`), or the model's: one for each car.
 
     Reward functions are written for a single car and keep values in globals from step to step, so
     each car needs its own.
@@ -220,7 +226,9 @@ def load_reward(
     folder.mkdir(parents=True, exist_ok=True)
     if stage is None:
         path = folder / keys.REWARD_FUNCTION_FILE
-        path.write_bytes(bucket.get(keys.reward_function(prefix)))
+        own = (inputs or {}).get(keys.REWARD_FUNCTION_FILE)
+        data = bucket.get(keys.reward_function(prefix)) if own is None else bytes_of(own)
+        path.write_bytes(data)
     else:
         name = Path(stage.reward_name).name  # errors name the file as its author calls it
         path = folder / (name if name.endswith(".py") else keys.REWARD_FUNCTION_FILE)

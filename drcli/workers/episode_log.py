@@ -3,6 +3,8 @@
 from typing import Any
 
 from drcli.base import log
+from drcli.exchange.episode_metrics import TrialMetrics
+from drcli.exchange.laps import lap_time
 from drcli.exchange.trace import STATUS_LABELS, Episode
 
 _logger = log.get_logger(__name__)
@@ -32,17 +34,27 @@ def log_evaluation(episode: Episode, checkpoint: int, worker: int) -> None:
 
 def log_trial(episode: Episode, model: str) -> None:
     """Log a trial of a stand-alone evaluation."""
-    _log("trial", f"Trial {episode.number + 1} of {model}", episode, model=model)
+    record = TrialMetrics.of(episode)
+    penalty_s = (record.penalty_in_milliseconds or 0.0) / 1000.0
+    _log(
+        "trial",
+        f"Trial {episode.number + 1} of {model}",
+        episode,
+        time=lap_time(episode.duration_s, penalty_s, record.reset_count),
+        model=model,
+        resets=record.reset_count,
+        penalty_s=penalty_s,
+    )
 
 
-def _log(kind: str, what: str, episode: Episode, **facts: Any) -> None:
+def _log(kind: str, what: str, episode: Episode, *, time: str = "", **facts: Any) -> None:
     """Log an episode, which has at least its first row."""
     status = STATUS_LABELS.get(episode.status, episode.status)
     log.event(
         _logger,
         kind,
         f"{what}: {status.lower()} at {episode.progress:.1f} % after {episode.steps} steps "
-        f"({episode.duration_s:.3f} s), reward {episode.reward:.2f}.",
+        f"({time or f'{episode.duration_s:.3f} s'}), reward {episode.reward:.2f}.",
         **facts,
         episode=episode.number,
         status=episode.status,

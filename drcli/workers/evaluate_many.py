@@ -70,7 +70,15 @@ def _driven(
             job, lifeline, bucket, entry, config, stamp=task.stamp, threads=threads, live=live
         )
         return TaskOutcome(robust=robust)
-    found = evaluate(job, lifeline, [entry], config=config, threads=threads, live=live)
+    found = evaluate(
+        job,
+        lifeline,
+        [entry],
+        config=config,
+        threads=threads,
+        live=live,
+        fresh_laps=task.fresh_laps,
+    )
     return TaskOutcome(trials=found.racers[0], notes=found.notes)
 
 

@@ -31,13 +31,13 @@ from drcli.exchange.trace import Episode, csv_text, log_lines, schedule
 from drcli.formats.build_network import build_policy, load_weights
 from drcli.formats.policy_file import read_policy_file
 from drcli.formats.runtimes import policy_of_file, policy_of_model
+from drcli.formats.stored_checkpoint import driving_graph, load_checkpoint
 from drcli.learn.policy import Policy
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.bucket import Bucket
-from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.tracking.open_sinks import sender_of_episodes
 from drcli.workers import reference_log, worker_process
@@ -46,12 +46,14 @@ from drcli.workers.build_race import (
     build_simulation,
     load_reward,
     load_world,
+    longest_episode,
     sensors_of_model,
 )
 from drcli.workers.cores import usable_cores
 from drcli.workers.driven_episode import Driven, Plan
 from drcli.workers.driving import Driver, Racer
 from drcli.workers.episode_log import log_trial
+from drcli.workers.evaluation_starts import fresh_starts
 from drcli.workers.live_figures import trial_points
 from drcli.workers.live_scene import facts_of
 from drcli.workers.live_view import LiveShow, live_show
@@ -67,6 +69,12 @@ from drsim.track.worlds import directed
 
 OPPONENT_COLOR = "Orange"
 """Of the second car in a race between two models. Source: the reference."""
+
+MOST_CARS = 64
+"""Cars that drive at a time: more make a step not faster, and take memory."""
+
+FRESH_SEEDS = 1 << 32
+"""Added to the seed of fresh laps: no training chose a checkpoint by laps from these starts."""
 
 MOST_ENGINE_THREADS = 2
 """Of an engine that is not PyTorch: more do not help a few pictures at a time."""
@@ -135,6 +143,7 @@ def evaluate(
     config: RunConfig | None = None,
     threads: int | None = None,
     live: LiveShow | None = None,
+    fresh_laps: int = 0,
 ) -> EvaluationTrials:
     """Drive the trials of the settings, and put traces and metrics into the bucket.
 
@@ -147,6 +156,8 @@ def evaluate(
         config: What to drive, if it is not that of the job.
         threads: For physics and camera; as many as there are cores when left out.
         live: Shows the cars to those who watch.
+        fresh_laps: Drive so many laps from fresh starts instead of the trials of the settings. Each
+            ends at its first violation.
 
     Raises:
         SettingsError: A model cannot be used, or the two cannot race each other.
@@ -166,15 +177,25 @@ def evaluate(
             "with --opp-model.",
         )
     track = directed(load_world(race), reverse=s.eval_reverse_direction)
-    laps = s.eval_number_of_trials if s.eval_is_continuous else 1
-    races = 1 if s.eval_is_continuous else s.eval_number_of_trials
-    num_cars = races * len(racers)
+    lap_steps = math.ceil(s.eval_max_lap_seconds * CONTROL_HZ)
+    continuous = s.eval_is_continuous and not fresh_laps
+    laps = s.eval_number_of_trials if continuous else 1
+    notes: list[str] = []
+    if fresh_laps:
+        starts = fresh_starts(track, fresh_laps, FRESH_SEEDS + job.seed)
+        # A car that gets nowhere must not keep the others waiting.
+        lap_steps = min(lap_steps, longest_episode(track, racers[0].actions))
+    else:
+        start, notes = start_of(s, track)
+        races = 1 if continuous else s.eval_number_of_trials
+        starts = [replace(start, number=trial) for trial in range(races)]
+    plans = [replace(plan, racer=racer) for plan in starts for racer in range(len(racers))]
+    num_cars = min(len(plans), MOST_CARS) if fresh_laps else len(plans)
     reward = (
         load_reward(bucket, config.model.prefix, job.folder, num_cars)
         if s.eval_debug_reward
         else centre_line_reward
     )
-    lap_steps = math.ceil(s.eval_max_lap_seconds * CONTROL_HZ)
     simulation = build_simulation(
         race,
         "evaluation",
@@ -184,7 +205,7 @@ def evaluate(
         reward=reward,
         rules=EpisodeRules.evaluation(
             laps=laps,
-            max_resets=s.eval_max_resets,
+            max_resets=0 if fresh_laps else s.eval_max_resets,
             off_track_penalty_s=s.eval_off_track_penalty,
             collision_penalty_s=s.eval_collision_penalty,
             max_steps=lap_steps * laps + 1,
@@ -200,12 +221,6 @@ def evaluate(
         lifeline.pulse.say(f"evaluates {entered[0].checkpoint} of {names[0]}", waits=False)
     driven: list[Driven] = []
     begin, began_s = time.time(), time.monotonic()
-    start, notes = start_of(config.evaluation, track)
-    plans = [
-        replace(start, number=trial, racer=racer)
-        for trial in range(races)
-        for racer in range(len(racers))
-    ]
     try:
         driver = Driver(simulation, racers, job.seed, keeps_objects=True, onlooker=live)
         driver.drive(plans, driven.append, lifeline.step_done)
@@ -217,10 +232,12 @@ def evaluate(
     trials: list[list[TrialMetrics]] = []
     for racer, entry in enumerate(entered):
         own = [episode for episode in driven if episode.racer == racer]
-        episodes: list[Episode] = laps_of(own[0]) if s.eval_is_continuous else [*own]
-        if not s.eval_is_continuous:
+        episodes: list[Episode] = laps_of(own[0]) if continuous else [*own]
+        if not continuous:
             schedule(episodes, 0.0)
-        trials.append([TrialMetrics.of(episode) for episode in episodes])
+        # Only the first lap of a continuous race has a start.
+        begun = {plan.number: plan for plan in starts}
+        trials.append([_recorded(episode, begun.get(episode.number)) for episode in episodes])
         lines = (log_lines(episode, track.length_m, wall_clock[1]) for episode in episodes)
         traces.info("\n".join([reference_log.OWN_LINE, *lines]))
         for episode in episodes:
@@ -242,6 +259,19 @@ def evaluate(
         figures.send(*trial_points(trials[-1], wall_clock))
         figures.close()  # may wait for a slow tool, so it comes last
     return EvaluationTrials(trials, notes)
+
+
+def _recorded(episode: Episode, plan: Plan | None) -> TrialMetrics:
+    """The record of a trial, and where it began."""
+    record = TrialMetrics.of(episode)
+    if plan is None:
+        return record
+    return replace(  # to the last digit, so that it can be driven again
+        record,
+        start_position=plan.start_fraction,
+        start_offset_m=plan.offset_m,
+        start_angle_deg=plan.angle_deg,
+    )
 
 
 def start_of(s: EvaluationConfig, track: Track) -> tuple[Plan, list[str]]:
@@ -284,11 +314,17 @@ def enter(bucket: Bucket, entry: Entry, config: RunConfig) -> tuple[Racer, Model
         _say_start(config, metadata, parameters)
         policy = policy_of_file(file, source.runtime, threads)
         return Racer(policy, actions_of(metadata)), metadata
-    design = Design.of_model(bucket, entry.prefix)
+    graph = driving_graph(bucket, entry.prefix, entry.checkpoint)
+    if graph is not None:
+        metadata = graph.metadata
+        _say_start(config, metadata, Hyperparameters.from_bytes(b"{}"))
+        runtime = None if source.runtime == "torch" else source.runtime
+        return Racer(policy_of_file(graph, runtime, threads), actions_of(metadata)), metadata
+    checkpoint = load_checkpoint(bucket, entry.prefix, entry.checkpoint)
+    design = Design.of_model(bucket, entry.prefix, checkpoint.record.counters.inputs)
     metadata, parameters = design.metadata, design.parameters
     _say_start(config, metadata, parameters)
     model = build_policy(metadata, parameters)
-    checkpoint = CheckpointStore(bucket, entry.prefix).load(entry.checkpoint)
     load_weights(model, checkpoint.tensors, checkpoint.record.name)
     origin = f"{checkpoint.record.name} of {entry.prefix}"
     policy = policy_of_model(model, metadata, source.runtime or "torch", origin, threads)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from time import time as unix_s
 
 from drcli.exchange.live_record import FinishedEpisode
-from drcli.exchange.trace import Episode, Phase, Row
+from drcli.exchange.trace import VIOLATIONS, Episode, Phase, Row
 from drcli.workers.live_moment import Rider
 
 REMEMBERED = 24
@@ -30,6 +30,7 @@ class _Open:
     began_s: float = 0.0
     began_total: float = 0.0
     lap: int = 1
+    resets: int = 0
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,7 @@ class LiveEpisodes:
             row = found.rows[found.counted]
             found.counted += 1
             found.total += row.reward
+            found.resets += row.status in VIOLATIONS and not row.done
             if row.progress >= COMPLETE:
                 self._finish(found, who, drive, ended_s)
 
@@ -146,8 +148,10 @@ class LiveEpisodes:
                 reward=round(found.total - found.began_total, 4),
                 steps=found.counted - found.began_row - (found.lap == 1),
                 ended_s=round(ended_s, 3),
+                resets=found.resets,
             )
         )
         found.began_row, found.began_s = found.counted, row.time_s
         found.began_total = found.total
         found.lap += 1
+        found.resets = 0

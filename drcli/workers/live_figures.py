@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from statistics import fmean
+from statistics import fmean, median
 from typing import TYPE_CHECKING
 
 from drcli.exchange.episode_metrics import EpisodeMetrics, TrialMetrics
@@ -200,7 +200,10 @@ def _scores(name: str, progress: Sequence[float], lap_s: Sequence[float]) -> dic
     values = {f"{name}/laps": float(len(lap_s))}
     if progress:
         values[f"{name}/progress"] = fmean(progress)
+    if progress:
+        values[f"{name}/clean_share"] = len(lap_s) / len(progress)
     if lap_s:
+        values[f"{name}/median_lap_s"] = median(lap_s)
         values[f"{name}/best_lap_s"] = min(lap_s)
         values[f"{name}/mean_lap_s"] = fmean(lap_s)
     return {key: value for key, value in values.items() if math.isfinite(value)}

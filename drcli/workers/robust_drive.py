@@ -17,7 +17,7 @@ from drcli.store.bucket import Bucket
 from drcli.workers.build_race import build_simulation, load_world, longest_episode
 from drcli.workers.driven_episode import Driven, Plan
 from drcli.workers.driving import Driver
-from drcli.workers.evaluator import Entry, enter
+from drcli.workers.evaluator import MOST_CARS, Entry, enter
 from drcli.workers.live_moment import Onlooker
 from drcli.workers.live_scene import facts_of
 from drcli.workers.live_view import LiveShow
@@ -29,9 +29,6 @@ from drsim.episode.reward import centre_line_reward
 from drsim.episode.start_poses import offset_of, start_pose
 from drsim.track.track import Track
 from drsim.track.worlds import directed
-
-MOST_CARS = 64
-"""Cars that drive at a time: more make a step not faster, and take memory."""
 
 
 def evaluate_robustly(

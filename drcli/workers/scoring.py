@@ -104,6 +104,13 @@ class Scoring:
             if result is not None and (late or self._is_complete(result)):
                 self._expected.discard(iteration)
                 self._history.add_evaluation(iteration, result)
+                driven = result.on("training")
+                _logger.info(
+                    "Checkpoint %d: %s, mean progress %.1f %%.",
+                    iteration,
+                    driven.laps,
+                    driven.mean_progress,
+                )
                 self._compare(result, newest)
 
     def score_all(self, newest: CheckpointName) -> None:

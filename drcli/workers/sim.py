@@ -27,6 +27,7 @@ from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.encoders import compute_in
 from drcli.learn.gpu_policy import GpuPolicy
 from drcli.modelfiles.network_shape import Design
+from drcli.store import keys
 from drcli.store.best_checkpoint import is_hopeful, read_scores, write_evaluation
 from drcli.store.bucket import ObjectDamaged
 from drcli.store.checkpoints import CheckpointStore
@@ -94,7 +95,7 @@ class SimWorker:
         self._activity = Activity(self._bucket, self._prefix, f"sim-{worker}", lifeline.pulse)
         self._activity.say("starting")
         self._checkpoints = CheckpointStore(self._bucket, self._prefix)
-        design = Design.of_model(self._bucket, self._prefix)
+        design = Design.of_model(self._bucket, self._prefix, job.inputs)
         self._design = design
         threads = driving_threads(train) if membership is None else usable_cores(train)
         torch.set_num_threads(1)
@@ -123,6 +124,7 @@ class SimWorker:
         self._lag = max_lag(train)
         self._evaluated = -1
         self._rollbacks = 0
+        self._drives_as_trained = True
         self._loaded: Fingerprint | None = None
         self._drives = 0
         self._lapped = False
@@ -224,6 +226,8 @@ class SimWorker:
                 self._waiter.learn_from(record)
                 self._load(record)
             self._rollbacks = counters.rollbacks or 0
+            own = counters.inputs.get(keys.MODEL_METADATA_FILE)
+            self._drives_as_trained = own in (None, self._design.texts[keys.MODEL_METADATA_FILE])
             if self._is_assigned(iteration, counters.shares):
                 self._iterate(iteration, name)
             else:
@@ -436,6 +440,8 @@ class SimWorker:
         """Whether to evaluate the checkpoint during this drive, which takes time."""
         if not self._simulation.trials or name.number == self._evaluated:
             return False
+        if not self._drives_as_trained:
+            return False  # its score would be that of other actions
         assigned = self._simulation.assigned
         if assigned is not None and not assigned.evaluates:
             return False

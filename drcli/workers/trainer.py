@@ -24,6 +24,7 @@ from drcli.learn.compute import flush_denormals
 from drcli.learn.gradient_group import LearnerLostError
 from drcli.learn.learner import Learner
 from drcli.learn.update_result import NonFiniteLossError, Stats, UpdateInterruptedError
+from drcli.modelfiles.custom_files import write_model_files
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.checkpoint_retention import KeepRules
@@ -96,11 +97,10 @@ class Trainer:
         self._checkpoints = CheckpointStore(self._bucket, self._prefix, rules, keep)
         self._history = History(self._bucket, self._prefix)
         self._metrics = LearnerMetrics(self._bucket, self._prefix)
-        design = Design.of_model(self._bucket, self._prefix)
+        design = Design.of_model(self._bucket, self._prefix, job.inputs)
         metadata, parameters = design.metadata, design.parameters
-        # Each checkpoint carries these files: without them, the model could not be continued.
-        self._inputs = {name: data.decode("utf-8-sig") for name, data in design.files.items()}
         self._design = design
+        self._has_own_files = False
         self._rollbacks = RollbackControl(self._bucket, job, self._checkpoints)
         self._found = self._rollbacks.load_latest()
         counters = Counters() if self._found is None else self._found.record.counters
@@ -270,6 +270,8 @@ class Trainer:
             _logger.warning(problem)
         self._rollbacks.mark(found)
         self._checkpoints.point_to(record)
+        if record.counters.inputs == self._design.texts:
+            self._own_files()  # the trainer before may have been cut off just before that
         if self._rollbacks.known.count:
             self._checkpoints.drop_newer(self._progress.newest)
             self._traces.delete_after(record.number + self._lag)
@@ -489,13 +491,20 @@ class Trainer:
             number_format=self._learner.compute.number_format,
             learned=learned,
             seed=self._job.seed,
-            inputs=self._inputs,
+            inputs=self._design.texts,  # without them, nobody could tell what its outputs mean
             critic_warmup=self._learner.critic_warmup or None,
             rollbacks=self._rollbacks.known.count or None,
             stage=self._stages.mark,
             shares=self._shares.version_for(self._progress.newest.number),
         )
         self._publisher.publish(self._progress.newest, self._learner, counters)
+        self._own_files()
+
+    def _own_files(self) -> None:
+        """Make the files of this start the model's, now that a checkpoint has learned with them."""
+        if not self._has_own_files:
+            self._has_own_files = True
+            self._publisher.submit(write_model_files, self._bucket, self._prefix, self._job.inputs)
 
     def _finish_files(self, *, finished: bool = False) -> None:
         """Write the files that grow for the last time, and send the last figures."""

@@ -109,7 +109,7 @@ class TrainingSimulation:
         episodes = self.share.most if joined else self.share.count
         num_cars = -(-(race.train_lanes or episodes + self.trials) // divisor)
         folder = job.folder / f"sim-{worker}"
-        reward = load_reward(bucket, prefix, folder, num_cars, stage)
+        reward = load_reward(bucket, prefix, folder, num_cars, stage, job.inputs)
         track = directed(load_world(race), reverse=race.train_reverse_direction)
         self.track_length_m = track.length_m
         self._track = track
@@ -136,7 +136,7 @@ class TrainingSimulation:
                 second,
                 metadata,
                 racer,
-                load_reward(bucket, prefix, folder, -(-trials // divisor), stage),
+                load_reward(bucket, prefix, folder, -(-trials // divisor), stage, job.inputs),
                 num_threads=threads,
                 seed=seed,
                 # Counted apart: its calls are none of the training.

@@ -77,7 +77,7 @@ def main(job: Job, lifeline: Lifeline) -> None:
     torch.set_num_threads(1)
     bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)
     prefix = job.config.model.prefix
-    design = Design.of_model(bucket, prefix)
+    design = Design.of_checkpoint(bucket, prefix, checkpoint)
     model = build_policy(design.metadata, design.parameters)
     found = CheckpointStore(bucket, prefix).load(checkpoint)
     load_weights(model, found.tensors, found.record.name)
@@ -90,7 +90,7 @@ def main(job: Job, lifeline: Lifeline) -> None:
             car, track, scene, model, design.metadata, starts, threads, lifeline.should_stop
         )
         laps = "lap" if starts == 1 else "laps"
-        plain.info(f"{car}: {trial.laps} of {starts} {laps}, {trial.mean_progress:.1f} %")
+        plain.info(f"{car}: {trial.laps} of {starts} {laps} clean, {trial.mean_progress:.1f} %")
         trials.append(trial)
     (job.folder / TRIALS_FILE).write_bytes(encode_trials(trials))
 

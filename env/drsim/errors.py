@@ -26,8 +26,9 @@ class RewardError(RuntimeError):
     """A reward function that cannot be loaded, fails, or returns something that is not a reward.
 
     `file` and `line` (from 1) say where, if known, `source` is the text of that line, and `params`
-    are the parameters of the failing call in short form. `kind` says what is wrong, `reason` what
-    went wrong, without the place: with `params` such as "KeyError: 'sped'", else a whole sentence.
+    are the parameters of the failing call that the file reads, in short form. `kind` says what is
+    wrong, `reason` what went wrong, without the place: for a call such as "KeyError: 'sped'", for
+    the file a whole sentence.
     """
 
     def __init__(

@@ -75,6 +75,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "races.organise:DeletedRace": ("race delete",),
     "video.video_report:VideoReport": ("video",),
     "exchange.robust_result:RobustResult": ("evaluate --robust",),
+    "runs.laps_report:LapsReport": ("evaluate --laps",),
     "runs.many_evaluations:TableReport": ("evaluate --models", "evaluate --worlds"),
     "runs.evaluation_loop:LoopReport": ("evaluate --loop",),
     "cli.commands.evaluate:Started": ("start-evaluation -q",),

@@ -11,9 +11,10 @@ import pytest
 from drcli.base.log import LogFile
 from drcli.cli.app import main
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.laps import Laps
 from drcli.models.model_list import CheckpointEntry
 from drcli.runs.evaluation_report import EvaluationReport, TrialReport
-from drcli.runs.status import RunReport, WorkerReport
+from drcli.runs.status import CheckpointLaps, RunReport, WorkerReport
 from drcli.store.server import server
 from evaluations import evaluated
 from memory_bucket import MemoryBucket
@@ -21,6 +22,9 @@ from racer import Racer
 
 REQUEST_S = 30.0
 """How long a request to a console may go on after its test."""
+
+BEST_LAPS_S = [14.0 + k / 10 for k in range(18)]
+"""Clean ones of the best checkpoint, of 20."""
 
 STARTED_S = 1_000_000.0
 """When every made-up run began."""
@@ -87,7 +91,9 @@ def make_report(make_record: Callable[..., IterationRecord]) -> Callable[..., Ru
                 for name, said in activities.items()
             ],
             "history": history,
-            "best": CheckpointEntry("8_Step-4000.ckpt", 100.0) if iterations else None,
+            "best": CheckpointEntry("8_Step-4000.ckpt", 100.0, "100.0 %") if iterations else None,
+            "newest_laps": CheckpointLaps.of(7, Laps(20, BEST_LAPS_S[:9])) if iterations else None,
+            "best_laps": CheckpointLaps.of(8, Laps(20, BEST_LAPS_S)) if iterations else None,
             "last": CheckpointEntry(f"{iterations}_Step-{iterations * 500}.ckpt", None)
             if iterations
             else None,

@@ -242,7 +242,8 @@ TRANSFERS = [
 
 EVALUATIONS = [
     Call("evaluate -q", "checkpoint"),
-    Call("evaluate --json", "prefix world checkpoint trials simtrace metrics completed"),
+    Call("evaluate --json", "prefix world checkpoint trials simtrace metrics completed clean"),
+    Call("evaluate --laps 3 --json", "clean clean_interval median_s p90_s slowest_s ends laps"),
 ]
 INTERRUPTED = Call("evaluate", "The evaluation was stopped.", 143, LONG)
 INTERRUPTING = Call("stop-evaluation", "Stopped the evaluation of s3://bucket/model")

@@ -37,7 +37,7 @@ class Home:
     """A racer's folder, a bucket in memory, and what each model is to drive.
 
     Attributes:
-        laps: Lap times by model; a text fails with it.
+        laps: Lap times by model, or trials; a text fails with it.
         driven: The plans that were driven, in order.
         before: Called with the model before it drives.
     """
@@ -105,7 +105,9 @@ class Home:
         if isinstance(found, DrError):
             raise found
         trials = [
-            TrialReport(number, 100.0, time, COMPLETE, 0, 0, 0)
+            time
+            if isinstance(time, TrialReport)
+            else TrialReport(number, 100.0, time, COMPLETE, 0, 0, 0)
             if time > 0
             else TrialReport(number, 30.0, -time, "Off track", 1, 0, 0)
             for number, time in enumerate(found, start=1)

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 from drcli.exchange.episode_metrics import EpisodeMetrics, encode_metrics
@@ -55,10 +56,33 @@ def episode(
                 closest_waypoint=waypoint,
                 status=status,
                 pause_s=0.0,
-                time_s=step * STEP_S,
+                time_s=(step + 1) * STEP_S,
                 reward_ms=0.004 if step else 0.0,
             )
         )
+    return driven
+
+
+def with_reset(driven: Episode, at: int, pause_steps: int = 75) -> Episode:
+    """The same drive, but the car leaves the track in a row and waits there as a penalty."""
+    rows = driven.rows
+    left = replace(rows[at], status="off_track", pause_s=pause_steps * STEP_S)
+    waits = [
+        replace(
+            left,
+            status="pause",
+            reward=0.0,
+            steps=left.steps + n,
+            pause_s=(pause_steps - n) * STEP_S,
+            time_s=left.time_s + n * STEP_S,
+        )
+        for n in range(1, pause_steps + 1)
+    ]
+    later = [
+        replace(row, steps=row.steps + pause_steps, time_s=row.time_s + pause_steps * STEP_S)
+        for row in rows[at + 1 :]
+    ]
+    driven.rows = [*rows[:at], left, *waits, *later]
     return driven
 
 

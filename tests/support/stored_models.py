@@ -51,10 +51,14 @@ class StoredModels:
         self.put(keys.history(prefix), encode_history(list(map(iteration, range(iterations)))))
 
     def evaluation(
-        self, prefix: str, stamp: str = STAMP, lap_ms: Sequence[int] = (12_345,)
+        self,
+        prefix: str,
+        stamp: str = STAMP,
+        lap_ms: Sequence[int] = (12_345,),
+        **changes: Any,
     ) -> None:
-        """A stored evaluation with its video."""
-        trials = [trial(number, ms) for number, ms in enumerate(lap_ms, start=1)]
+        """A stored evaluation with its video, with `changes` to its trials."""
+        trials = [trial(number, ms, **changes) for number, ms in enumerate(lap_ms, start=1)]
         self.put(
             keys.evaluation_metrics(keys.metrics_prefix(prefix), stamp), encode_metrics_file(trials)
         )

@@ -28,7 +28,8 @@ def no_exploration(evidence: Evidence) -> Advice | None:
     trend = present_trend(evidence.curve)
     improving = evidence.fall is None and trend.rises and trend.gain >= LEAST_GAIN
     single = use.top_share >= TOP_SHARE
-    same = use.variety is not None and use.variety <= VARIETY
+    known = [spread for spread in (use.variety, evidence.spread) if spread is not None]
+    same = bool(known) and min(known) <= VARIETY
     if not single and (not same or improving):
         return None
     numbers = {"top_share": use.top_share, "progress": evidence.level}
@@ -39,11 +40,13 @@ def no_exploration(evidence: Evidence) -> Advice | None:
             f" At the same place of the lap it varies its actions by {100 * use.variety:.0f} % of "
             "what is possible."
         )
+    if evidence.spread is not None:
+        numbers["spread"] = evidence.spread
     setting, value = _more_exploration(evidence)
     return Advice(
         "no-exploration",
         "The car no longer tries anything new",
-        f"It takes {_named(use, use.top)} in {100 * use.top_share:.0f} % of the steps.{seen} But "
+        f"It takes {named(use, use.top)} in {100 * use.top_share:.0f} % of the steps.{seen} But "
         f"it only gets {evidence.level:.0f} % of the lap, so it needs to find something better.",
         numbers,
         setting,
@@ -65,7 +68,7 @@ def dead_actions(evidence: Evidence) -> Advice | None:
     if use is None or not use.dead:
         return None
     one = len(use.dead) == 1
-    names = ", ".join(_named(use, number) for number in use.dead)
+    names = ", ".join(named(use, number) for number in use.dead)
     counts = sum(use.actions[number].count for number in use.dead)
     never = "never" if counts == 0 else f"in only {counts}"
     seen = (
@@ -88,7 +91,8 @@ def dead_actions(evidence: Evidence) -> Advice | None:
     )
 
 
-def _named(use: ActionUse, number: int) -> str:
+def named(use: ActionUse, number: int) -> str:
+    """An action with its values, such as "action 3 (10 degrees, 1.5 m/s)"."""
     action = use.actions[number]
     if use.continuous:
         return f"steering near {action.steering_deg:.0f} degrees at {action.speed_mps:.1f} m/s"

@@ -25,6 +25,10 @@ class Advice:
     command: str
 
 
+TRAIN_ON = ("DR_TRAIN_MAX_MINUTES", "dr-start-training --resume")
+"""Setting and command where more training helps more than any change."""
+
+
 def train_on(*changes: str, checkpoint: str = "") -> str:
     """The command that trains on from this model with some hyperparameters changed.
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drcli.analysis.findings.advice_item import Advice, rounded, train_on
+from drcli.analysis.findings.advice_item import TRAIN_ON, Advice, rounded, train_on
 from drcli.analysis.findings.curve_trend import (
     LEAST_GAIN,
     UNDER,
@@ -12,16 +12,12 @@ from drcli.analysis.findings.curve_trend import (
 )
 from drcli.analysis.findings.evidence import Evidence, is_sac
 from drcli.analysis.findings.reward_advice import REWARD_CHECK
-from drcli.analysis.findings.update_advice import USUAL_LR, lower_lr
+from drcli.analysis.findings.update_advice import LOW_LR, USUAL_LR, lower_lr
 from drcli.analysis.findings.verdict import LEAST_ITERATIONS, LOW, NOT_LEARNING
 
 BEHIND, BEHIND_T = 15.0, 3.5
 """Percent of a lap by which evaluations are far behind, and how sure that must be. In healthy
 trainings they are ahead of the training episodes, which explore."""
-
-
-LOW_LR = 1e-5
-"""A learning rate at or below this hardly moves anything."""
 
 
 def collapse(evidence: Evidence) -> Advice | None:
@@ -118,8 +114,7 @@ def under_training(evidence: Evidence) -> Advice | None:
         f"{evidence.level:.0f} % of the lap, and it has not stopped rising. More training is "
         "likely to help more than any change.",
         {"progress": evidence.level, "gain": trend.gain, "t": trend.t, "iterations": len(curve)},
-        "DR_TRAIN_MAX_MINUTES",
-        "dr-start-training --resume",
+        *TRAIN_ON,
     )
 
 

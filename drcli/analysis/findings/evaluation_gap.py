@@ -55,7 +55,7 @@ def evaluation_gap(run: Run, curve: LearningCurve, until: int) -> EvaluationGap 
         float(progress)
         for each in run.evaluations[-3:]
         if each.world is None or run.world is None or each.world == run.world
-        for progress in each.trials["progress"]
+        for progress in each.trials["alone_progress"]  # an episode ends at the first violation
         if math.isfinite(progress)
     ]
     newest = training[-NEWEST:]

@@ -12,6 +12,11 @@ from drcli.analysis.findings.discount_horizon import DiscountHorizon, discount_h
 from drcli.analysis.findings.driven_steps import DrivenSteps, driven_steps
 from drcli.analysis.findings.episode_ends import EpisodeEnds, episode_ends
 from drcli.analysis.findings.episode_groups import EpisodeGroup, by_quintile, by_start
+from drcli.analysis.findings.evaluated_laps import (
+    EvaluatedLaps,
+    evaluated_alone,
+    evaluated_in_training,
+)
 from drcli.analysis.findings.evaluation_gap import EvaluationGap, evaluation_gap
 from drcli.analysis.findings.lap_slowing import change_t, lap_slowing
 from drcli.analysis.findings.lap_times import LapTimes, lap_times
@@ -30,6 +35,7 @@ from drcli.analysis.findings.wheels_off import WheelsOff, wheels_off
 from drcli.analysis.findings.window import early_steps, late_steps, learned_steps
 from drcli.analysis.run import Run
 from drcli.base.json_record import RecordError, parse_json
+from drcli.modelfiles.action_space import ActionSpace
 from drcli.store.keys import MODEL_METADATA_FILE
 
 FALL_FROM = 20.0
@@ -65,6 +71,8 @@ class Evidence:
         evaluation_snaking: The same in the stored evaluations.
         off: Whether it drives with wheels off the track.
         ends: Where its episodes end.
+        evaluated: The newest evaluation on its own.
+        evaluated_in_training: The newest ones of the training.
         gap: How far evaluations are behind the training.
         learner: What its updates say.
         horizon: How far ahead it plans.
@@ -86,6 +94,8 @@ class Evidence:
     evaluation_snaking: Snaking | None
     off: WheelsOff | None
     ends: EpisodeEnds | None
+    evaluated: EvaluatedLaps | None
+    evaluated_in_training: EvaluatedLaps | None
     gap: EvaluationGap | None
     learner: LearnerHealth | None
     horizon: DiscountHorizon | None
@@ -103,6 +113,18 @@ class Evidence:
         """Mean progress of the newest iterations before a collapse, percent; 0 without any."""
         newest = self.curve.progress[: self.until][-max(3, self.until // 6) :]
         return float(newest.mean()) if len(newest) else 0.0
+
+    @property
+    def spread(self) -> float | None:
+        """How evenly the probabilities of discrete actions are spread: 0 one is certain, 1 equal.
+
+        From the entropy of the newest updates; where nobody recorded it, from the actions that were
+        taken at the same place of the lap, which vary at least as much. None for continuous ones.
+        """
+        if self.learner is not None and self.learner.spread is not None:
+            return self.learner.spread
+        use = self.actions
+        return None if use is None or use.continuous else use.variety
 
     def number(self, key: str) -> float | None:
         """A hyperparameter, if it is a number."""
@@ -135,8 +157,10 @@ def gather(run: Run) -> Evidence:
         evaluation_snaking=restless[-1] if restless else None,
         off=wheels_off(late),
         ends=episode_ends(late),
+        evaluated=evaluated_alone(run),
+        evaluated_in_training=evaluated_in_training(run, curve),
         gap=evaluation_gap(run, curve, until),
-        learner=learner_health(run.learner, sac=is_sac(run)),
+        learner=learner_health(run.learner, sac=is_sac(run), actions=_discrete(run.actions)),
         horizon=discount_horizon(run.hyperparameters, steps.length_m, _speed_over_track(late)),
         laps=lap_times(run),
         quintiles=by_quintile(run),
@@ -154,6 +178,11 @@ def is_sac(run: Run) -> bool:
         if isinstance(metadata, dict) and "training_algorithm" in metadata:
             return bool(metadata["training_algorithm"] == "sac")
     return run.hyperparameters.get("exploration_type") == "additive_noise"
+
+
+def _discrete(actions: ActionSpace | None) -> int:
+    """Number of discrete actions; 0 for others."""
+    return 0 if actions is None or actions.continuous else actions.num_actions
 
 
 def _fall(curve: LearningCurve) -> tuple[Fall | None, str]:

@@ -1,5 +1,6 @@
 """What entropy, KL divergence and losses say about the updates."""
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,8 @@ class LearnerHealth:
         first_entropy: Entropy of the first updates, nats.
         last_entropy: Entropy of the newest ones.
         lowest_entropy: The lowest mean over five updates.
+        spread: `last_entropy` as a share of that of equal probabilities: 1 if all actions are
+            equally likely, 0 if one is certain. None for continuous actions too.
         rising_since: Updates since it was lowest, if it rises as `dr-status` warns of; else None.
         median_kl: Median KL divergence from the policy that drove.
         last_value_loss: Value loss of the newest updates.
@@ -32,28 +35,32 @@ class LearnerHealth:
     first_entropy: float | None
     last_entropy: float | None
     lowest_entropy: float | None
+    spread: float | None
     rising_since: int | None
     median_kl: float | None
     last_value_loss: float | None
     clip_fraction: float | None
 
 
-def learner_health(learner: "pd.DataFrame", *, sac: bool) -> LearnerHealth | None:
+def learner_health(learner: "pd.DataFrame", *, sac: bool, actions: int = 0) -> LearnerHealth | None:
     """Look at the updates; None if nothing of them was recorded.
 
     Args:
         learner: `Run.learner`.
         sac: Whether it is SAC, whose temperature steers the entropy: then a rise is no warning.
+        actions: Number of discrete actions; 0 for continuous ones, or if unknown.
     """
     if not len(learner):
         return None
     entropy, kl = _known(learner, "entropy"), _known(learner, "kl")
     means = rolling(entropy, ENTROPY_WINDOW)[ENTROPY_WINDOW - 1 :]
+    last = _mean(entropy[-ENTROPY_WINDOW:])
     return LearnerHealth(
         updates=len(learner),
         first_entropy=_mean(entropy[:ENTROPY_WINDOW]),
-        last_entropy=_mean(entropy[-ENTROPY_WINDOW:]),
+        last_entropy=last,
         lowest_entropy=float(means.min()) if len(means) else None,
+        spread=None if last is None or actions < 2 else last / math.log(actions),
         rising_since=None if sac else _rising_since(means),
         median_kl=float(np.median(kl)) if len(kl) else None,
         last_value_loss=_mean(_known(learner, "value_loss")[-ENTROPY_WINDOW:]),

@@ -6,9 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from drcli.analysis.findings.advice_item import Advice, rounded, train_on
+from drcli.analysis.findings.curve_trend import UNDER, rise
 from drcli.analysis.findings.evidence import LEAST_NOISE, Evidence, is_sac
 from drcli.analysis.findings.learning_curve import slope, swings
+from drcli.analysis.findings.reward_advice import REWARD_CHECK
 from drcli.analysis.findings.start_effect import without_starts
+from drcli.analysis.findings.verdict import NOT_LEARNING
 from drsim.arrays import Floats
 
 USUAL_LR, USUAL_BATCH, USUAL_EPISODES = 0.0003, 64, 20
@@ -48,6 +51,22 @@ TINY_BATCH, TINY_EPISODES = 16, 5
 BY_CHANCE = 1.6
 """Jumps up to this many times those that the spread of the episodes makes by chance come from too
 few episodes; larger ones come from the updates."""
+
+
+EVEN = 0.97
+"""From this spread on, all actions are nearly equally likely. A training that learned nothing had
+1.00 after 20 iterations; those that learn had 0.95 after 5, and 0.78 after 8 or 0.88 after 12. The
+recorded training of the reference has 0.88 after 27, by what it drove, which varies more than its
+probabilities."""
+
+
+LOW_LR = 1e-5
+"""A learning rate at or below this hardly moves anything."""
+
+
+HIGH_BETA, USUAL_BETA = 0.03, 0.01
+"""A beta_entropy above the first can keep a policy from preferring anything. The second one is the
+default."""
 
 
 def unstable(evidence: Evidence) -> Advice | None:
@@ -193,6 +212,41 @@ def entropy_rises(evidence: Evidence) -> Advice | None:
         {"lowest": low, "now": now, "iterations": learner.rising_since},
         change.partition("=")[0],
         train_on(change),
+    )
+
+
+def even_probabilities(evidence: Evidence) -> Advice | None:
+    """The policy takes all actions alike, long after the beginning."""
+    spread, curve = evidence.spread, evidence.curve
+    if spread is None or spread < EVEN or evidence.fall is not None:
+        return None
+    if len(curve) < NOT_LEARNING or evidence.level >= UNDER or rise(curve) is not None:
+        return None  # a new policy is like that, and one that gains needs no advice
+    numbers = {"spread": spread, "iterations": float(len(curve)), "progress": evidence.level}
+    seen = (
+        f"After {len(curve)} iterations, all actions are still nearly equally likely (the spread "
+        f"is {100 * spread:.0f} % of that of equal probabilities), and mean progress is "
+        f"{evidence.level:.0f} % of the lap. "
+    )
+    lr, beta = evidence.number("lr"), evidence.number("beta_entropy")
+    if lr is not None and lr <= LOW_LR:
+        why = f"A learning rate of {lr:g} hardly changes the weights."
+        setting, command = "lr", train_on(f"lr={rounded(USUAL_LR)}")
+        numbers["lr"] = lr
+    elif beta is not None and beta > HIGH_BETA:
+        why = f"A beta_entropy of {beta:g} pays it for that."
+        setting, command = "beta_entropy", train_on(f"beta_entropy={rounded(USUAL_BETA)}")
+        numbers["beta_entropy"] = beta
+    else:
+        why = "Check that the reward tells good actions from bad ones."
+        setting, command = "reward_function.py", REWARD_CHECK
+    return Advice(
+        "even-probabilities",
+        "The policy prefers no action",
+        seen + why,
+        numbers,
+        setting,
+        command,
     )
 
 

@@ -1,6 +1,6 @@
 """The verdict on a training: is it improving, and if not, what is it doing?"""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from drcli.analysis.findings.curve_trend import (
     settled_since,
     window,
 )
+from drcli.analysis.findings.evaluated_laps import EvaluatedLaps
 from drcli.analysis.findings.evidence import Evidence, gather
 from drcli.analysis.findings.learning_curve import (
     SMOOTH,
@@ -102,8 +103,21 @@ def judge(evidence: Evidence) -> Verdict:
     for rule in (_converged_by_evaluations, _improving, _settled):
         found = rule(curve, trend)
         if found is not None:
-            return found
+            return _with_evaluation(found, evidence.evaluated)
     return _too_short(curve)
+
+
+def _with_evaluation(found: Verdict, newest: EvaluatedLaps | None) -> Verdict:
+    """The verdict on a training that has converged, with an evaluation that says otherwise."""
+    if found.kind != "converged" or newest is None or not newest.unclean:
+        return found
+    laps = newest.laps
+    return replace(
+        found,
+        sentence=f"{found.sentence} But of the laps of the newest evaluation, {laps.clean} of "
+        f"{laps.driven} are clean.",
+        numbers=found.numbers | {"laps": laps.driven, "clean_laps": laps.clean},
+    )
 
 
 def _collapsed(evidence: Evidence) -> Verdict:

@@ -20,7 +20,6 @@ from drcli.analysis.report.section import Section
 from drcli.analysis.report.summary_sections import problems_box
 from drcli.analysis.report.words import UNKNOWN, count, digits, percent, seconds
 from drcli.base.atomic_file import rewrite
-from drcli.base.replaceable import HTML_PAGE, refuse_replacing
 
 Floats = NDArray[np.float64]
 
@@ -45,9 +44,8 @@ def write_comparison(report: Comparison, path: Path) -> int:
         Its size in bytes.
 
     Raises:
-        SettingsError: It cannot be written, or is an existing file that is no HTML page.
+        SettingsError: It cannot be written.
     """
-    refuse_replacing(path, HTML_PAGE)
     data = comparison_page(report).encode("utf-8")
     rewrite(path, data)
     return len(data)
@@ -218,7 +216,7 @@ def _lap_section(report: Comparison) -> Section | None:
     if not any(_has(run, "lap_s") for run in runs):
         return None
     graph = _graph("Mean lap time over steps", runs, "lap_s", "steps", "steps", 1.0, 0, "seconds")
-    look = "Look for the line that is lowest late in the training: only complete laps count here."
+    look = "Look for the line that is lowest late in the training: only clean laps count here."
     return Section("laps", "Lap times", "Laps", look, (graph.as_html(),), (graph,))
 
 

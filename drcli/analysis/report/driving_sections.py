@@ -34,7 +34,7 @@ def ends_section(ends: EpisodeEnds | None, off: WheelsOff | None) -> Section | N
         element(
             "p",
             f"Late in the training {count(ends.episodes)} episodes ended, "
-            f"{count(ends.complete)} of them with a full lap.",
+            f"{count(ends.complete)} of them with a clean lap.",
         ),
         table("Ends of episodes along the lap", head, rows, texts=2),
     ]
@@ -43,7 +43,7 @@ def ends_section(ends: EpisodeEnds | None, off: WheelsOff | None) -> Section | N
         laps = (
             ""
             if off.lap_share is None
-            else f", and in {percent(100 * off.lap_share)} of those of full laps"
+            else f", and in {percent(100 * off.lap_share)} of those of clean laps"
         )
         content.append(
             element(

@@ -25,7 +25,6 @@ from drcli.analysis.report.section import Section
 from drcli.analysis.report.settings_section import settings_section
 from drcli.analysis.report.summary_sections import overview, verdict_section
 from drcli.base.atomic_file import rewrite
-from drcli.base.replaceable import HTML_PAGE, refuse_replacing
 
 
 def write_html(analysis: Analysis, path: Path, pictures: Sequence[Picture] = ()) -> int:
@@ -40,9 +39,8 @@ def write_html(analysis: Analysis, path: Path, pictures: Sequence[Picture] = ())
         Its size in bytes.
 
     Raises:
-        SettingsError: It cannot be written, or is an existing file that is no HTML page.
+        SettingsError: It cannot be written.
     """
-    refuse_replacing(path, HTML_PAGE)
     data = report_page(analysis, pictures).encode("utf-8")
     rewrite(path, data)
     return len(data)

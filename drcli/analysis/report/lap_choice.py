@@ -24,7 +24,7 @@ class LapChoice:
 
     Attributes:
         ids: `unique_episode` of those to show, in the order of the training.
-        fastest: The fastest full laps; those that came furthest if none was full.
+        fastest: The fastest clean laps; those that came furthest if there is none.
         worst: Those of the last fifth of the training that came least far.
         every: 1: all their steps are kept; n: every n-th.
     """

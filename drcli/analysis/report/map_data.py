@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.analysis.report.lap_choice import LapChoice
-from drcli.analysis.report.map_laps import lap_data, located, same_road, with_motion
+from drcli.analysis.report.map_laps import FINISHED, lap_data, located, same_road, with_motion
 from drcli.analysis.report.packing import numbers, quantised
 from drcli.analysis.run import Run
+from drcli.exchange.trace import VIOLATIONS
 from drsim.track.track import Track
 
 if TYPE_CHECKING:
@@ -42,7 +43,8 @@ def map_data(run: Run, laps: LapChoice) -> dict[str, Any] | None:
     bounds = bounds_of(steps, run.track)
     driven = steps[steps["episode_status"] != "prepare"]
     limits = _limits(driven)
-    statuses = sorted({*map(str, run.episodes["status"].unique()), "in_progress", "off_track"})
+    ends = {*map(str, run.episodes["status"].unique()), "in_progress", *VIOLATIONS}
+    statuses = sorted({*ends, "lap_complete", FINISHED})
     data = {
         "bounds": bounds,
         "closed": run.track is None or run.track.closed,

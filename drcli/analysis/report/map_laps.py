@@ -10,6 +10,7 @@ from drcli.analysis.report.car_motion import driven_mps, slip_deg
 from drcli.analysis.report.lap_choice import LapChoice
 from drcli.analysis.report.packing import numbers, quantised
 from drcli.analysis.run import Run, StoredEvaluation
+from drcli.exchange.trace import STEP_S, VIOLATIONS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,6 +22,9 @@ _FARTHEST = 1e5
 
 _FACTS = ("id", "iteration", "episode", "progress", "time", "reward")
 """Numbers of a lap."""
+
+FINISHED = "finished_after_resets"
+"""How a lap of an evaluation ended that was completed but is not clean."""
 
 _NEWEST = 3
 """Evaluations whose laps are shown."""
@@ -82,14 +86,17 @@ def _lap_facts(episode: Any, number: int) -> dict[str, Any]:
 
 def _trial_facts(frame: "pd.DataFrame", number: int) -> dict[str, Any]:
     """The same of a lap of an evaluation."""
-    progress = float(frame["progress"].max())
+    progress, status = float(frame["progress"].max()), str(frame["episode_status"].iloc[-1])
+    if progress >= 100.0:
+        broken = frame["episode_status"].isin(VIOLATIONS).any()
+        status = FINISHED if broken else "lap_complete"
     return {
         "id": -1,
-        "status": "lap_complete" if progress >= 100.0 else str(frame["episode_status"].iloc[-1]),
+        "status": status,
         "iteration": -1,
         "episode": number,
         "progress": progress,
-        "time": float(frame["tstamp"].iloc[-1] - frame["tstamp"].iloc[0]),
+        "time": float(frame["tstamp"].iloc[-1] - frame["tstamp"].iloc[0]) + STEP_S,
         "reward": float(frame["reward"].sum()),
     }
 
@@ -103,12 +110,12 @@ def _thinned(frame: "pd.DataFrame", every: int) -> "pd.DataFrame":
 
 
 def _seconds(frame: "pd.DataFrame") -> Floats:
-    """Seconds since the first row; never falling, whatever a damaged file says."""
+    """Seconds since the lap began; never falling, whatever a damaged file says."""
     stamp = frame["tstamp"].to_numpy(np.float64)
     stamp = np.where(np.isfinite(stamp), stamp, -np.inf)
     since: Floats = np.maximum.accumulate(stamp)
     start = since[np.isfinite(since)][:1]
-    return np.where(np.isfinite(since), since - (start[0] if len(start) else 0.0), 0.0)
+    return np.where(np.isfinite(since), since - (start[0] if len(start) else 0.0) + STEP_S, 0.0)
 
 
 def _columns(

@@ -172,9 +172,9 @@ def _lap_tables(episodes: "pd.DataFrame") -> list[Html]:
     full = episodes["complete"].astype(bool)
     from_start = full & (episodes["start_at"] <= 1)
     kinds: list[tuple[str, Any, str, bool]] = [
-        ("Fastest full laps", full, "time", True),
-        ("Fastest full laps from the start line", from_start, "time", True),
-        ("Full laps with the highest reward", full, "reward", False),
+        ("Fastest clean laps", full, "time", True),
+        ("Fastest clean laps from the start line", from_start, "time", True),
+        ("Clean laps with the highest reward", full, "reward", False),
         ("Episodes with the highest reward", np.ones(len(episodes), bool), "reward", False),
         ("Furthest of those that did not finish", ~full, "progress", False),
     ]

@@ -134,12 +134,12 @@ def _iteration_table(run: Run) -> Html:
         "std_reward": ("deviation", digits),
         "best_reward": ("best reward", digits),
         "mean_progress": ("mean progress (%)", lambda value: percent(value, sign="")),
-        "complete_laps": ("full laps", count),
+        "complete_laps": ("clean laps", count),
         "best_lap_s": ("best lap (s)", seconds),
         "mean_lap_s": ("mean lap (s)", seconds),
         "eval_mean_reward": ("evaluation: reward", digits),
         "eval_mean_progress": ("evaluation: progress (%)", lambda value: percent(value, sign="")),
-        "eval_laps": ("evaluation: laps", count),
+        "eval_laps": ("evaluation: clean laps", count),
         "eval_best_lap_s": ("evaluation: best lap (s)", seconds),
     }
     shown = {
@@ -165,16 +165,16 @@ def lap_section(run: Run) -> Section | None:
     with np.errstate(invalid="ignore", divide="ignore"):
         share = 100 * table_["complete_laps"].to_numpy(float) / table_["episodes"].to_numpy(float)
     completion = [
-        Series("full laps of the training", at, share, "--c1", decimals=0),
+        Series("clean laps of the training", at, share, "--c1", decimals=0),
         *_evaluated_share(run, at),
     ]
     graphs = [
         Graph(
             "completion",
-            "Episodes that ended with a full lap",
+            "Episodes that ended with a clean lap",
             "iteration",
             completion,
-            "full laps (%)",
+            "clean laps (%)",
             left_range=(0.0, 102.0),
             height=240,
         )
@@ -194,10 +194,10 @@ def lap_section(run: Run) -> Section | None:
         ]
         times = [one for one in times if np.isfinite(np.asarray(one.y, np.float64)).any()]
         graphs.append(
-            Graph("lap-times", "Lap times of full laps", "iteration", times, "seconds", height=240)
+            Graph("lap-times", "Lap times of clean laps", "iteration", times, "seconds", height=240)
         )
     look = (
-        "Look at whether full laps become more frequent and faster, and whether one start "
+        "Look at whether clean laps become more frequent and faster, and whether one start "
         "position is much worse than the others: the corner after it is the one to work on."
     )
     content: tuple[Content, ...] = (
@@ -234,7 +234,7 @@ def _groups(caption: str, name: str, groups: Sequence[EpisodeGroup]) -> Html | N
         ]
         for group in groups
     ]
-    head = [name, "", "mean progress", "episodes", "mean reward", "full laps", "best lap (s)"]
+    head = [name, "", "mean progress", "episodes", "mean reward", "clean laps", "best lap (s)"]
     return table(caption, head, rows, texts=2)
 
 

@@ -10,7 +10,7 @@ from drcli.analysis.report.words import count, digits, seconds
 from drcli.analysis.run import Run
 
 _LEAST_LAPS = 5
-"""Fewer full laps show nothing about their times."""
+"""Fewer clean laps show nothing about their times."""
 
 _PAYS = {
     "slow": "Slow laps earn more in all than fast ones: the more time a lap takes, the more steps "
@@ -48,7 +48,7 @@ def reward_rate_section(run: Run, rate: RewardRate | None) -> Section | None:
         graphs.append(
             Graph(
                 "rate-time",
-                "Reward of full laps against their time",
+                "Reward of clean laps against their time",
                 "lap time (s)",
                 [
                     many_points("reward of the lap", time_s, reward, "--c2"),
@@ -98,7 +98,7 @@ def _sentences(rate: RewardRate | None) -> list[Content]:
     content: list[Content] = []
     if rate.pays is not None:
         content.append(element("p", element("strong", _PAYS[rate.pays])))
-    laps = "full laps" if rate.complete else "episodes, scaled to a lap"
+    laps = "clean laps" if rate.complete else "episodes, scaled to a lap"
     halves = (rate.slow_s, rate.slow_reward, rate.fast_s, rate.fast_reward)
     if all(value is not None for value in halves):
         slow_s, slow_reward, fast_s, fast_reward = (value or 0.0 for value in halves)

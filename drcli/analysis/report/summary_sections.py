@@ -1,6 +1,5 @@
 """The first sections: numbers at a glance, the verdict, and advice with commands to copy."""
 
-import math
 from collections.abc import Mapping, Sequence
 
 from drcli.analysis.findings.advice_item import Advice
@@ -14,28 +13,26 @@ from drcli.analysis.run import Run
 def overview(run: Run) -> Html:
     """Numbers at a glance, and what was wrong with the files."""
     episodes, table_ = run.episodes, run.iterations
-    full = episodes[episodes["complete"].astype(bool)]
+    clean = episodes[episodes["complete"].astype(bool)]
     facts = [("iterations", count(len(table_))), ("episodes", count(len(episodes)))]
     if len(run.steps):
         facts.append(("steps", count(len(run.steps))))
         facts.append(("simulated", _duration(float(episodes["time"].sum()))))
-    facts.append(("full laps", count(len(full))))
-    if len(full):
-        facts.append(("best lap", f"{seconds(full['time'].min())} s"))
+    facts.append(("clean laps", count(len(clean))))
+    if len(clean):
+        facts.append(("best lap", f"{seconds(clean['time'].min())} s"))
     last = table_["mean_progress"].dropna()[-3:]
     if len(last):
         facts.append((f"mean progress, last {len(last)}", percent(last.mean())))
     evaluated = table_["eval_mean_progress"].dropna()
     if len(evaluated):
         facts.append(("last evaluation", percent(evaluated.iloc[-1])))
-    trials = [
-        evaluation.trials["time"].where(evaluation.trials["complete"].astype(bool)).min()
-        for evaluation in run.evaluations
-        if len(evaluation.trials)
-    ]
-    best = min((float(time) for time in trials if known(float(time))), default=math.nan)
-    if known(best):
-        facts.append(("best evaluation lap", f"{seconds(best)} s"))
+    if run.evaluations:
+        newest = run.evaluations[-1].laps
+        facts.append(("clean laps, newest evaluation", f"{newest.clean} of {newest.driven}"))
+    best = [lap_s for each in run.evaluations if (lap_s := each.laps.fastest_s) is not None]
+    if best:
+        facts.append(("best clean lap of evaluations", f"{seconds(min(best))} s"))
     return element("div", tiles(facts), problems_box(run.problems))
 
 

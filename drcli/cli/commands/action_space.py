@@ -8,7 +8,7 @@ import typer
 
 from drcli.base.errors import DrError, SettingsError
 from drcli.cli import console, prompts
-from drcli.cli.options import AsJson, force_option, prefix_option
+from drcli.cli.options import AsJson, Replace, force_option, prefix_option
 from drcli.cli.views import action_space_view
 from drcli.cli.working_folder import settings, working_folder
 
@@ -33,7 +33,9 @@ _Out = Annotated[
 _Write = Annotated[
     bool, typer.Option("--write", help="Write them into model_metadata.json, after a question.")
 ]
-_Force = Annotated[bool, force_option("Do not ask; the old file is kept as .bak.")]
+_Force = Annotated[
+    bool, force_option("Do not ask; replace the picture. The old file is kept as .bak.")
+]
 _Traces = Annotated[
     list[Path] | None,
     typer.Argument(
@@ -48,7 +50,9 @@ _Prefix = Annotated[
 
 
 @app.command()
-def show(file: _File = None, out: _Out = None, as_json: AsJson = False) -> None:
+def show(
+    file: _File = None, out: _Out = None, force: Replace = False, as_json: AsJson = False
+) -> None:
     """Draw the actions of a model_metadata.json, here and as a picture.
 
     Example: dr-action-space show -o actions.png
@@ -59,7 +63,7 @@ def show(file: _File = None, out: _Out = None, as_json: AsJson = False) -> None:
     path = file or _own_file()
     space = space_of(path)
     actions = [ChosenAction(*pair) for pair in space.values]
-    _report(path, actions, space, (), None, out=out, write=False, force=False, as_json=as_json)
+    _report(path, actions, space, (), None, out=out, write=False, force=force, as_json=as_json)
 
 
 @app.command()
@@ -163,7 +167,7 @@ def from_lap(
     pairs = smoothed(lap.pairs, smooth)
     found = needed(pairs, actions)
     notes = [
-        f"From the fastest of {len(laps):,} complete laps: {lap.seconds:.2f} s, "
+        f"From the fastest of {len(laps):,} clean laps: {lap.seconds:.2f} s, "
         f"{len(lap.pairs)} steps, episode {lap.episode} of {lap.file}.",
         f"{close_share(pairs, found):.0%} of its steps have an action within 5 degrees and "
         "0.25 m/s.",
@@ -247,7 +251,7 @@ def _report(
     force: bool,
     as_json: bool,
 ) -> None:
-    picture = None if out is None else _drawn(out, space, actions, path)
+    picture = None if out is None else _drawn(out, space, actions, path, force=force)
     differs = change is not None and change.before != change.after
     about = _about_the_model(space) if change is not None and differs else ""
     notes = [*notes, *([about] if about else [])]
@@ -279,12 +283,19 @@ def _report(
         console.say("Nothing was written: add --write to put them into model_metadata.json.")
 
 
-def _drawn(out: Path, space: "ActionSpace", actions: Sequence["ChosenAction"], path: Path) -> str:
+def _drawn(
+    out: Path,
+    space: "ActionSpace",
+    actions: Sequence["ChosenAction"],
+    path: Path,
+    *,
+    force: bool,
+) -> str:
     from drcli.base.atomic_file import rewrite
     from drcli.base.replaceable import refuse_replacing
     from drcli.rewards.action_picture import draw_actions
 
-    refuse_replacing(out)
+    refuse_replacing(out, force=force)
     shares = [action.share for action in actions if action.share is not None]
     rewrite(out, draw_actions(space, shares, f"Actions for {path.name}"))
     return str(out)

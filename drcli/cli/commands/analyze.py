@@ -7,7 +7,7 @@ import typer
 
 from drcli.cli import candidates, console
 from drcli.cli.evaluation_options import with_options
-from drcli.cli.options import AsJson
+from drcli.cli.options import AsJson, Replace
 from drcli.cli.views import analysis_view
 from drcli.cli.working_folder import settings_for_files
 
@@ -49,6 +49,7 @@ def analyze(
     local: Annotated[
         bool, typer.Option("-L", "--local", help="s3:// is a bucket of the local server.")
     ] = False,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Show what a training came to: a verdict, curves, laps, and what to change, with evidence.
@@ -63,7 +64,7 @@ def analyze(
     if explain and html is None:
         raise typer.BadParameter("--explain adds pictures to the report; name that with --html.")
     if words[:1] == [COMPARE]:
-        _compare(words[1:], html, png, local=local, as_json=as_json)
+        _compare(words[1:], html, png, local=local, force=force, as_json=as_json)
         return
     if len(words) > 1:
         raise typer.BadParameter(
@@ -76,19 +77,19 @@ def analyze(
 
     loaded = settings_for_files(words)
     name = words[0] if words else None
-    check_targets(html, png)
+    check_targets(html, png, force=force)
     if explain:
         _refuse_outside_the_bucket(loaded, name)
     with console.waiting(f"Reading {name or loaded.model_prefix} ..."):
         analysis = analyse(read_run(loaded, name, local=local))
     explained = _explained(loaded, name, analysis.run.world) if explain else ()
     with console.waiting("Writing ...") if html or png else console.waiting("", only_live=True):
-        report = write_outputs(analysis, html, png, explained)
+        report = write_outputs(analysis, html, png, explained, force=force)
     console.warn(*report.problems)
     console.emit(report, analysis_view.analysis(report), as_json=as_json)
     if not as_json and html is None:
         given = f" {name}" if name else ""
-        console.suggest([(f"dr-analyze{given} --html report.html", "graphs, map and all laps")])
+        console.suggest([(f"dr-analyze{given} --html report.html", "graphs, map and each episode")])
 
 
 def _explained(loaded: "Settings", name: str | None, world: str | None) -> "tuple[Picture, ...]":
@@ -127,7 +128,13 @@ def _refuse_outside_the_bucket(loaded: "Settings", name: str | None) -> None:
 
 
 def _compare(
-    words: list[str], html: Path | None, png: Path | None, *, local: bool, as_json: bool
+    words: list[str],
+    html: Path | None,
+    png: Path | None,
+    *,
+    local: bool,
+    force: bool,
+    as_json: bool,
 ) -> None:
     """Compare models, and write the page if it is asked for."""
     from drcli.analysis.outputs import check_targets, write_comparison_of
@@ -138,7 +145,7 @@ def _compare(
     if png is not None:
         raise typer.BadParameter(f"--png is for one model; {COMPARE} writes --html and --json.")
     loaded = settings_for_files(words)
-    check_targets(html, None)
+    check_targets(html, None, force=force)
     with console.waiting(f"Reading {', '.join(words)} ..."):
         report = write_comparison_of(read_runs(loaded, words, local=local), html)
     console.warn(*report.problems)

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, get_args
 
 import typer
 
+from drcli.base.replaceable import refuse_existing
 from drcli.cli import console, prompts
 from drcli.cli.droa_options import Connection, connected
 from drcli.cli.options import (
@@ -21,6 +22,9 @@ from drcli.cli.working_folder import settings
 
 _Model = Annotated[
     str, typer.Argument(metavar="MODEL", help="Id of the model, or its name if only one has it.")
+]
+_Replace = Annotated[
+    bool, typer.Option("-f", "--force", "-y", "--yes", help="Replace a file that exists.")
 ]
 _Yes = Annotated[bool, typer.Option("-f", "--force", "-y", "--yes", help="Do not ask; answer yes.")]
 _Kind = Literal["TRAINING_LOGS", "EVALUATION_LOGS", "PHYSICAL_CAR_MODEL", "VIRTUAL_MODEL", "VIDEOS"]
@@ -208,7 +212,7 @@ def droa_download_logs(
     summary: Annotated[
         bool, typer.Option("--summary", help="Also show means of the metrics in the logs.")
     ] = False,
-    force: _Yes = False,
+    force: _Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Download logs of a model, or the model itself, from DeepRacer on AWS.
@@ -234,7 +238,7 @@ def droa_download_logs(
         output or Path(),
         f"{model_id}-{kind.lower()}.tar.gz",
         progress=partial(console.progress, unit="bytes"),
-        replaces=lambda path: prompts.agree(f"Replace {path}?", yes=force),
+        replaces=partial(refuse_existing, force=force),
     )
     report = droa_download.DownloadedAsset(
         droa.place, model_id, kind, str(file), file.stat().st_size

@@ -22,6 +22,7 @@ STARTER = "start-evaluation"
 ENGINES = ", ".join(get_args(Runtime))
 KINDS = ".pb, .onnx, .xml, .tflite or a car's .tar.gz"
 
+LAPS = ("dr-evaluate --laps 40", "see how it drives from other starts")
 LOG = ("dr-logs evaluation -a", "show its whole log")
 RESUME = ("dr-start-training --resume", "continue training")
 STATUS = ("dr-status", "show how the training went")
@@ -98,7 +99,9 @@ def evaluate(
     reverse: options.Reverse = None,
     max_lap_seconds: options.MaxLapSeconds = None,
     average_laps: options.AverageLaps = None,
-    seed: options.Seed = None,
+    seed: options.StartSeed = None,
+    laps: options.Laps = None,
+    against: options.Against = None,
     video: Annotated[
         bool | None,
         typer.Option("--video/--no-video", help="Make videos of it (DR_EVAL_SAVE_MP4)."),
@@ -138,6 +141,11 @@ def evaluate(
     with what the car sees, camera-45degree and camera-topview the same without anything over it.
     `dr-video` makes others of the same laps.
 
+    A policy drives every lap from the same start alike, so three laps say little. --laps 40 drives
+    40 laps from starts that are spread over the track, a little beside the centre line and a little
+    turned, and shows how many are clean, how fast they are, and where the others ended. Equal seeds
+    give equal starts. --against tells whether another checkpoint is better by more than chance.
+
     --robust drives one lap from several starts under each level of light, glare, noise, latency,
     grip and more, and shows what broke the model. --models and --worlds drive several models on
     several tracks on all cores, and show the command that trains on from the best. --loop drives
@@ -159,7 +167,7 @@ def evaluate(
     opponent_chosen = parsed_checkpoint(opponent_checkpoint, "--opp-checkpoint")
     own = _source("", runtime, model, metadata) or PolicySource()
     opponent = _source("opp-", opponent_runtime, opponent_model, opponent_metadata)
-    many = robust or models is not None or worlds is not None
+    many = robust or models is not None or worlds is not None or laps is not None
     _check_modes(
         many=many,
         loop=loop,
@@ -170,6 +178,20 @@ def evaluate(
         own=own,
         video=bool(video),
     )
+    if against is not None and (laps is None or models is not None or worlds is not None):
+        raise typer.BadParameter(
+            "--against compares laps of two checkpoints on one track: write --laps 40 with it, and "
+            "no --models or --worlds."
+        )
+    if laps is not None:
+        given = start, start_angle, start_position, average_laps
+        names = "--start", "--start-angle", "--start-position", "--average-laps"
+        useless = [name for name, value in zip(names, given, strict=True) if value is not None]
+        useless += ["--robust"] * robust
+        if useless:
+            raise typer.BadParameter(
+                f"--laps draws the start of each lap on its own; leave out {', '.join(useless)}."
+            )
     loaded = settings()
     if opponent_chosen is not None and loaded.race_type != "HEAD_TO_MODEL":
         raise typer.BadParameter("--opp-checkpoint needs DR_RACE_TYPE=HEAD_TO_MODEL.")
@@ -186,7 +208,15 @@ def evaluate(
         DR_EVAL_SAVE_MP4=video,
     )
     if many:
-        asked = Many(options.listed(models), options.listed(worlds), robust, seed, own)
+        asked = Many(
+            options.listed(models),
+            options.listed(worlds),
+            robust,
+            seed,
+            own,
+            laps or 0,
+            against or "",
+        )
         evaluate_many(loaded, asked, quiet=quiet, as_json=as_json)
         return
     bring_tracks(loaded)
@@ -209,7 +239,7 @@ def evaluate(
     console.emit(report, evaluation_view.evaluation(report), as_json=as_json)
     if not quiet:
         resume = [] if stopping.is_running(loaded.run) else [RESUME]
-        console.suggest([LOG, *resume, STATUS])
+        console.suggest([LAPS, LOG, *resume, STATUS])
 
 
 def _check_modes(

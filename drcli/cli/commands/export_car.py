@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drcli.base.replaceable import refuse_existing
 from drcli.cli import console, prompts
 from drcli.cli.export_options import selection
 from drcli.cli.options import (
@@ -14,7 +15,9 @@ from drcli.cli.options import (
     Force,
     Keep,
     MaxMb,
+    Replace,
     best_option,
+    checkpoint_choice,
     checkpoint_option,
     prefix_option,
 )
@@ -37,9 +40,7 @@ def export_car(
     prefix: Annotated[str | None, prefix_option("Take this model instead.")] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "-o", "--out", help="File or folder to write to; an older archive is replaced."
-        ),
+        typer.Option("-o", "--out", help="File or folder to write to; NAME.tar.gz if left out."),
     ] = None,
     check: Annotated[
         Path | None,
@@ -47,29 +48,31 @@ def export_car(
             "--check", metavar="FILE", help="Only check this archive, which anybody may have made."
         ),
     ] = None,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Write the archive that the physical car loads, and show what the car makes of the model.
 
     The archive is a file such as model-1.tar.gz in the current folder, with a frozen TensorFlow
-    graph and the metadata. Takes the last checkpoint unless -b or -c chooses another. The archive
+    graph and the metadata. Takes the best checkpoint unless -c chooses another. The archive
     is checked by the rules of the car, and its graph is compared with the weights on camera frames
     of a short drive; what the car would refuse is not written (exit code 3).
 
-    Example: dr-export car -b
+    Example: dr-export car
     """
     from drcli.models.export_car import archive_path, write_archive
     from drcli.models.export_model import read_export_source
 
     if check is not None:
-        if best or number is not None or prefix or out:
+        if best or number is not None or prefix or out or force:
             raise typer.BadParameter("--check takes a file, and no other option with it.")
         _check(check, as_json=as_json)
         return
+    if out is not None and not out.is_dir():
+        refuse_existing(out, force=force)
     loaded = settings()
     source = read_export_source(loaded, selection(best, number, prefix))
-    path = archive_path(out, source.name)
-    console.say(source.chosen.line)
+    path = archive_path(out, source.file_name, force=force)
     report = write_archive(_made(loaded, source, path.name), path)
     _warn(report.problems)
     console.emit(report, car_archive_view.export(report), as_json=as_json)
@@ -113,11 +116,11 @@ def upload_car_zip(
         upload_archive,
         upload_names,
     )
-    from drcli.models.export_model import read_export_source
+    from drcli.models.export_model import Selection, read_export_source
     from drcli.models.upload import retention_of
 
     loaded = settings()
-    chosen = selection(best, number, prefix)
+    chosen = Selection(checkpoint_choice(best, number), prefix)  # the last one, as there
     if dry_run:
         console.say("*** DRYRUN MODE ***")
     target = plan_car_upload(

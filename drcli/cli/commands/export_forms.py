@@ -10,10 +10,9 @@ from drcli.cli.export_options import (
     ExportBest,
     ExportNumber,
     ExportPrefix,
-    ReplaceFiles,
     selection,
 )
-from drcli.cli.options import AsJson
+from drcli.cli.options import AsJson, Replace
 from drcli.cli.views import forms_view
 from drcli.cli.working_folder import settings
 
@@ -31,15 +30,16 @@ def pb(
     best: ExportBest = False,
     number: ExportNumber = None,
     prefix: ExportPrefix = None,
-    force: ReplaceFiles = False,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a frozen TensorFlow graph, which the car, OpenVINO and TensorFlow read.
 
     The file is run and compared with PyTorch before it is kept; its model_metadata.json is written
-    beside it. Exports the last checkpoint unless -b or -c chooses another.
+    beside it. Exports the best checkpoint
+    unless -c chooses another.
 
-    Example: dr-export pb -b --out policy.pb
+    Example: dr-export pb --out policy.pb
     """
     _export("pb", out, best, number, prefix, force, as_json)
 
@@ -49,16 +49,17 @@ def onnx(
     best: ExportBest = False,
     number: ExportNumber = None,
     prefix: ExportPrefix = None,
-    force: ReplaceFiles = False,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Write an ONNX file, which onnxruntime and most other engines read.
 
     Pictures are grey values from 0 to 255 of shape (batch, 120, 160, cameras). The file is run by
     onnxruntime and compared with PyTorch before it is kept; its model_metadata.json is written
-    beside it. Exports the last checkpoint unless -b or -c chooses another.
+    beside it. Exports the best checkpoint
+    unless -c chooses another.
 
-    Example: dr-export onnx -b --out policy.onnx
+    Example: dr-export onnx --out policy.onnx
     """
     _export("onnx", out, best, number, prefix, force, as_json)
 
@@ -68,16 +69,16 @@ def tflite(
     best: ExportBest = False,
     number: ExportNumber = None,
     prefix: ExportPrefix = None,
-    force: ReplaceFiles = False,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a TensorFlow Lite file with the settings of the car: weights in half precision.
 
     TensorFlow converts it. The file is run and compared with PyTorch before it is kept; its
-    model_metadata.json is written beside it. Exports the last checkpoint unless -b or -c chooses
-    another.
+    model_metadata.json is written beside it. Exports the best checkpoint
+    unless -c chooses another.
 
-    Example: dr-export tflite -b --out policy.tflite
+    Example: dr-export tflite --out policy.tflite
     """
     _export("tflite", out, best, number, prefix, force, as_json)
 
@@ -90,16 +91,16 @@ def openvino(
     best: ExportBest = False,
     number: ExportNumber = None,
     prefix: ExportPrefix = None,
-    force: ReplaceFiles = False,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Write OpenVINO's two files, .xml and .bin.
 
     The files are run by OpenVINO and compared with PyTorch before they are kept; the
-    model_metadata.json is written beside them. Exports the last checkpoint unless -b or -c chooses
-    another.
+    model_metadata.json is written beside them. Exports the best checkpoint
+    unless -c chooses another.
 
-    Example: dr-export openvino -b --out policy.xml
+    Example: dr-export openvino --out policy.xml
     """
     _export("openvino", out, best, number, prefix, force, as_json, fp16=fp16)
 
@@ -120,7 +121,6 @@ def _export(
     chosen = selection(best, number, prefix)
     target = None if out is None else out.expanduser()
     planned = plan_form(settings(), chosen, form, target, fp16=fp16, force=force)
-    console.say(planned.source.chosen.line)
     report = export_form(planned)
     console.emit(report, forms_view.exported(report), as_json=as_json)
     console.suggest([(f"dr-evaluate --model {report.file}", "drive laps with it")])

@@ -5,9 +5,10 @@ from typing import Annotated
 
 import typer
 
+from drcli.base.replaceable import refuse_replacing
 from drcli.cli import console, prompts
 from drcli.cli.commands import race_making
-from drcli.cli.options import AsJson, DryRun, Force, checkpoint_option, prefix_option
+from drcli.cli.options import AsJson, DryRun, Force, Replace, checkpoint_option, prefix_option
 from drcli.cli.race_access import Closes, Race, found_race, print_race, races_to_look_at
 from drcli.cli.views import race_view
 from drcli.cli.working_folder import settings
@@ -65,7 +66,7 @@ def show(race: Race, as_json: AsJson = False) -> None:
 def submit(
     race: Race,
     prefix: Annotated[str | None, prefix_option("Submit this model instead.")] = None,
-    checkpoint: Annotated[str, checkpoint_option("Submit")] = "last",
+    checkpoint: Annotated[str, checkpoint_option("Submit")] = "best",
     racer: Annotated[
         str | None, typer.Option("--racer", metavar="NAME", help="Your name (DR_RACER_NAME).")
     ] = None,
@@ -73,9 +74,10 @@ def submit(
 ) -> None:
     """Submit a checkpoint of the model of run.env to a race.
 
-    The race gets a copy: you can train on, or delete the model.
+    The race gets a copy: you can train on, or delete the model. Submits the best checkpoint unless
+    --checkpoint chooses another.
 
-    Example: dr-race submit friday-cup --racer Ann --checkpoint best
+    Example: dr-race submit friday-cup --racer Ann
     """
     from drcli.races.submissions import submit as submit_to
 
@@ -214,6 +216,7 @@ def export(
     videos: Annotated[
         bool, typer.Option("--videos", help="Put the videos of the leaderboard into the page.")
     ] = False,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a race as a CSV table, or as one HTML file that needs no network.
@@ -223,11 +226,16 @@ def export(
     from drcli.races.organise import show_race
     from drcli.races.race_export import export_race, videos_of
 
+    for given in (csv, html):
+        if given is not None:
+            refuse_replacing(given, force=force)
     bucket, found = found_race(settings(), race)
     report = show_race(bucket, found)
     page = Path(f"{found}.html") if html is None and csv is None else html
     if videos and page is None:
         raise typer.BadParameter("--videos puts videos into a page; add --html FILE.")
+    if page is not None:
+        refuse_replacing(page, force=force)
     films = videos_of(report, bucket) if videos else {}
     written = export_race(report, csv_path=csv, html_path=page, videos=films)
     console.emit(written, race_view.exported(written), as_json=as_json)

@@ -10,7 +10,7 @@ import typer
 from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError
 from drcli.cli import console
-from drcli.cli.options import AsJson, in_options, world_option
+from drcli.cli.options import AsJson, Replace, in_options, world_option
 from drcli.cli.views import reward_view
 from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import working_folder
@@ -31,9 +31,9 @@ _World = Annotated[str | None, world_option("Track to try it on; DR_WORLD_NAME i
 def check(file: _File = None, world: _World = None, as_json: AsJson = False) -> None:
     """Try a reward function on a drive over the track, and report its problems.
 
-    Scripted drivers drive along the centre line, slowly and fast, from border to border, off the
-    road, and into an obstacle if the race has any. Exits with code 3 if a training would fail, or
-    if the function has side effects such as writing files.
+    Finds what `dr validate` and a start find. In addition, scripted drivers drive along the centre
+    line, slowly and fast, from border to border, off the road, and into an obstacle if the race has
+    any, to show what the function rewards. Exits with code 3 if a training would not start.
 
     Example: dr-reward check
     """
@@ -53,10 +53,9 @@ def check(file: _File = None, world: _World = None, as_json: AsJson = False) -> 
 @app.command()
 def plot(
     file: _File = None,
-    out: Annotated[
-        Path, typer.Option("-o", "--out", help="The picture; an older one is replaced.")
-    ] = Path("reward.png"),
+    out: Annotated[Path, typer.Option("-o", "--out", help="The picture.")] = Path("reward.png"),
     world: _World = None,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Draw the rewards of a function on a map of the track and along the lap.
@@ -66,7 +65,7 @@ def plot(
     from drcli.rewards import plot as plotting
 
     with _on_track(world) as settings, console.waiting("Trying the reward function ..."):
-        report = plotting.plot(settings, file, out, working_folder())
+        report = plotting.plot(settings, file, out, working_folder(), force=force)
     console.emit(report, reward_view.plot(report), as_json=as_json)
 
 
@@ -78,6 +77,7 @@ def compare(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Draw both into this picture.")
     ] = None,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Compare the rewards of two functions for the same drivers.
@@ -87,7 +87,7 @@ def compare(
     from drcli.rewards import compare as comparing
 
     with _on_track(world) as settings, console.waiting("Trying both reward functions ..."):
-        report = comparing.compare(settings, first, second, out, working_folder())
+        report = comparing.compare(settings, first, second, out, working_folder(), force=force)
     console.emit(report, reward_view.comparison(report), as_json=as_json)
 
 

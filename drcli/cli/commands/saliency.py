@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drcli.base.problems import ProblemsError
-from drcli.base.replaceable import HTML_PAGE, refuse_replacing
+from drcli.base.replaceable import refuse_existing, refuse_replacing, safe_name
 from drcli.cli import console
 from drcli.cli import evaluation_options as options
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import (
     AsJson,
+    Replace,
     checkpoint_option,
     in_options,
     models_argument,
@@ -85,6 +86,7 @@ def saliency(
     start_position: options.StartPosition = None,
     reverse: options.Reverse = None,
     seed: options.Seed = None,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Show which pixels move the car: one episode, explained picture by picture.
@@ -95,7 +97,7 @@ def saliency(
     its evidence (HiResCAM, Grad-CAM). Also shows the probability of each action, the entropy and
     what the critic expects along the lap.
 
-    Writes the page saliency.html unless --html or --png says otherwise.
+    Writes the page MODEL-saliency.html unless --html or --png says otherwise.
 
     Example: dr-saliency --checkpoint best --html saliency.html
     """
@@ -118,9 +120,12 @@ def saliency(
     )
     bring_tracks(settings)
     if html is None and png is None:
-        html = Path("saliency.html")
+        subject = file.stem if file is not None else model or settings.model_prefix
+        html = Path(f"{safe_name(subject)}-saliency.html")
     if html is not None:
-        refuse_replacing(html, HTML_PAGE)
+        refuse_replacing(html, force=force)
+    if png is not None and (old := next(png.glob("saliency-*.png"), None)) is not None:
+        refuse_existing(old, force=force)
 
     from drcli.saliency import explain_model  # here: torch takes seconds to load
 

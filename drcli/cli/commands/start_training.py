@@ -316,6 +316,8 @@ def _end(report: "RunReport", *, as_json: bool) -> int:
     console.emit(report, None, as_json=as_json)
     if report.state in ("stopped", "interrupted") or report.exit_code == 0:
         console.say(views.end_text(report))
+        if commands := views.next_commands(report):
+            console.suggest(commands)
     else:
         console.fail(report.message, report.remedy)
     return WorkerDied.code if report.exit_code is None else report.exit_code

@@ -23,6 +23,8 @@ def status(as_json: AsJson = False) -> None:
     report = replace(report, notes=notes_of_run(config, report))
     console.warn(*report.damaged)
     console.emit(report, training_view.run(report), as_json=as_json)
+    if commands := training_view.next_commands(report):
+        console.suggest(commands)
     if report.state == "lost" or report.dead:
         raise WorkerDied(
             report.message or f"Dead: {', '.join(report.dead)}.",

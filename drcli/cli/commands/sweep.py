@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from drcli.base.replaceable import refuse_replacing
 from drcli.cli import console, prompts
 from drcli.cli.fetch_tracks import bring_tracks
-from drcli.cli.options import AsJson, DryRun, Force, wipe_option
+from drcli.cli.options import AsJson, DryRun, Force, Replace, wipe_option
 from drcli.cli.views import sweep_view
 from drcli.cli.working_folder import settings, working_folder
 
@@ -69,6 +70,8 @@ def start(
     if dry_run:
         console.emit(plan, sweep_view.planned(plan), as_json=as_json)
         return
+    if html is not None and not plan.continues:  # a sweep that goes on updates its page
+        refuse_replacing(html, force=force)
     if wipe and plan.continues:
         question = f"Delete the sweep {plan.name} and all its models?"
         prompts.agree(question, yes=force)
@@ -143,6 +146,7 @@ def init(
     file: Annotated[
         Path | None, typer.Argument(metavar="FILE", help=f"Where to write it; {EXAMPLE}.")
     ] = None,
+    force: Replace = False,
 ) -> None:
     """Write an example of the file of a sweep.
 
@@ -150,7 +154,7 @@ def init(
     """
     from drcli.sweeps.example_sweep import write_example
 
-    path = write_example(file or working_folder() / EXAMPLE)
+    path = write_example(file or working_folder() / EXAMPLE, force=force)
     console.say(f"Wrote {path}.")
     console.suggest([(f"dr-sweep {path.name}", "start it once you have changed it")])
 

@@ -7,8 +7,9 @@ import typer
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import shown
+from drcli.base.replaceable import refuse_replacing
 from drcli.cli import candidates, console
-from drcli.cli.options import AsJson
+from drcli.cli.options import AsJson, Replace
 from drcli.cli.views import tracks_view
 from drcli.cli.working_folder import settings, working_folder
 
@@ -17,7 +18,7 @@ app = typer.Typer(
     help="List, show, add and fetch tracks.\n\nExample: dr-tracks show reinvent_base",
 )
 
-_Force = Annotated[bool, typer.Option("--force", help="Replace a track of the same name.")]
+_Force = Annotated[bool, typer.Option("-f", "--force", help="Replace a track of the same name.")]
 
 
 @app.command("list")
@@ -46,6 +47,7 @@ def show(
         ),
     ],
     png: Annotated[Path | None, typer.Option("--png", help="Also write a picture.")] = None,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Show a track: facts and a small map.
@@ -55,6 +57,8 @@ def show(
     from drcli.config.track_names import ROUTE_FILES, is_installed, remedy
     from drcli.tracks.tracks_folder import MAP_COLUMNS, show_track
 
+    if png is not None:
+        refuse_replacing(png, force=force)
     wanted = settings().race.replaced(world_name=name)
     if not name.endswith(ROUTE_FILES) and not is_installed(wanted):
         raise SettingsError(f"There is no track {shown(name)} here.", remedy=remedy(wanted))

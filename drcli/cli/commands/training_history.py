@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from drcli.base.replaceable import refuse_replacing
 from drcli.cli import candidates, console, prompts
-from drcli.cli.options import AsJson, DryRun, Force
+from drcli.cli.options import AsJson, DryRun, Force, Replace
 from drcli.cli.views import training_history_view
 from drcli.cli.working_folder import settings
 
@@ -89,6 +90,7 @@ def list_trainings(
         Path | None,
         typer.Option("--csv", metavar="FILE", help="Write a CSV table; - for standard output."),
     ] = None,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """List trainings, the newest last.
@@ -98,6 +100,8 @@ def list_trainings(
     from drcli.models import training_filter
     from drcli.models.training_choice import chosen
 
+    if csv is not None and str(csv) != "-":
+        refuse_replacing(csv, force=force)
     now = datetime.now(UTC)
     conditions: list[Condition] = []
     if pattern:
@@ -131,6 +135,7 @@ def show(
         Path | None,
         typer.Option("--save", metavar="FOLDER", help="Write the files of the training there."),
     ] = None,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Show all that was recorded of a training.
@@ -140,7 +145,7 @@ def show(
     from drcli.models.training_details import details_of
 
     bucket, known = _known()
-    found = details_of(bucket, known, training, save=save)
+    found = details_of(bucket, known, training, save=save, force=force)
     console.emit(found, training_history_view.details(found), as_json=as_json)
 
 

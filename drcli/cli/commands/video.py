@@ -9,7 +9,7 @@ import typer
 from drcli.base.errors import SettingsError
 from drcli.base.termination import until_sigterm
 from drcli.cli import console
-from drcli.cli.options import AsJson, checkpoint_option, parsed_checkpoint, world_option
+from drcli.cli.options import AsJson, Replace, checkpoint_option, parsed_checkpoint, world_option
 from drcli.cli.views import video_view
 from drcli.cli.working_folder import settings_for_files
 
@@ -177,6 +177,7 @@ def video(
             rich_help_panel=_HOW,
         ),
     ] = None,
+    force: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Make a video of a lap: the view from behind, what the car sees, map, time, probabilities.
@@ -220,7 +221,7 @@ def video(
     if not is_gif:
         require_encoder()
     if out is not None:
-        refuse_file(out)
+        refuse_file(out, force=force)
     else:
         refuse_new_file(Path(f"lap{ending}"))
     opened: list[Bucket] = []
@@ -247,7 +248,7 @@ def video(
         explain=explain,
         most_seconds=(USUAL_SECONDS if seconds is None else seconds) or None,
     )
-    refuse_file(path)
+    refuse_file(path, force=force)
     doing = f"Filming {frames_of(trace, wish)} frames of {trace.origin} ..."
     stopped = until_sigterm("The video was stopped; no file was written.", "Run it again.")
     with stopped, console.waiting(doing):

@@ -71,7 +71,7 @@ def _head(report: "AnalysisReport") -> list[RenderableType]:
         track += f", {report.track_length_m:.1f} m"
     driven = (
         f"{counted(len(report.iterations), 'iteration')}, {counted(report.episodes, 'episode')}, "
-        f"{counted(report.steps, 'step')}; {counted(report.complete_laps, 'complete lap')}"
+        f"{counted(report.steps, 'step')}; {counted(report.complete_laps, 'clean lap')}"
     )
     if report.best_lap_s is not None:
         driven += f", best {_seconds(report.best_lap_s)}"
@@ -122,7 +122,7 @@ def _parts_table(rows: Sequence[Row]) -> RenderableType:
                 _percent(_mean(part, "eval_mean_progress")),
             )
         )
-    names = ("iterations", "reward", "progress", "laps", "best lap", "evaluation")
+    names = ("iterations", "reward", "progress", "clean laps", "best lap", "evaluation")
     kept = len(names) - all(row[-1] == "-" for row in cells)
     return Rows(names[:kept], [row[:kept] for row in cells])
 
@@ -130,14 +130,8 @@ def _parts_table(rows: Sequence[Row]) -> RenderableType:
 def _evaluations(evaluations: Sequence[Row]) -> list[RenderableType]:
     if not evaluations:
         return []
-    newest = evaluations[-1]
-    text = (
-        f"{counted(len(evaluations), 'evaluation')}; the newest: "
-        f"{newest['complete_laps']} of {counted(len(newest['trials']), 'lap')}"
-    )
-    if newest["best_lap_s"] is not None:
-        text += f", best {_seconds(newest['best_lap_s'])}"
-    return [Text(text)]
+    count = counted(len(evaluations), "evaluation")
+    return [Text(f"{count}; the newest: {evaluations[-1]['summary']}")]
 
 
 def _advice(advice: Sequence[Row]) -> list[RenderableType]:

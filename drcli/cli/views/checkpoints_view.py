@@ -21,12 +21,13 @@ def checkpoints(found: "CheckpointList") -> RenderableType:
             _meaning(each),
             f"{each.laps} of {each.episodes}" if each.episodes else "-",
             "-" if each.progress is None else f"{each.progress:.1f} %",
+            "-" if each.median_s is None else f"{each.median_s:.2f} s",
             "-" if each.best_lap_s is None else f"{each.best_lap_s:.2f} s",
             decimal(each.size_bytes),
         )
         for each in found.checkpoints
     ]
-    names = ("checkpoint", "is", "laps", "progress", "best lap", "size")
+    names = ("checkpoint", "is", "clean laps", "progress", "median", "best lap", "size")
     parts: list[RenderableType] = [
         Text(found.model, style="bold"),
         Rows(names, rows, left=("is",)),
@@ -44,7 +45,7 @@ def milestone_lines(milestones: "Iterable[MilestoneEntry]") -> list[str]:
     """A line for each milestone."""
     return [
         f"{entry.word}: checkpoint {entry.checkpoint.partition('_')[0]}, "
-        f"{entry.laps} of {counted(entry.episodes, 'lap')}, best {entry.best_lap_s:.2f} s"
+        f"{entry.laps} of {counted(entry.episodes, 'lap')} clean, best {entry.best_lap_s:.2f} s"
         f"{'' if entry.kept else ' (deleted)'}"
         for entry in milestones
     ]
@@ -52,4 +53,5 @@ def milestone_lines(milestones: "Iterable[MilestoneEntry]") -> list[str]:
 
 def _meaning(each: "ListedCheckpoint") -> str:
     words = [*each.words, *(["every n-th"] if each.every else [])]
+    words += ["TensorFlow"] if each.form == "tensorflow" else []
     return ", ".join(words) or "-"

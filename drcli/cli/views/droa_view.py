@@ -226,13 +226,14 @@ def _actions(found: "RemoteModel") -> Pairs:
 
 
 def _means(means: "Sequence[PhaseMeans]") -> RenderableType:
-    names = ("phase", "episodes", "reward", "progress", "laps", "best lap")
+    names = ("phase", "episodes", "reward", "progress", "clean laps", "finished", "best lap")
     rows = [
         (
             each.phase,
             str(each.episodes),
             f"{each.mean_reward:.1f}",
             f"{each.mean_progress:.1f} %",
+            str(each.clean_laps),
             str(each.full_laps),
             "-" if each.best_lap_s is None else f"{each.best_lap_s:.3f} s",
         )

@@ -6,21 +6,35 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from drcli.cli.views.layout import Rows
+from drcli.exchange.laps import lap_time
 
 if TYPE_CHECKING:
     from drcli.exchange.robust_result import RobustCell, RobustResult
     from drcli.runs.evaluation_loop import LoopReport
-    from drcli.runs.many_evaluations import TableReport, TableRow
+    from drcli.runs.many_evaluations import TableReport
 
 
 def models_table(report: "TableReport") -> RenderableType:
     """The models on each track, the best first, and the commands that train on from the best."""
-    robust = any(row.robust_score is not None for row in report.rows)
-    heads = ("track", "model", "checkpoint", "laps", "progress", "best lap", "best average")
+    driven = [row for row in report.rows if not row.reason]
+    columns = {
+        "track": [row.world for row in driven],
+        "model": [row.prefix for row in driven],
+        "checkpoint": [row.checkpoint for row in driven],
+        "clean laps": [f"{row.clean}/{row.trials}" for row in driven],
+        "resets": [str(row.resets) for row in driven],
+        "progress": [f"{row.progress:.0f} %" for row in driven],
+        "median": [_seconds(row.median_s) for row in driven],
+        "best lap": [_seconds(row.best_lap_s) for row in driven],
+        "best average": [_seconds(row.best_average_s) for row in driven],
+        "robust score": [_score(row.robust_score) for row in driven],
+    }
+    # Which of the last ones there are depends on what was driven.
+    columns = {name: cells for name, cells in columns.items() if any(cells) or not driven}
     parts: list[RenderableType] = [
         Rows(
-            (*heads, "robust score") if robust else heads,
-            [_row(row, robust=robust) for row in report.rows if not row.reason],
+            list(columns),
+            list(zip(*columns.values(), strict=True)),
             left=("track", "model", "checkpoint"),
         )
     ]
@@ -39,25 +53,10 @@ def models_table(report: "TableReport") -> RenderableType:
     return Group(*parts)
 
 
-def _row(row: "TableRow", *, robust: bool) -> tuple[str, ...]:
-    cells = (
-        row.world,
-        row.prefix,
-        row.checkpoint,
-        f"{row.completed}/{row.trials}",
-        f"{row.progress:.0f} %",
-        _seconds(row.best_lap_s),
-        _seconds(row.best_average_s),
-    )
-    if not robust:
-        return cells
-    return (*cells, "" if row.robust_score is None else f"{row.robust_score:.1f}")
-
-
 def robust_grid(result: "RobustResult") -> RenderableType:
     """Every level of every disturbance, what broke the model, and its score."""
     rows = Rows(
-        ("disturbed", "level", "laps", "progress", "lap time", "ended by", "score of axis"),
+        ("disturbed", "level", "clean laps", "progress", "lap time", "ended by", "score of axis"),
         [
             (
                 cell.axis,
@@ -75,7 +74,7 @@ def robust_grid(result: "RobustResult") -> RenderableType:
     broken = ", ".join(result.broken_by)
     said = f"Broken by: {broken}." if broken else "No level of the grid broke it."
     if result.cells[0].completed == 0:
-        said = "It completes no lap even without disturbance."
+        said = "It completes no clean lap even without disturbance."
     score = (
         f"Robust score {result.robust_score:.1f} of 100: checkpoint {result.checkpoint} of "
         f"{result.prefix} on {result.world}, seed {result.seed}."
@@ -97,21 +96,26 @@ def best_laps(report: "LoopReport") -> RenderableType:
     if not report.best:
         return Group(Text("No lap was completed."), said)
     rows = Rows(
-        ("track", "best lap", "best average", "laps", "checkpoint", "driven"),
+        ("track", "best lap", "resets", "best average", "clean laps", "checkpoint", "driven"),
         [
             (
                 lap.world,
-                _seconds(lap.best_lap_s),
+                lap_time(lap.best_lap_s, lap.penalty_s, 0),
+                "?" if lap.resets is None else str(lap.resets),
                 _seconds(lap.best_average_s),
-                f"{lap.completed}/{lap.trials}",
+                f"{'?' if lap.clean is None else lap.clean}/{lap.trials}",
                 lap.checkpoint,
                 lap.driven_at,
             )
             for lap in report.best
         ],
-        left=("track", "checkpoint", "driven"),
+        left=("track", "best lap", "checkpoint", "driven"),
     )
     return Group(rows, said)
+
+
+def _score(value: float | None) -> str:
+    return "" if value is None else f"{value:.1f}"
 
 
 def _seconds(value: float | None) -> str:

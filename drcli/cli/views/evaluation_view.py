@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from drcli.cli.views.layout import Rows, counted
+from drcli.cli.views.layout import Rows
 
 if TYPE_CHECKING:
-    from drcli.runs.evaluation_report import EvaluationReport
+    from drcli.runs.evaluation_report import EvaluationReport, TrialReport
 
 
 def evaluation(report: "EvaluationReport") -> RenderableType:
@@ -36,43 +36,69 @@ def _bold(text: str) -> Text:
 
 
 def _trials(report: "EvaluationReport") -> Rows:
+    """Each trial; what it waited for penalties only where one did."""
+    penalties = any(trial.penalty_s for trial in report.trials)
+    crashes = any(trial.crashes for trial in report.trials)
     return Rows(
-        ("trial", "progress", "lap time", "status", "off track", "crashes", "resets"),
+        (
+            *("trial", "progress", "lap time"),
+            *(("driven", "penalty") if penalties else ()),
+            *("ended", "off track"),
+            *(("crashes",) if crashes else ()),
+            "resets",
+        ),
         [
             (
                 str(trial.trial),
                 f"{trial.progress:.0f} %",
                 f"{trial.lap_s:.2f} s",
-                trial.status,
+                *(_parts(trial) if penalties else ()),
+                _ended(trial),
                 str(trial.off_track),
-                str(trial.crashes),
+                *((str(trial.crashes),) if crashes else ()),
                 str(trial.resets),
             )
             for trial in report.trials
         ],
-        left=("status",),
+        left=("ended",),
     )
 
 
+def _parts(trial: "TrialReport") -> tuple[str, str]:
+    """Driven time and penalty."""
+    if trial.penalty_s is None:
+        return "", ""
+    return f"{trial.lap_s - trial.penalty_s:.2f} s", f"{trial.penalty_s:.2f} s"
+
+
+def _ended(trial: "TrialReport") -> str:
+    if not trial.finished:
+        return trial.status
+    return "clean lap" if trial.clean else "finished"
+
+
 def _laps(report: "EvaluationReport") -> str:
-    best = f", best {report.best_lap_s:.2f} s" if report.best_lap_s is not None else ""
-    if report.best_average_s is not None and report.average_laps > 1:
-        best += f", best average of {report.average_laps} laps {report.best_average_s:.2f} s"
+    from drcli.exchange.laps import counted_resets
+    from drcli.runs.evaluation_report import best_average, summary
+
+    words = summary(report.trials)
+    run = best_average(report.trials, report.average_laps)
+    if run and report.average_laps > 1:
+        words += f", best average of {report.average_laps} laps {report.best_average_s:.2f} s"
+        resets = sum(trial.resets for trial in run)
+        words += f" with {counted_resets(resets)}" if resets else ""
     driver = report.checkpoint
     if report.file is None:
         driver = f"checkpoint {driver} of {report.prefix}"
     engine = "" if report.runtime == "torch" else f" with --runtime {report.runtime}"
-    return (
-        f"{report.completed} of {counted(len(report.trials), 'lap')}{best}, "
-        f"{driver}{engine} on {report.world}."
-    )
+    return f"{words}; {driver}{engine} on {report.world}."
 
 
 def _winner(own: "EvaluationReport", other: "EvaluationReport") -> str:
-    """The model with more laps wins, then the one with less time for all laps."""
+    """The model with more finished laps wins, then the one with less time for all, as in races."""
     if own.completed != other.completed:
         first = own if own.completed > other.completed else other
-        return f"{_name(first)} wins with more laps."
+        return f"{_name(first)} wins with more finished laps."
     if own.total_s is None or other.total_s is None or own.total_s == other.total_s:
         return "Nobody wins."
     first, second = (own, other) if own.total_s < other.total_s else (other, own)

@@ -53,11 +53,11 @@ def _cars(trials: "CarTrials") -> list[RenderableType]:
         )
         for trial in trials.cars
     ]
-    names = ("car", "laps", "progress", "fastest s", "slowest s")
+    names = ("car", "clean laps", "progress", "fastest s", "slowest s")
     best = next(trial for trial in trials.cars if trial.car == trials.best)
     if not best.laps:
         advice = (
-            f"It completes no lap on {trials.world}; if it learned another track, try that one "
+            f"It drives no clean lap on {trials.world}; if it learned another track, try that one "
             "with --world."
         )
     elif trials.best == trials.present:

@@ -1,12 +1,14 @@
 """Shows iterations of a training: in a line, as a table, as curves."""
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rich.table import Table
 from rich.text import Text
 
 from drcli.cli.views import sparkline
+from drcli.exchange.laps import Laps
 
 if TYPE_CHECKING:
     from drcli.exchange.iteration import IterationRecord
@@ -24,6 +26,7 @@ LEAST_COLUMNS = {
     "progress": 8,
     "laps": 6,
     "eval": 9,
+    "median": 7,
     "eval 2": 9,
     "stage": 5,
     "entropy": 7,
@@ -40,16 +43,15 @@ GAP = 2
 RARE = ("eval 2", "stage")
 """Columns that are there only if they have something to show."""
 
-OPTIONAL = ("losses", "entropy", "steps", "laps")
+OPTIONAL = ("losses", "entropy", "steps", "laps", "reward")
 """Columns that a narrow terminal leaves out, in this order; `dr-status --json` has all numbers."""
 
 
 def line(record: "IterationRecord", *, verbose: bool = False) -> str:
     """One iteration in one line, for logs and pipes; `verbose` adds losses, speed and times."""
     short = (
-        f"{clock(record.elapsed_s):>7} iter {record.iteration:3d} {record.total_steps:7d} steps  "
-        f"reward {record.mean_reward:6.1f}  progress {record.mean_progress:5.1f} %  "
-        f"eval {_evaluated(record)}"
+        f"{clock(record.elapsed_s):>7} iter {record.iteration:3d}  reward {record.mean_reward:6.1f}"
+        f"  progress {record.mean_progress:3.0f} %  eval {evaluation(record)}"
     )
     if record.second_progress:
         short += f"  on {record.second_world} {second_evaluation(record)}"
@@ -58,7 +60,8 @@ def line(record: "IterationRecord", *, verbose: bool = False) -> str:
     if not verbose:
         return short
     return (
-        f"{short}  laps {record.full_laps}/{record.episodes}  entropy {_known(record.entropy, 3)}  "
+        f"{short}  {record.total_steps} steps  laps {record.full_laps}/{record.episodes}  "
+        f"entropy {_known(record.entropy, 3)}  "
         f"{_named_losses(record)}  {record.steps_per_s:.0f} steps/s  "
         f"{record.real_time_factor:.0f} x real time  {time_split(record)}"
     )
@@ -92,21 +95,23 @@ def curves(records: "list[IterationRecord]", columns: int) -> list[Text]:
     width = max(LEAST_CURVE_COLUMNS, min(CURVE_COLUMNS, columns - BESIDE_CURVE))
     progress = sparkline.curve([record.mean_progress for record in records], width, top=100.0)
     reward = sparkline.curve([record.mean_reward for record in records], width)
-    completed = [_completed(record) for record in records]
+    sampled = [record.evaluation for record in records]
+    shares = [None if laps is None else laps.clean / laps.driven for laps in sampled]
+    newest = next((laps for laps in reversed(sampled) if laps is not None), None)
     last = records[-1] if records else None
     lines = (
         ("progress", progress, "green", f"{last.mean_progress:.1f} %" if last else ""),
         (
             "eval",
-            sparkline.marks(completed, width),
+            sparkline.marks(shares, width),
             "bold",
-            f"{sparkline.ALL} all laps" if any(completed) else "",
+            f"{newest.clean} of {newest.driven} clean" if newest is not None else "",
         ),
         ("reward", reward, "cyan", f"{last.mean_reward:.1f}" if last else ""),
     )
     return [
-        Text.assemble((f"{name:9}", "dim"), (f"{drawn:{width}}", style), "  ", newest)
-        for name, drawn, style, newest in lines
+        Text.assemble((f"{name:9}", "dim"), (f"{drawn:{width}}", style), "  ", value)
+        for name, drawn, style, value in lines
     ]
 
 
@@ -133,14 +138,16 @@ def clock(elapsed_s: float) -> str:
 
 
 def _cells(record: "IterationRecord") -> dict[str, str]:
+    second = _second(record)
     return {
         "iter": str(record.iteration),
         "steps": f"{record.total_steps:,}",
         "reward": f"{record.mean_reward:.1f}",
         "progress": f"{record.mean_progress:.1f} %",
         "laps": f"{record.full_laps}/{record.episodes}",
-        "eval": _evaluated(record),
-        "eval 2": second_evaluation(record) if record.second_progress else "",
+        "eval": _evaluated(record.evaluation_progress, record.evaluation),
+        "median": _median(record.evaluation),
+        "eval 2": _evaluated(record.second_progress, second) if second is not None else "",
         "stage": record.stage[:LONGEST_STAGE],
         "entropy": _known(record.entropy, 2),
         "losses": _losses(record),
@@ -168,23 +175,33 @@ def _known(value: float, digits: int) -> str:
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
-def _completed(record: "IterationRecord") -> float | None:
-    """Share of the evaluation's laps that were completed; None if there was no evaluation."""
-    if not record.evaluation_progress:
-        return None
-    return len(record.evaluation_lap_s) / len(record.evaluation_progress)
-
-
-def _evaluated(record: "IterationRecord") -> str:
-    if not record.evaluation_progress:
-        return "..."
-    return _laps(record.evaluation_progress, record.evaluation_lap_s)
+def evaluation(record: "IterationRecord") -> str:
+    """Mean progress, clean laps and their median time."""
+    return _with_median(record.evaluation_progress, record.evaluation)
 
 
 def second_evaluation(record: "IterationRecord") -> str:
-    """Mean progress and completed laps on the second track."""
-    return _laps(record.second_progress, record.second_lap_s)
+    """The same on the second track."""
+    return _with_median(record.second_progress, _second(record))
 
 
-def _laps(progress: list[float], lap_s: list[float]) -> str:
-    return f"{sum(progress) / len(progress):.0f} % {len(lap_s)}/{len(progress)}"
+def _second(record: "IterationRecord") -> Laps | None:
+    progress = record.second_progress
+    return Laps(len(progress), record.second_lap_s) if progress else None
+
+
+def _with_median(progress: Sequence[float], laps: Laps | None) -> str:
+    clean = "" if laps is None else " clean"
+    return f"{_evaluated(progress, laps)}{clean} {_median(laps)}".rstrip()
+
+
+def _evaluated(progress: Sequence[float], laps: Laps | None) -> str:
+    """Mean progress, and how many laps are clean."""
+    if laps is None:
+        return "..."
+    return f"{sum(progress) / len(progress):.0f} % {laps.clean}/{laps.driven}"
+
+
+def _median(laps: Laps | None) -> str:
+    """Median time of the clean laps."""
+    return f"{laps.median_s:.2f} s" if laps is not None and laps.median_s is not None else ""

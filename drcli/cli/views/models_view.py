@@ -83,7 +83,11 @@ def models(columns: int, found: "ModelList") -> RenderableType:
     noted = any(model.note for model in found.models)
     rows: list[tuple[str | Text, ...]] = [
         (
-            Text.assemble(model.prefix, (" (training)" if model.training else "", "green")),
+            Text.assemble(
+                model.prefix,
+                (" (training)" if model.training else "", "green"),
+                " (TensorFlow)" if model.kind == "tensorflow" else "",
+            ),
             str(model.checkpoints),
             _checkpoint(model.best),
             _checkpoint(model.last),
@@ -99,7 +103,9 @@ def models(columns: int, found: "ModelList") -> RenderableType:
 
 
 def _checkpoint(entry: "CheckpointEntry | None") -> str:
+    """Number of a checkpoint, and in few words how it drives."""
     if entry is None:
         return "-"
     number = entry.name.partition("_")[0]
-    return number if entry.metric is None else f"{number} ({entry.metric:.4g})"
+    told = entry.laps.partition(", slowest")[0] if entry.clean else entry.score
+    return f"{number} ({told})" if told else number

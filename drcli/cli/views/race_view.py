@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 def races(found: "RaceList") -> RenderableType:
     """A row for each race."""
-    from drcli.races.race_words import lap_time
-
     if not found.races:
         return Text(f"s3://{found.bucket} has no races. Make one with `dr-race create NAME`.")
     return Rows(
@@ -33,7 +31,7 @@ def races(found: "RaceList") -> RenderableType:
                 str(race.submissions),
                 str(race.queued),
                 race.leader or "",
-                lap_time(race.leader_s) if race.leader_s is not None else "",
+                race.leader_text if race.leader_s is not None else "",
             )
             for race in found.races
         ],
@@ -67,7 +65,7 @@ def race(report: "RaceReport") -> RenderableType:
 
 
 def _board(report: "RaceReport") -> Rows:
-    from drcli.races.race_words import gap, lap_time
+    from drcli.races.race_words import gap
 
     return Rows(
         (
@@ -89,12 +87,12 @@ def _board(report: "RaceReport") -> Rows:
                 "" if row.rank is None else str(row.rank),
                 row.racer,
                 row.model,
-                "not qualified" if row.rank is None else lap_time(row.score_s),
+                "not qualified" if row.rank is None else row.score_text,
                 gap(row),
-                lap_time(row.best_lap_s),
-                lap_time(row.best_average_s),
-                lap_time(row.total_s),
-                f"{row.complete_laps}/{row.laps}",
+                row.best_lap_text,
+                row.best_average_text,
+                row.total_text,
+                row.laps_text,
                 str(row.off_track),
                 str(row.crashes),
                 row.submission,
@@ -106,8 +104,6 @@ def _board(report: "RaceReport") -> Rows:
 
 
 def _pair_board(report: "RaceReport") -> Rows:
-    from drcli.races.race_words import lap_time
-
     return Rows(
         (
             "rank",
@@ -132,8 +128,8 @@ def _pair_board(report: "RaceReport") -> Rows:
                 str(row.wins),
                 str(row.draws),
                 str(row.losses),
-                lap_time(row.best_lap_s),
-                f"{row.complete_laps}/{row.laps}",
+                row.best_lap_text,
+                row.laps_text,
                 str(row.off_track),
                 str(row.crashes),
                 row.submission,

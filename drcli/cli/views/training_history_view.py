@@ -30,6 +30,16 @@ _STYLES = {
 _WIDE = 110
 """Columns from which a list has all its columns."""
 
+_RESULT_NAMES = {
+    "world": "track",
+    "elapsed_s": "time",
+    "hours": "machine hours",
+    "usd": "cost",
+    "best_lap_s": "best clean lap",
+    "best_training_lap_s": "best training lap",
+}
+"""What people call the results of a training."""
+
 _MINUTE = 16
 _MOST_INDENT = 16
 """Of the tree: deeper members stand below each other."""
@@ -105,7 +115,7 @@ def details(found: "TrainingDetails") -> RenderableType:
             f"{counted(each.steps, 'step')} in {_duration(each.elapsed_s)}",
         ),
         ("best", _best(found)),
-        ("fastest lap", _laps(found)),
+        ("fastest clean lap", _laps(found)),
         ("evaluations", _evaluations(results.evaluations, results.trials)),
         ("machine hours", "" if each.hours is None else _hours(each.hours)),
         ("cost", "" if each.usd is None else _money(each.usd)),
@@ -136,7 +146,14 @@ def comparison(found: "TrainingComparison") -> RenderableType:
     """What differs, the first training on the left."""
     one, other = found.before, found.after
     titles = [f"{_printable(each.model)} {each.id}" for each in (one, other)]
-    rows = [(each.name, _result(each.before), _result(each.after)) for each in found.results]
+    rows = [
+        (
+            _RESULT_NAMES.get(each.name, each.name.replace("_", " ")),
+            _result(each.name, each.before, one.metric),
+            _result(each.name, each.after, other.metric),
+        )
+        for each in found.results
+    ]
     parts: list[RenderableType] = [Rows(("", *titles), rows, left=("", *titles))]
     sections = [
         ("Settings", found.settings),
@@ -221,19 +238,27 @@ def _start(start: "RecordedStart") -> str:
 
 
 def _best(found: "TrainingDetails") -> str:
+    from drcli.models.model_list import score_text
+
     each = found.training
     if not each.best_checkpoint:
         return ""
-    score = "" if each.best_score is None else f", {found.record.metric} {each.best_score:.4g}"
-    return f"{each.best_checkpoint}{score}"
+    score = score_text(found.record.metric, each.best_score)
+    return f"{each.best_checkpoint}, {score}" if score else each.best_checkpoint
 
 
 def _laps(found: "TrainingDetails") -> str:
-    results = found.record.results
+    """The fastest clean laps, those on other tracks than that of the training at the end."""
+    results, world = found.record.results, found.record.world
+    trials = dict(results.clean_trial_lap_s or {})
     known = (
         ("in evaluations of the training", results.best_lap_s),
-        ("in stand-alone evaluations", results.best_trial_lap_s),
+        ("in stand-alone evaluations", trials.pop(world, None)),
         ("in training episodes", results.best_training_lap_s),
+        *(
+            (f"on {_printable(name) or 'an unknown track'}", trials[name])
+            for name in sorted(trials)
+        ),
     )
     return ", ".join(f"{lap:.3f} s {where}" for where, lap in known if lap is not None)
 
@@ -266,8 +291,22 @@ def _value(value: Any) -> str:
     return _printable(str(value))
 
 
-def _result(value: Any) -> str:
-    """A value that nobody copies into a settings file."""
+def _result(name: str, value: Any, metric: str) -> str:
+    """A value that nobody copies into a settings file, with its unit."""
+    from drcli.models.model_list import score_text
+
+    if value is None:
+        return "-"
+    if name == "elapsed_s":
+        return _duration(value)
+    if name.endswith("lap_s"):
+        return _seconds(value)
+    if name.endswith("progress"):
+        return f"{value:.1f} %"
+    if name in ("hours", "usd"):
+        return _hours(value) if name == "hours" else _money(value)
+    if name == "best_score":
+        return score_text(metric, value)
     return f"{value:,}" if isinstance(value, int) else _value(value)
 
 

@@ -1,5 +1,6 @@
 """How a training looks: a live display, its state, what is said at its start and end."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
@@ -89,14 +90,16 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     if report.history:
         last = report.history[-1]
         laps = sum(record.full_laps for record in report.history)
+        episodes = sum(record.episodes for record in report.history)
         parts += [
             iterations.table(report.history[-STATUS_ROWS:], 0, columns),
             *iterations.curves(report.history, columns),
             Text(
                 f"{last.total_steps:,} steps in {iterations.clock(report.elapsed_s)}, "
-                f"{last.steps_per_s:.0f} steps/s, {last.real_time_factor:.0f} x real time, "
-                f"{laps} full training laps."
+                f"{last.steps_per_s:.0f} steps/s, {last.real_time_factor:.0f} x real time."
             ),
+            Text(f"{laps:,} of {counted(episodes, 'training episode')} completed a lap."),
+            *(Text(line) for line in [_newest(report)] if line),
             Text(_checkpoints(report)),
             *(Text(line) for line in [_convergence(report)] if line),
             *(Text(line) for line in _milestones(report)),
@@ -125,7 +128,7 @@ def _milestones(report: "RunReport") -> list[str]:
     numbers = {each.checkpoint: each for each in report.milestones}
     return [
         f"{', '.join(words[name])}: {name.partition('_')[0]} ({found.laps} of "
-        f"{found.episodes} laps, {found.best_lap_s:.2f} s)"
+        f"{found.episodes} laps clean, best {found.best_lap_s:.2f} s)"
         for name, found in numbers.items()
     ]
 
@@ -150,7 +153,7 @@ def _second(report: "RunReport") -> str:
     last = evaluated[-1]
     return (
         f"On {last.second_world}, checkpoint {last.iteration} drove "
-        f"{iterations.second_evaluation(last)} laps."
+        f"{iterations.second_evaluation(last)}."
     )
 
 
@@ -243,10 +246,27 @@ def increment(step: "Increment") -> RenderableType:
 
 
 def end_text(report: "RunReport") -> str:
-    """How a training ended."""
+    """How a training ended, and how its best checkpoint drives."""
     evaluated = report.best is not None and report.best.metric is not None
-    best = f" Best checkpoint: {report.best.name}." if report.best and evaluated else ""
+    best = f" Best checkpoint {_driven(report)}." if evaluated else ""
     return f"{report.message}{best} {report.remedy}".strip()
+
+
+def next_commands(report: "RunReport") -> list[tuple[str, str]]:
+    """What a racer wants after a training, with the purpose of each command."""
+    if report.best is None or report.state not in ("finished", "stopped"):
+        return []
+    if report.best_laps is not None and report.best_laps.clean:
+        return [
+            ("dr-evaluate", "drive more laps with the best checkpoint"),
+            ("dr-video --checkpoint best", "watch a lap of it"),
+            ("dr-export car --best", "write the archive for the car"),
+        ]
+    return [
+        ("dr-analyze", "see what keeps it from completing a lap"),
+        ("dr-video --checkpoint best", "watch how far its best checkpoint comes"),
+        ("dr-start-training --resume", "train on"),
+    ]
 
 
 def _worker(worker: "WorkerReport", *, ending: bool) -> str:
@@ -338,6 +358,23 @@ def _checkpoints(report: "RunReport") -> str:
     best, last = report.best, report.last
     if best is None or last is None:
         return "No checkpoint yet."
+    number = last.name.partition("_")[0]
     if best.metric is None:
-        return f"last {last.name}, none was evaluated yet"
-    return f"best {best.name} ({best.metric:.1f})   last {last.name}"
+        return f"last {number}, none was evaluated yet"
+    return f"best {_driven(report)}   last {number}"
+
+
+def _driven(report: "RunReport") -> str:
+    """Number of the best checkpoint, and how it drives: its laps, or its score without any."""
+    assert report.best is not None
+    laps = report.best_laps
+    if laps is None:
+        return report.best.told
+    return replace(report.best, laps=laps.text, clean=laps.clean).told
+
+
+def _newest(report: "RunReport") -> str:
+    newest = report.newest_laps
+    if newest is None:
+        return ""
+    return f"newest evaluation {newest.checkpoint}: {newest.text}"

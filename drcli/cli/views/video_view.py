@@ -17,18 +17,17 @@ def video(report: "VideoReport") -> RenderableType:
     return Group(
         Text(f"{report.trace} on {report.world}", style="bold"),
         Rows(
-            ("episode", "time", "progress", "status", "resets"),
+            ("episode", "time", "progress", "ended"),
             [
                 (
                     str(episode.episode),
                     f"{episode.seconds:.2f} s",
                     f"{episode.progress:.1f} %",
-                    episode.status,
-                    str(episode.resets),
+                    episode.text,
                 )
                 for episode in report.episodes
             ],
-            left=("status",),
+            left=("ended",),
         ),
         Text.assemble(f"Video of {report.seconds:.2f} s, {shown}: ", (report.file, "bold")),
     )

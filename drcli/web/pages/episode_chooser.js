@@ -240,7 +240,11 @@ function optionText(trace, kind) {
   const numbers = [
     trace.mean_progress !== null ? `progress ${number(trace.mean_progress, 0)} %` : null,
     trace.mean_reward !== null ? `reward ${number(trace.mean_reward, 1)}` : null,
-    trace.full_laps ? `${trace.full_laps} laps, best ${number(trace.best_lap_s, 2)} s` : null,
+    trace.clean_laps == null
+      ? null
+      : `${trace.clean_laps} clean laps, ${trace.resets} reset${trace.resets === 1 ? "" : "s"}`,
+    trace.clean_laps == null && trace.full_laps ? `${trace.full_laps} clean laps` : null,
+    trace.best_lap_s != null ? `best ${number(trace.best_lap_s, 2)} s` : null,
   ]
     .filter(Boolean)
     .join(", ");
@@ -282,7 +286,7 @@ function episodeTable(facts, link, action, current) {
       h("td", { class: "number" }, number(each.reward, 1)),
       h("td", { class: "number" }, number(each.progress, 1, "%")),
       h("td", { class: "number" }, each.completed ? lapTime(each.seconds) : duration(each.seconds)),
-      h("td", {}, STATUS[each.status] ?? each.status),
+      h("td", {}, each.text),
       h("td", { class: "number" }, each.resets),
       h(
         "td",

@@ -53,7 +53,7 @@ export function episodePane(data, { name, color, links }, signal) {
     h(
       "p",
       { class: "quiet" },
-      `${data.query.model}${facts.world ? ` on ${facts.world}` : ""}: ${STATUS[summary?.status] ?? summary?.status ?? ""}, progress ${number(summary?.progress, 1, "%")}, ${number(summary?.seconds, 2, "s")}`,
+      `${data.query.model}${facts.world ? ` on ${facts.world}` : ""}: ${summary?.text ?? ""}, progress ${number(summary?.progress, 1, "%")}, ${number(summary?.seconds, 2, "s")}`,
     ),
     facts.notes.map((note) => h("p", { class: "problem" }, note)),
     trouble,

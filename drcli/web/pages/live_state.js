@@ -162,7 +162,7 @@ export function runState(runId, signal) {
     const last = rows.at(-1);
     if (!last) return "The first iteration is being driven.";
     const laps = last.full_laps
-      ? `${number(last.full_laps)} of ${number(last.episodes)} episodes completed the lap`
+      ? `${number(last.full_laps)} of ${number(last.episodes)} episodes completed a clean lap`
       : `the cars got ${number(last.mean_progress, 0, "%")} of the lap on average`;
     return `In iteration ${number(last.iteration)}, ${laps}.`;
   }
@@ -194,9 +194,11 @@ export function runState(runId, signal) {
       requests && requests.hours >= 0.1
         ? `${number((requests.puts + requests.gets) / requests.hours)} an hour`
         : "–",
-      run.best && run.best.metric !== null ? run.best.name.replace(".ckpt", "") : "–",
-      evaluated
-        ? `${number(mean(evaluated.evaluation_progress), 0, "%")}, ${number(evaluated.evaluation_lap_s.length)} of ${number(evaluated.evaluation_progress.length)} laps`
+      run.best && run.best.metric !== null
+        ? `${run.best.name.split("_")[0]}: ${run.best_laps?.text || run.best.score}`
+        : "–",
+      evaluated && run.newest_laps
+        ? `${run.newest_laps.checkpoint}: ${run.newest_laps.text}, progress ${number(mean(evaluated.evaluation_progress), 0, "%")}`
         : "–",
     ]);
   }
@@ -240,7 +242,7 @@ export function runState(runId, signal) {
         : []),
       ...(run.milestones ?? []).map((each) => [
         "good",
-        `Milestone ${each.word}: ${each.checkpoint.replace(".ckpt", "")}, ${number(each.laps)} of ${number(each.episodes)} evaluation laps, best ${number(each.best_lap_s, 2, "s")}.`,
+        `Milestone ${each.word}: ${each.checkpoint.replace(".ckpt", "")}, ${number(each.laps)} of ${number(each.episodes)} evaluation laps clean, best ${number(each.best_lap_s, 2, "s")}.`,
         "",
       ]),
     ];

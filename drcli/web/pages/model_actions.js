@@ -11,17 +11,25 @@ import { act, save } from "/model_tasks.js";
  *   `page` is what is known of the model, and changes.
  */
 export function modelActions({ prefix, page, path, showTab, signal }) {
-  const checkpointChoices = () => [
-    ["last", "the newest"],
-    ["best", "the best"],
-    ...(page.checkpoints?.checkpoints ?? [])
-      .slice()
-      .reverse()
-      .map((each) => [
+  const checkpointChoices = () => {
+    const all = (page.checkpoints?.checkpoints ?? []).slice().reverse();
+    const drove = (each) =>
+      each.episodes
+        ? `${each.laps} of ${each.episodes} laps${each.best_lap_s === null ? "" : `, best ${number(each.best_lap_s, 2, "s")}`}`
+        : "never evaluated";
+    const chosen = (word) => {
+      const each = all.find((one) => one.words.includes(word));
+      return each ? `: ${each.number}, ${drove(each)}` : "";
+    };
+    return [
+      ["best", `the best${chosen("best")}`],
+      ["last", `the newest${chosen("last")}`],
+      ...all.map((each) => [
         String(each.number),
-        `${each.number}${each.words.length ? ` (${each.words.join(", ")})` : ""}`,
+        `${each.number}${each.words.length ? ` (${each.words.join(", ")})` : ""}: ${drove(each)}`,
       ]),
-  ];
+    ];
+  };
 
   async function resume(button) {
     const values = await ask({
@@ -175,7 +183,7 @@ export function modelActions({ prefix, page, path, showTab, signal }) {
             value: page.about.next_name,
           }),
         ),
-        field("Start with checkpoint", select("checkpoint", checkpointChoices(), "last")),
+        field("Start with checkpoint", select("checkpoint", checkpointChoices(), "best")),
         field(
           "What is it for?",
           h("input", { name: "description", autocomplete: "off", maxlength: "250" }),

@@ -6,7 +6,7 @@ const WORDS = {
   last: "the newest",
   best: "the best",
   "first-lap": "of the first lap",
-  "three-laps": "of three laps in a row",
+  "three-laps": "of three laps in one evaluation",
   "best-lap": "of the best lap",
 };
 
@@ -20,8 +20,9 @@ export function drawCheckpoints(element, found) {
       [
         "Number",
         "Marks",
-        "Evaluation laps",
+        "Clean laps",
         "Progress",
+        "Median lap",
         "Best lap",
         "Size",
         ...(found.checkpoints.some((each) => each.problem) ? ["Problem"] : []),
@@ -36,11 +37,19 @@ export function drawCheckpoints(element, found) {
               h("span", { class: "model-badge", title: `Checkpoint ${WORDS[word] ?? word}` }, word),
             ),
             each.every ? h("span", { class: "model-badge" }, "kept every n") : null,
+            each.form === "tensorflow"
+              ? h(
+                  "span",
+                  { class: "model-badge", title: "Of DeepRacer-for-Cloud or a console" },
+                  "TensorFlow",
+                )
+              : null,
           ]
             .flat()
             .reduce((cell, mark) => (mark && cell.append(mark, " "), cell), h("span")),
           each.episodes ? `${each.laps} of ${each.episodes}` : "–",
           each.progress == null ? "–" : number(each.progress, 1, "%"),
+          lapTime(each.median_s),
           lapTime(each.best_lap_s),
           bytes(each.size_bytes),
           ...(each.problem ? [each.problem] : []),
@@ -49,7 +58,7 @@ export function drawCheckpoints(element, found) {
     h(
       "p",
       { class: "quiet fine" },
-      `Together ${bytes(found.size_bytes)}. A training keeps the newest four checkpoints, the best one and the milestones.`,
+      `Laps are those of evaluations during the training, which end at the first violation. Together ${bytes(found.size_bytes)}. A training keeps the newest four checkpoints, the best one and the milestones.`,
       found.not_reached.length ? ` Not reached yet: ${found.not_reached.join(", ")}.` : "",
     ),
     found.milestones.some((each) => !each.kept)

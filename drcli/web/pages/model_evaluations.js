@@ -10,10 +10,20 @@ const label = (each) =>
     each.world,
     each.reverse ? "reverse" : "",
     each.checkpoint ? `checkpoint ${each.checkpoint.split("_")[0]}` : "",
-    each.best_lap_s == null ? "no lap" : lapTime(each.best_lap_s),
+    `${each.clean_laps} of ${each.trials.length} laps clean`,
+    each.best_lap_s == null ? "" : lapTime(each.best_lap_s),
   ]
     .filter(Boolean)
     .join(" · ");
+/** Such as "00:12.800 = 00:07.800 driven + 5 s penalty". */
+const timeWithPenalty = (trial) =>
+  trial.penalty_s
+    ? `${lapTime(trial.lap_s)} = ${lapTime(trial.lap_s - trial.penalty_s)} driven + ${number(trial.penalty_s, 1, "s")} penalty`
+    : lapTime(trial.lap_s);
+/** How a trial ended; a finished lap may have resets and penalties. */
+const ended = (trial) =>
+  trial.clean ? "Clean lap" : trial.status === "Lap complete" ? "Finished" : trial.status;
+const resets = ({ resets: count }) => (count ? `, ${count} ${count === 1 ? "reset" : "resets"}` : "");
 const sum = (each, name) => each.trials.reduce((total, trial) => total + trial[name], 0);
 
 export function evaluationPart(prefix, { signal, evaluate }) {
@@ -93,15 +103,13 @@ export function evaluationPart(prefix, { signal, evaluate }) {
     if (one.problem) return h("div", { class: "problem" }, h("p", {}, one.problem));
     const off = one.off_track_penalty_s,
       hit = one.collision_penalty_s;
-    const with_ = (count, penalty) =>
-      penalty == null || !count ? String(count) : `${count} (+${number(count * penalty, 1)} s)`;
     const rows = one.trials.map((trial) => [
       String(trial.trial),
-      lapTime(trial.lap_s),
+      timeWithPenalty(trial),
       `${number(trial.progress)} %`,
-      trial.status,
-      with_(trial.off_track, off),
-      with_(trial.crashes, hit),
+      ended(trial),
+      String(trial.off_track),
+      String(trial.crashes),
       String(trial.resets),
     ]);
     return [
@@ -112,9 +120,7 @@ export function evaluationPart(prefix, { signal, evaluate }) {
           one.world && `Track ${one.world}${one.reverse ? ", in reverse" : ""}`,
           one.race_type && one.race_type.toLowerCase().replaceAll("_", " "),
           one.checkpoint && `checkpoint ${one.checkpoint}`,
-          `${one.complete_laps} of ${one.trials.length} laps completed`,
-          one.best_lap_s != null &&
-            `best ${lapTime(one.best_lap_s)}, mean ${lapTime(one.mean_lap_s)}`,
+          one.summary,
         ]
           .filter(Boolean)
           .join("; "),
@@ -141,9 +147,14 @@ export function evaluationPart(prefix, { signal, evaluate }) {
       ["Track", (each) => each.world || "–"],
       ["Direction", (each) => (each.reverse == null ? "–" : each.reverse ? "reverse" : "as built")],
       ["Checkpoint", (each) => each.checkpoint || "–"],
-      ["Completed laps", (each) => `${each.complete_laps} of ${each.trials.length}`],
-      ["Best lap", (each) => lapTime(each.best_lap_s), (each) => each.best_lap_s],
-      ["Mean lap", (each) => lapTime(each.mean_lap_s), (each) => each.mean_lap_s],
+      ["Clean laps", (each) => `${each.clean_laps} of ${each.trials.length}`],
+      ["Finished laps", (each) => `${each.complete_laps} of ${each.trials.length}`],
+      ["Best clean lap", (each) => lapTime(each.best_lap_s), (each) => each.best_lap_s],
+      [
+        "Mean of finished laps, with penalties",
+        (each) => lapTime(each.mean_lap_s),
+        (each) => each.mean_lap_s,
+      ],
       ["Off-tracks", (each) => String(sum(each, "off_track"))],
       ["Crashes", (each) => String(sum(each, "crashes"))],
       ["Resets", (each) => String(sum(each, "resets"))],
@@ -159,7 +170,9 @@ export function evaluationPart(prefix, { signal, evaluate }) {
       (_, k) => [
         String(k + 1),
         ...[one, other].map((each) =>
-          each.trials[k] ? `${lapTime(each.trials[k].lap_s)} ${each.trials[k].status}` : "–",
+          each.trials[k]
+            ? `${timeWithPenalty(each.trials[k])}, ${ended(each.trials[k]).toLowerCase()}${resets(each.trials[k])}`
+            : "–",
         ),
       ],
     );

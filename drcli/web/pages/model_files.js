@@ -11,10 +11,11 @@ const text = (value) =>
       ? JSON.stringify(value)
       : String(value);
 const RESULTS = {
+  world: "track",
   elapsed_s: "training time, s",
   hours: "machine hours",
   usd: "cost, USD",
-  best_lap_s: "best lap, s",
+  best_lap_s: "best clean lap, s",
   best_training_lap_s: "best training lap, s",
   best_progress: "best progress, %",
   mean_progress: "mean progress, %",

@@ -77,7 +77,7 @@ function pointsOf({ iterations, episodes }) {
     points.push({
       row: [each.iteration, null, each.reward, null, each.progress, each.evaluation_progress],
       text:
-        `Iteration ${each.iteration}: mean reward ${number(each.reward, 1)}, mean progress ${number(each.progress, 1)} %, evaluation ${number(each.evaluation_progress, 1)} % with ${number(each.evaluation_laps)} laps` +
+        `Iteration ${each.iteration}: mean reward ${number(each.reward, 1)}, mean progress ${number(each.progress, 1)} %, evaluation ${number(each.evaluation_progress, 1)} % with ${number(each.evaluation_laps)} of ${number(each.evaluation_episodes)} laps clean` +
         (each.evaluation_reward == null ? "" : ` and reward ${number(each.evaluation_reward, 1)}`),
     });
   return points.sort((a, b) => a.row[0] - b.row[0]);
@@ -163,7 +163,7 @@ function verdict(found) {
     h(
       "p",
       { class: "quiet" },
-      `${number(found.episodes)} episodes, ${number(found.complete_laps)} complete laps` +
+      `${number(found.episodes)} episodes, ${number(found.complete_laps)} clean laps` +
         (found.best_lap_s == null ? "." : `, the best in ${lapTime(found.best_lap_s)}.`),
     ),
     found.advice.length

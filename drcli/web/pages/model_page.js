@@ -22,7 +22,7 @@ import { filesPart } from "/model_files.js";
 import { analysis, rewardGraph } from "/model_overview.js";
 import { drawNotes } from "/model_notes.js";
 import { act } from "/model_tasks.js";
-import { badges, modelLink } from "/models_page.js";
+import { badges, checkpointText, modelLink } from "/models_page.js";
 import { follow } from "/socket.js";
 
 export const title = "Model";
@@ -47,7 +47,7 @@ export async function show(main, params, { signal, query }) {
   const heading = h("p", { class: "state", role: "status" }, "Reading the model …");
   const marks = h("span");
   const [figures, setFigures] = tiles([
-    "Best lap",
+    "Best clean lap",
     "Best checkpoint",
     "Last checkpoint",
     "Iterations",
@@ -273,14 +273,10 @@ export async function show(main, params, { signal, query }) {
       heading.dataset.state = state;
       fill(heading, line);
     }
-    const score = (entry) =>
-      entry
-        ? `${entry.name.split("_")[0]}${entry.metric == null ? "" : ` (${number(entry.metric, 1)})`}`
-        : "–";
     setFigures([
       lapTime(training?.best_lap_s),
-      score(model?.best),
-      score(model?.last),
+      checkpointText(model?.best),
+      checkpointText(model?.last),
       number(training?.iterations),
       duration(training?.elapsed_s),
       bytes(model?.size_bytes),

@@ -14,8 +14,8 @@ export const modelLink = (prefix, tab = "") =>
 const COLUMNS = [
   "Model",
   "Track",
-  "Best lap",
-  "Training laps",
+  "Best clean lap",
+  "Clean laps",
   "Best checkpoint",
   "Last checkpoint",
   "Size",
@@ -25,8 +25,10 @@ const SORTS = {
   changed: ["Newest first", (a, b) => Date.parse(b.model.modified) - Date.parse(a.model.modified)],
   name: ["Name", (a, b) => a.model.prefix.localeCompare(b.model.prefix, "en", { numeric: true })],
   lap: [
-    "Fastest lap",
-    (a, b) => (a.training?.best_lap_s ?? Infinity) - (b.training?.best_lap_s ?? Infinity),
+    "Fastest lap on each track",
+    (a, b) =>
+      (a.training?.world ?? "").localeCompare(b.training?.world ?? "", "en") ||
+      (a.training?.best_lap_s ?? Infinity) - (b.training?.best_lap_s ?? Infinity),
   ],
   score: [
     "Best score",
@@ -200,9 +202,11 @@ export function badges(prefix, { trainings = [], evaluations = [], current }, tr
   ];
 }
 
-function checkpointText(entry) {
+const told = (entry) => (entry.clean ? entry.laps : entry.score);
+/** Number of a checkpoint, and how it drives. */
+export function checkpointText(entry) {
   return entry
-    ? `${entry.name.split("_")[0]}${entry.metric === null ? "" : ` (${number(entry.metric, 1)})`}`
+    ? `${entry.name.split("_")[0]}${told(entry) ? ` (${told(entry)})` : ""}`
     : "–";
 }
 
@@ -239,6 +243,16 @@ function modelTable(found, data) {
                 h("a", { href: modelLink(model.prefix), "data-key": model.prefix }, model.prefix),
                 " ",
                 badges(model.prefix, data, model.training),
+                model.kind === "tensorflow"
+                  ? h(
+                      "span",
+                      {
+                        class: "model-badge",
+                        title: "Trained with DeepRacer-for-Cloud or a console",
+                      },
+                      "TensorFlow",
+                    )
+                  : null,
                 model.damaged.length
                   ? h(
                       "span",
@@ -272,7 +286,7 @@ function modelTable(found, data) {
     h(
       "p",
       { class: "quiet fine" },
-      "The number in brackets after a checkpoint is its evaluation score. Training laps are the completed ones, with those of its evaluations.",
+      "In brackets after a checkpoint is how it drove in its evaluation. A clean lap is completed without a violation; those of training episodes and of their evaluations are counted. The best one is that of an evaluation on the track of the model.",
     ),
   ];
 }
@@ -300,7 +314,7 @@ function familyTree(tree, found, data) {
           ? h(
               "span",
               { class: "quiet" },
-              ` ${[member.training.world, member.training.best_lap_s != null ? `best lap ${lapTime(member.training.best_lap_s)}` : "", `${number(member.training.iterations)} iterations`].filter(Boolean).join(", ")}`,
+              ` ${[member.training.world, member.training.best_lap_s != null ? `best clean lap ${lapTime(member.training.best_lap_s)}` : "", `${number(member.training.iterations)} iterations`].filter(Boolean).join(", ")}`,
             )
           : null,
       ),

@@ -1,6 +1,6 @@
 // A race for a projector: leaderboard, who drives now, what comes next, the last result, and the winner.
 
-import { failure, fill, h, lapTime, number } from "/dom.js";
+import { failure, fill, h, number } from "/dom.js";
 import { pairsView } from "/race_pairs.js";
 import { gapText, raceLink, waitText } from "/race_words.js";
 import { follow } from "/socket.js";
@@ -204,7 +204,7 @@ export function show(main, [id], { signal }) {
   function score(row) {
     if (race.rules.race_type === "HEAD_TO_MODEL")
       return `${number(row.points ?? 0, row.points % 1 ? 1 : 0)} ${row.points === 1 ? "point" : "points"}`;
-    return row.score_s === null ? `${row.complete_laps} of ${row.laps} laps` : lapTime(row.score_s);
+    return row.score_s === null ? row.laps_text : row.score_text;
   }
 
   function board(first) {
@@ -236,7 +236,7 @@ export function show(main, [id], { signal }) {
             "span",
             { class: "night-gap" },
             inPairs
-              ? `best lap ${lapTime(row.best_lap_s)}`
+              ? `best lap ${row.best_lap_text}`
               : row.rank === null
                 ? "not qualified"
                 : gapText(row),
@@ -319,7 +319,7 @@ export function show(main, [id], { signal }) {
             "p",
             { class: "night-driver-facts" },
             found
-              ? `Lap ${Math.min(laps, found.laps + 1)} of ${laps}, ${number(Math.max(0, found.progress))} %, ${number(found.lap_s, 1, "s")}`
+              ? `Lap ${Math.min(laps, found.laps + 1)} of ${laps}, ${number(Math.max(0, found.progress))} %, ${number(found.lap_s, 1, "s")}${found.resets ? `, ${found.resets} ${found.resets === 1 ? "reset" : "resets"}` : ""}`
               : sinceText(driving.began_at),
           ),
         );
@@ -371,7 +371,7 @@ export function show(main, [id], { signal }) {
     if (before && key && key !== lastKey) {
       const cars = found.cars.map(
         (car) =>
-          `${car.racer}: ${found.state === "failed" ? "the run has failed" : car.complete ? `${car.complete} of ${car.laps} laps, best ${lapTime(car.best_lap_s)}` : "no complete lap"}`,
+          `${car.racer}: ${found.state === "failed" ? "the run has failed" : car.text}`,
       );
       const places = found.cars
         .map((car) => race.leaderboard.find((row) => row.submission === car.submission))

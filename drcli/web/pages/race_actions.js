@@ -35,16 +35,19 @@ export function raceActions({ id, now, act, take, place, left, signal }) {
       usual.model,
     );
     const numbers = h("datalist", { id: "race-checkpoints" });
+    const best = h("p", { class: "quiet fine" });
     const list = async () => {
       fill(
         numbers,
-        ["last", "best"].map((word) => h("option", { value: word })),
+        ["best", "last"].map((word) => h("option", { value: word })),
       );
       try {
-        const { checkpoints } = await get(
+        best.textContent = "";
+        const { checkpoints, about } = await get(
           `${api("races", "checkpoints")}?prefix=${encodeURIComponent(model.value)}`,
           signal,
         );
+        best.textContent = about;
         numbers.append(...checkpoints.map((each) => h("option", { value: String(each) })));
       } catch {
         /* the words are enough */
@@ -52,7 +55,7 @@ export function raceActions({ id, now, act, take, place, left, signal }) {
     };
     model.addEventListener("change", list);
     list();
-    let given = { racer: usual.racer, prefix: model.value, checkpoint: "last" },
+    let given = { racer: usual.racer, prefix: model.value, checkpoint: "best" },
       wrong = null;
     for (;;) {
       model.value = given.prefix;
@@ -84,8 +87,9 @@ export function raceActions({ id, now, act, take, place, left, signal }) {
               list: "race-checkpoints",
               autocomplete: "off",
             }),
-            "last, best, or the number of one.",
+            "best, last, or the number of one.",
           ),
+          best,
           numbers,
         ],
       });

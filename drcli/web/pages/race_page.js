@@ -1,7 +1,7 @@
 // One race: leaderboard, submissions, queue, pairs, and everything that its organiser and its racers do.
 
 import { post } from "/api.js";
-import { confirmed, empty, failure, fill, h, lapTime, moment, notify, number } from "/dom.js";
+import { confirmed, empty, failure, fill, h, moment, notify, number } from "/dom.js";
 import { raceActions } from "/race_actions.js";
 import { pairsView } from "/race_pairs.js";
 import {
@@ -219,20 +219,20 @@ export function show(main, [id], { signal }) {
       ? [
           ["Points", (row) => number(row.points ?? 0, row.points % 1 ? 1 : 0)],
           ["Won, drawn, lost", (row) => `${row.wins}, ${row.draws}, ${row.losses}`],
-          ["Best lap", (row) => lapTime(row.best_lap_s)],
+          ["Best lap", (row) => row.best_lap_text],
         ]
       : [
-          ["Best lap", (row) => lapTime(row.best_lap_s), "best-lap"],
+          ["Best lap", (row) => row.best_lap_text, "best-lap"],
           [
             `Best average of ${race.rules.average_laps} laps`,
-            (row) => lapTime(row.best_average_s),
+            (row) => row.best_average_text,
             "best-average",
           ],
-          ["Total time", (row) => lapTime(row.total_s), "total-time"],
+          ["Total time", (row) => row.total_text, "total-time"],
           ["Gap", gapText],
         ];
     columns.push(
-      ["Laps", (row) => `${row.complete_laps} of ${row.laps}`],
+      ["Laps", (row) => row.laps_text],
       ["Off track", (row) => number(row.off_track)],
       ["Crashes", (row) => number(row.crashes)],
     );

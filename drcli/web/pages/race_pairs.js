@@ -1,6 +1,6 @@
 // The pairs of a race: a table of everybody against everybody, or a bracket whose winners go on.
 
-import { h, lapTime } from "/dom.js";
+import { h } from "/dom.js";
 
 const STATES = {
   waiting: "waits for earlier pairs",
@@ -17,16 +17,11 @@ export function pairsView(race, watch) {
   return race.rules.pairing === "bracket" ? bracket(race, watch) : rounds(race, watch);
 }
 
-function driven(laps, seconds) {
-  if (!laps) return "no complete lap";
-  return `${laps} ${laps === 1 ? "lap" : "laps"} in ${lapTime(seconds)}`;
-}
-
 function car(pair, side, alone) {
   const id = pair[side],
     racer = pair[`${side}_racer`];
   const won = !alone && pair.winner && pair.winner === id;
-  const result = pair.state === "done" ? driven(pair[`${side}_laps`], pair[`${side}_s`]) : "";
+  const result = pair.state === "done" ? pair[`${side}_text`] : "";
   return h(
     "div",
     { class: `race-side${won ? " won" : ""}` },

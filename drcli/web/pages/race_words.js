@@ -1,7 +1,7 @@
 // Words and links that the pages about races share.
 
 import { api, ApiError } from "/api.js";
-import { h, lapTime, number } from "/dom.js";
+import { h, number } from "/dom.js";
 
 export const raceLink = (race) => `#/race/${encodeURIComponent(race)}`;
 export const nightLink = (race) => `#/night/${encodeURIComponent(race)}`;
@@ -51,16 +51,8 @@ export const gapText = (row) =>
 
 export const rankText = (row) => (row.rank === null ? "not qualified" : String(row.rank));
 
-/** The laps of a submission: times, and how the others ended. */
-export function lapsText(entry) {
-  return entry.lap_s
-    .map((time, k) =>
-      entry.lap_status[k] === "Lap complete"
-        ? lapTime(time)
-        : `${lapTime(time)} ${entry.lap_status[k]}`,
-    )
-    .join(", ");
-}
+/** The laps of a submission: times with penalties and resets, and how the others ended. */
+export const lapsText = (entry) => entry.lap_text.join("; ");
 
 /** "1 run waits", "3 runs wait". */
 export const waitText = (count) => (count === 1 ? "1 run waits" : `${number(count)} runs wait`);

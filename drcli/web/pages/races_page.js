@@ -1,7 +1,7 @@
 // All races of the bucket, and the form that makes one.
 
 import { api, post } from "/api.js";
-import { empty, failure, fill, h, lapTime, number } from "/dom.js";
+import { empty, failure, fill, h, number } from "/dom.js";
 import { raceForm, usualRules } from "/race_form.js";
 import { KINDS, dateText, nightLink, raceLink, stateBadge, waitText } from "/race_words.js";
 import { follow } from "/socket.js";
@@ -138,7 +138,7 @@ function table(races) {
               4,
               null,
               race.leader ?? "nobody yet",
-              race.leader_s === null ? null : ` ${lapTime(race.leader_s)}`,
+              race.leader_s === null ? null : ` ${race.leader_text}`,
             ),
             cell(5, "number", number(race.submissions)),
             cell(

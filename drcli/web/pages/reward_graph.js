@@ -164,10 +164,10 @@ export function rewardGraph(signal) {
     const about = point[7];
     readout.textContent = Array.isArray(about)
       ? `Iteration ${number(about[0])}, ${about[1] ? "an evaluation" : "an episode"}: reward ${number(about[2])}, progress ${number(about[3])} %`
-      : `Iteration ${number(about.iteration)}: mean reward ${number(known(about.mean_reward), 1)}, mean progress ${number(known(about.mean_progress), 1)} %, evaluation ${number(mean(about.evaluation_progress), 1)} % with ${number(about.evaluation_lap_s?.length ?? 0)} laps` +
+      : `Iteration ${number(about.iteration)}: mean reward ${number(known(about.mean_reward), 1)}, mean progress ${number(known(about.mean_progress), 1)} %, evaluation ${number(mean(about.evaluation_progress), 1)} % with ${number(about.evaluation_lap_s?.length ?? 0)} of ${number(about.evaluation_progress?.length ?? 0)} laps clean` +
         (about.best_lap_s === null || about.best_lap_s === undefined
           ? ""
-          : `, best lap ${number(about.best_lap_s, 2)} s`);
+          : `, best training lap ${number(about.best_lap_s, 2)} s`);
   }
 
   function drawBest(self) {

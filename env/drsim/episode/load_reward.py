@@ -42,7 +42,8 @@ def load_reward_function(path: Path) -> RewardFunction:
     function = getattr(module, _FUNCTION_NAME, None)
     if not callable(function):
         what = (
-            f"{path} defines no function `{_FUNCTION_NAME}`. Add `def {_FUNCTION_NAME}(params):`."
+            f"The code{place(path, None)} defines no function `{_FUNCTION_NAME}`. "
+            f"Add `def {_FUNCTION_NAME}(params):`."
         )
         raise _refused(what, path, None, kind="signature")
     _check_arity(path, function)

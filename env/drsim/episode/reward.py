@@ -203,10 +203,10 @@ def _failure(
         what = described(error)
         if any(each.__name__ == DiscardEpisode.__name__ for each in type(error).__mro__):
             kind = "discard"
-    short = compact(params)
+    short = compact(params, path)
+    told = f"\n  params = {short}" if short else ""
     failure = RewardError(
-        f"The reward function{place(path, line)} failed: {what}.{quoted(path, line)}\n"
-        f"  params = {short}",
+        f"The reward function{place(path, line)} failed: {what}.{quoted(path, line)}{told}",
         file=path,
         line=line,
         source=source(path, line),

@@ -1,10 +1,12 @@
 """Error texts for a user's code: file and line, the exception, the value that it returned."""
 
+import ast
 import inspect
 import linecache
 import traceback
+import warnings
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from types import CodeType, TracebackType
 from typing import Any
@@ -74,13 +76,33 @@ def shown(value: object) -> str:
     return f"an object of type {type(value).__qualname__}" if text is None else text
 
 
-def compact(params: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters short enough for a message: number of waypoints, floats with four decimals.
+@lru_cache(maxsize=8)
+def names_in(text: str) -> frozenset[str]:
+    """The words in quotes and the arguments of functions, so all parameters that a file reads.
 
-    The user's code may have put anything among them; `shown` shortens what is not plain.
+    Empty if the text is not valid Python.
     """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            nodes = list(ast.walk(ast.parse(text)))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return frozenset()
+    quoted_words = {str(node.value) for node in nodes if isinstance(node, ast.Constant)}
+    return frozenset(quoted_words | {node.arg for node in nodes if isinstance(node, ast.arg)})
+
+
+def compact(params: Mapping[str, Any], path: Path | None) -> dict[str, Any]:
+    """The parameters that a file reads, short enough for a message; all if its text is not known.
+
+    Waypoints are told by their number, floats with four decimals. The user's code may have put
+    anything among the parameters; `shown` shortens what is not plain.
+    """
+    text = "" if path is None else "".join(linecache.getlines(str(path)))
     short: dict[str, Any] = {}
     for key, value in params.items():
+        if text and key not in names_in(text):
+            continue
         if key == "waypoints" and type(value) is list:
             short[key] = f"<{len(value)} points>"
         else:

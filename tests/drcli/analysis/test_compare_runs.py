@@ -7,6 +7,7 @@ import pytest
 
 from drcli.analysis.bootstrap import compare_means
 from drcli.analysis.compare_runs import compare_runs
+from drcli.analysis.comparison_rows import comparison_rows
 from drcli.analysis.read_run import read_runs
 from drcli.base.errors import SettingsError
 from simtraces import put, write_model
@@ -46,6 +47,11 @@ def test_two_trainings_stand_side_by_side(read, tmp_path):
 
     assert [run.model for run in found.runs] == ["slow", "fast"]
     assert [run.complete_laps for run in found.runs] == [0, 28]
+    assert [(run.evaluated_clean, run.evaluated_laps) for run in found.runs] == [(1, 2), (1, 2)]
+    assert [run.evaluated_resets for run in found.runs] == [0, 0]
+    rows = {row.name: row.values for row in comparison_rows(found)}
+    assert rows["clean laps"] == [0, 28]
+    assert rows["of them clean"] == [1, 1]
     [pair] = found.pairs
     assert pair.progress["beyond_chance"]
     assert "fast drives further" in pair.sentence

@@ -8,6 +8,7 @@ import pytest
 
 from drcli.analysis.analysis import analyse
 from drcli.base.errors import SettingsError
+from drcli.exchange.trace import STEP_S
 from simtraces import WORLD, episode, mean_reward, put, trace, write_model
 
 
@@ -21,6 +22,7 @@ def test_the_tables_are_those_of_deepracer_utils(reference_run, reference_runs, 
 
     run = reference_run(name)
 
+    theirs["time"] += STEP_S  # the library leaves out the step of the reset, and metrics do not
     for column in ("iteration", "steps", "start_at", "progress", "time", "dist", "reward", "speed"):
         assert np.allclose(theirs[column], run.episodes[column], rtol=1e-9, atol=0.0), column
     assert list(theirs["complete"] == 1) == list(run.episodes["complete"])
@@ -44,7 +46,7 @@ def test_everything_of_a_model_of_one_worker_is_read(read, tmp_path):
     assert run.problems == ()
     assert list(run.iterations["mean_reward"]) == [mean_reward(n) for n in range(5)]
     assert list(run.iterations["complete_laps"]) == [0, 0, 0, 4, 4]
-    assert run.iterations["best_lap_s"][3] == pytest.approx(7 / 15)
+    assert run.iterations["best_lap_s"][3] == pytest.approx(8 / 15)
     assert list(run.iterations["eval_mean_progress"]) == [30.0] * 5
     assert list(run.iterations["wall_s"]) == pytest.approx([9.7, 20, 20, 20, 20], abs=0.5)
     assert run.files["reward_function.py"].startswith("def")
@@ -242,7 +244,7 @@ def test_a_lost_first_row_does_not_make_an_episode_longer(read, tmp_path):
 
     run = read(folder)
 
-    assert run.episodes["time"][1] == pytest.approx(7 / 15)
+    assert run.episodes["time"][1] == pytest.approx(8 / 15)
 
 
 def test_a_python_list_as_an_action_shifts_no_column(read, tmp_path):

@@ -30,7 +30,7 @@ def test_another_file_is_not_replaced_and_nothing_is_written(tmp_path):
     run = make(replace(healthy(3), iterations=2, episodes=4, workers=1)).as_run()
     (tmp_path / "laps.png").write_text("mine")
 
-    with pytest.raises(SettingsError, match="is not a PNG picture"):
+    with pytest.raises(SettingsError, match="exists already"):
         write_pngs(analyse(run), tmp_path)
 
     assert [path.name for path in tmp_path.iterdir()] == ["laps.png"]

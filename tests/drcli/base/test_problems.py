@@ -61,7 +61,7 @@ def test_an_error_has_a_line_and_a_remedy_for_each_problem_that_is_one():
         refuse([problem(), problem(severity="warning"), quoted])
 
     assert str(refusal.value).splitlines() == [
-        "a.json: It fails.   return x",
+        "a.json: It fails. return x",
         "a.json line 3: LR=2 is above 1.",
     ]
     assert refusal.value.remedy == "Write 1.\nWrite 1."

@@ -1,20 +1,21 @@
 """A working folder in which nothing is wrong, to spoil in one place at a time."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from threading import Event
+from typing import Any, ClassVar
 
 import pytest
 
 from drcli.base.problems import Problem
 from drcli.checks.check_report import Report
-from drcli.checks.sandbox.sandbox_process import calls_of, try_function
-from drcli.checks.try_inputs import problems_of, request_of
 from drcli.checks.validate import validate
-from drcli.config.run_config import RaceConfig
-from drcli.modelfiles.custom_files import InputFile
+from drcli.rewards.sandbox.sandbox_process import calls_of, try_function
+from drcli.rewards.sandbox.sandbox_records import SandboxRequest, SandboxResult
+from drcli.rewards.try_inputs import try_inputs
 from drcli.store.checkpoints import CheckpointStore
 from memory_bucket import MemoryBucket
 
@@ -81,23 +82,47 @@ class Folder:
         ]
 
 
+class SandboxHere:
+    """The sandbox in this process; `options` change its requests."""
+
+    options: ClassVar[dict[str, float]] = {}
+
+    def __init__(self, request: SandboxRequest, content: bytes | None, _directory: Path) -> None:
+        self._request = replace(request, **self.options)
+        self._content = content
+
+    def __enter__(self) -> "SandboxHere":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def result(self, _given_up: Event | None = None) -> SandboxResult:
+        calls = calls_of(self._request)
+        if self._content is None:
+            return SandboxResult(problems=calls.problems)
+        with TemporaryDirectory() as scratch:
+            file = Path(scratch, "reward_function.py")
+            file.write_bytes(self._content)
+            with Path(scratch, "faults.txt").open("w") as faults:
+                return try_function(self._request, file, calls, faults)
+
+
 @pytest.fixture
-def try_here(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., list[Problem]]:
+def sandbox_here() -> type[SandboxHere]:
+    """The class of a sandbox that needs no process."""
+    return SandboxHere
+
+
+@pytest.fixture
+def try_here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Problem]]:
     """What a start finds about the worlds and the reward function, in this process."""
 
-    def find(
-        races: Sequence[RaceConfig], reward: InputFile | None = None, **options: float
-    ) -> list[Problem]:
-        request = replace(request_of(races, reward), **options)
-        calls, problems = calls_of(request)
-        if reward is None:
-            return problems
-        scratch = tmp_path_factory.mktemp("sandbox")
-        file = scratch / "reward_function.py"
-        file.write_bytes(reward.data)
-        with (scratch / "faults.txt").open("w") as faults:
-            result = try_function(request, file, calls, faults)
-        return list(problems_of(replace(result, problems=problems), request.name))
+    def find(*arguments: Any, **options: float) -> list[Problem]:
+        with monkeypatch.context() as patch:
+            patch.setattr(SandboxHere, "options", options)
+            patch.setattr("drcli.rewards.try_inputs.Sandbox", SandboxHere)
+            return try_inputs(*arguments)
 
     return find
 
@@ -112,8 +137,5 @@ def folder(
     made = Folder(working_folder)
 
     monkeypatch.setattr("drcli.checks.validate.open_bucket", lambda *_, **__: made.bucket)
-    monkeypatch.setattr(
-        "drcli.checks.before_start.try_inputs",
-        lambda races, _directory, reward, *_: try_here(races, reward),
-    )
+    monkeypatch.setattr("drcli.checks.before_start.try_inputs", try_here)
     return made

@@ -199,7 +199,7 @@ CASES = (
         lambda f: f.bucket.put("model-10/reward_function.py", b""),
         lambda f: f.bucket.put("model-1/reward_function.py", b""),
         "note",
-        ("There is a model at s3://bucket/model-1.", "Replace it"),
+        ("s3://bucket/model-1 exists. It holds files, but no checkpoint.", "Choose another"),
     ),
     Case(
         "V-10",
@@ -305,7 +305,7 @@ CASES = (
         lambda f: f.reward(reward("return 1.0 / (1.0 + params['progress'])")),
         lambda f: f.reward(reward("return 1.0 / params['progress']")),
         "error",
-        ("line 2", "failed on the start line: ZeroDivisionError", "return 1.0 / params"),
+        ("line 2", "failed on the start line (step 2", "ZeroDivisionError", "return 1.0 / params"),
     ),
     Case(
         "V-22",
@@ -388,6 +388,20 @@ CASES = (
         lambda f: f.reward(reward("if params['x'] > 1:", "    pass", "else if True:", "    pass")),
         "error",
         ("line 4", "else if", "Write `elif`"),
+    ),
+    Case(
+        "V-25",
+        lambda f: f.reward(reward("return 1.0")),
+        lambda f: f.reward(reward("open('log.txt', 'a').close()", "return 1.0")),
+        "warning",
+        ("line 2", "writes or removes files in every call: log.txt"),
+    ),
+    Case(
+        "V-26",
+        lambda f: f.reward("import time\n\n\n" + reward("return time.time() * 1e-9")),
+        lambda f: f.reward("import time\n\n\n" + reward("time.sleep(1e-3)", "return 1.0")),
+        "warning",
+        ("line 4", "A call takes", "more than the simulation of the step itself"),
     ),
     Case(
         "V-30",

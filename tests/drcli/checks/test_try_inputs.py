@@ -12,11 +12,13 @@ from threading import Event
 import pytest
 
 from drcli.checks.before_start import examine
-from drcli.checks.sandbox.sandbox_records import Failure, SandboxRequest, SandboxResult
-from drcli.checks.try_inputs import problems_of, request_of, try_inputs
 from drcli.config.loading import load_settings
 from drcli.exchange.job import Job
 from drcli.modelfiles.custom_files import InputFile
+from drcli.rewards.lint import problems_of
+from drcli.rewards.reward_rules import read_source
+from drcli.rewards.sandbox.sandbox_records import Failure, SandboxRequest, SandboxResult
+from drcli.rewards.try_inputs import races_of, try_inputs
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -33,6 +35,11 @@ def reward_function(params):
 """
 
 
+def source_of(code):
+    """A reward function that compiles."""
+    return read_source(InputFile("reward_function.py", code.encode(), "mine.py"))[0]
+
+
 @pytest.fixture
 def settings(folder):
     """Those of the working folder."""
@@ -45,8 +52,7 @@ def tried(settings, folder):
 
     def find(before: str, body: str):
         code = f"{before}\n\n\ndef reward_function(params):\n    {body}\n"
-        reward = InputFile("reward_function.py", code.encode(), "mine.py")
-        return try_inputs(settings.races, folder.path, reward, Event())
+        return try_inputs(settings.run, folder.path, source_of(code), Event())
 
     return find
 
@@ -77,7 +83,7 @@ def test_code_that_ends_or_breaks_its_process_is_named(tried, before, body, word
     ],
 )
 def test_code_that_forks_or_floods_holds_nothing_up(tried, before, body):
-    assert tried(before, body) == []
+    assert [problem for problem in tried(before, body) if problem.severity == "error"] == []
 
 
 def test_files_of_the_working_folder_are_no_modules(tried, folder):
@@ -89,13 +95,12 @@ def test_files_of_the_working_folder_are_no_modules(tried, folder):
 def test_a_sandbox_that_is_given_up_ends_at_once_and_finds_nothing(settings, folder):
     given_up = Event()
     given_up.set()
-    reward = InputFile("reward_function.py", HANGING.encode(), "mine.py")
 
-    assert try_inputs(settings.races, folder.path, reward, given_up) == []
+    assert try_inputs(settings.run, folder.path, source_of(HANGING), given_up) == []
 
 
 def test_ctrl_c_gives_the_sandbox_up(settings, folder, tmp_path, monkeypatch):
-    def wait(_races, _directory, _reward, given_up, _tolerated):
+    def wait(_run, _directory, _source, given_up):
         ends.append(given_up.wait(60))
         return []
 
@@ -116,23 +121,23 @@ def test_ctrl_c_gives_the_sandbox_up(settings, folder, tmp_path, monkeypatch):
 def test_the_sandbox_gets_the_races_and_nothing_else_of_the_settings(folder, tmp_path):
     folder.write("../worker-2.env", "DR_OA_OBJECT_POSITIONS=0.25,-1;0.5,1\n")
     folder.write("../run.env", "DR_TRAIN_MULTI_CONFIG=True\nDR_WORKERS=2\nTEAM_SECRET=hush\n")
-    races = load_settings(folder.path, environ={}).races
+    races = races_of(load_settings(folder.path, environ={}).run)
 
-    request_of(races, None).write(tmp_path)
+    SandboxRequest("", races=races).write(tmp_path)
 
-    assert SandboxRequest.read(tmp_path).races == list(races)
+    assert SandboxRequest.read(tmp_path).races == races
     assert len(races) == 2
     assert all(b"hush" not in path.read_bytes() for path in tmp_path.glob("*.json"))
 
 
 def test_the_sandbox_ends_with_its_launcher(settings, tmp_path):
     (tmp_path / "reward_function.py").write_text(HANGING)
-    request_of(settings.races, None).write(tmp_path)
+    SandboxRequest("", races=races_of(settings.run)).write(tmp_path)
     gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], stdout=-1)
 
     process = subprocess.Popen(
         [
-            *(sys.executable, "-P", "-m", "drcli.checks.sandbox.sandbox_process"),
+            *(sys.executable, "-P", "-m", "drcli.rewards.sandbox.sandbox_process"),
             *(str(tmp_path), str(int(gone.stdout))),
         ],
         start_new_session=True,
@@ -142,9 +147,9 @@ def test_the_sandbox_ends_with_its_launcher(settings, tmp_path):
 
 
 def test_the_first_call_is_the_first_of_an_episode(settings, try_here):
-    reward = InputFile("reward_function.py", KEEPS_STATE.encode(), "mine.py")
+    found = try_here(settings.run, settings.directory, source_of(KEEPS_STATE), Event())
 
-    assert try_here(settings.races, reward) == []
+    assert found == []
 
 
 def test_a_reward_function_may_import_all_that_the_console_allowed(tried):
@@ -181,10 +186,10 @@ from shapely.geometry import LineString, Point
     ],
 )
 def test_failures_that_a_training_counts_are_warnings_within_its_share(kind, tolerated, severity):
-    failures = [Failure(kind, "KeyError: 'x'", 3, params="{}", times=4)]  # 001-17
-    result = SandboxResult(failures=failures, calls=100)
+    failures = [Failure(kind, "KeyError: 'x'", 3, state="on the road", times=4)]  # 001-17
+    result = SandboxResult(failures=failures, calls=100, counted=100)
 
-    [problem] = problems_of(result, "reward_function.py", tolerated)
+    [problem] = problems_of(source_of("x = 1"), result, Path(), tolerated)
 
     assert problem.severity == severity
     assert problem.line == 3

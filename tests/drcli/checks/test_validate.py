@@ -4,6 +4,7 @@ import json
 import os
 import time
 from pathlib import Path
+from threading import Event
 
 import pytest
 
@@ -11,6 +12,7 @@ from drcli.base.errors import SettingsError, StorageError
 from drcli.checks.validate import validate
 from drcli.config.loading import load_settings
 from drcli.modelfiles.custom_files import InputFile
+from drcli.rewards.reward_rules import read_source
 from drcli.runs.plan import StartOptions, prepare
 from own_run import own_run
 
@@ -274,8 +276,9 @@ def test_the_start_warns_of_what_surprises_and_not_of_style(folder, monkeypatch)
 
     plan = prepare(load_settings(folder.path, environ={}), StartOptions())
 
-    [warning] = plan.warnings
-    assert "progress == 1" in warning
+    converted, progress = plan.warnings
+    assert "It returned int" in converted
+    assert "progress == 1" in progress
 
 
 def test_an_endless_loop_ends_at_the_deadline_and_is_named(folder, try_here):
@@ -283,8 +286,10 @@ def test_an_endless_loop_ends_at_the_deadline_and_is_named(folder, try_here):
     started_s = time.monotonic()
 
     [found] = try_here(
-        load_settings(folder.path, environ={}).races,
-        InputFile("reward_function.py", loop, "mine.py"),
+        load_settings(folder.path, environ={}).run,
+        folder.path,
+        read_source(InputFile("reward_function.py", loop, "mine.py"))[0],
+        Event(),
         call_s=0.2,
     )
 

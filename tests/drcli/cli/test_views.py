@@ -9,9 +9,10 @@ from rich.console import Console
 
 from drcli.cli.views import evaluation_view, iterations, models_view, training_view
 from drcli.exchange.daily_spending import DayBudget
+from drcli.exchange.laps import Laps
 from drcli.exchange.stage import StageMark
-from drcli.models.model_list import ModelList
-from drcli.runs.status import JoinedReport
+from drcli.models.model_list import CheckpointEntry, ModelList
+from drcli.runs.status import CheckpointLaps, JoinedReport
 
 NOW_S = 1_000_000.0 + 75.0
 
@@ -49,10 +50,10 @@ def test_a_training_with_stages_and_a_second_track_shows_both(make_report, make_
 
     assert "on reinvent_base  stage 2 of 3 (base)" in shown
     assert "Stage 2 of 3: base, on willow, 1 iteration so far; it ends after 9" in shown
-    assert "On willow, checkpoint 1 drove 75 % 1/2 laps." in shown
+    assert "On willow, checkpoint 1 drove 75 % 1/2 clean 14.00 s." in shown
     assert "Budget of 2026-05-01: 3.20 of 8 hours." in shown
     line = iterations.line(history[1])
-    assert line.endswith("on willow 75 % 1/2  stage base")
+    assert line.endswith("on willow 75 % 1/2 clean 14.00 s  stage base")
     assert "stage" not in screen(iterations.table(history[:1], 1, 200))
 
 
@@ -124,6 +125,37 @@ def test_status_of_an_ended_training_tells_why_and_leaves_the_workers_out(make_r
     assert not any("sim-0" in line for line in lines)
 
 
+@pytest.mark.parametrize(
+    ("score", "laps", "said"),
+    [
+        ("7.61 s", Laps(20, [7.5, 7.72]), "best 8: 2 of 20 laps clean, median 7.61 s, slowest"),
+        ("34.2 %", Laps(5, []), "best 8 (34.2 %): 0 of 5 laps clean   last 9"),
+        ("reward 99.1", Laps(1, [7.5]), "best 8 (reward 99.1): 1 of 1 lap clean, 7.50 s   last 9"),
+        ("7.61 s", None, "best 8 (7.61 s)   last 9"),
+    ],
+)
+def test_every_number_of_the_best_checkpoint_has_its_unit(make_report, score, laps, said):
+    best, driven = CheckpointEntry("8_Step-4000.ckpt", 1.0, score), CheckpointLaps.of(8, laps)
+    report = make_report("finished", 9, best=best, best_laps=driven)
+
+    assert said in screen(training_view.live(report, NOW_S))
+    assert said.partition("   last")[0] in screen(training_view.run(report))
+    assert said.partition("   last")[0].removeprefix("best ") in training_view.end_text(report)
+
+
+def test_what_comes_next_depends_on_whether_a_lap_is_clean(make_report):
+    def commands(state="finished", *lap_s):
+        laps = CheckpointLaps.of(8, Laps(20, lap_s))
+        report = make_report(state, 9, best_laps=laps)
+        return [command for command, _ in training_view.next_commands(report)]
+
+    assert commands("finished", 7.6)[0] == "dr-evaluate"
+    assert commands("stopped", 7.6)[-1] == "dr-export car --best"
+    assert commands()[0] == "dr-analyze"
+    assert commands()[-1] == "dr-start-training --resume"
+    assert commands("failed", 7.6) == []
+
+
 def test_status_of_a_failed_training_tells_what_to_do(make_report):
     report = make_report("failed", 1, message="The loss is NaN.", remedy="Lower lr.", exit_code=6)
 
@@ -152,14 +184,16 @@ def test_an_evaluation_without_a_lap_names_no_best_one(evaluation_report):
         "model", "reinvent_base", "1_Step-9.ckpt", evaluation_report.trials[2:], "", ""
     )
 
-    assert "0 of 1 lap, checkpoint 1_Step-9.ckpt" in screen(evaluation_view.evaluation(lost))
+    assert "0 of 1 lap clean; checkpoint 1_Step-9.ckpt" in screen(evaluation_view.evaluation(lost))
 
 
 def test_an_iteration_fits_a_line_of_80_columns(make_record):
-    line = iterations.line(make_record(8))
+    laps = {"evaluation_progress": [100.0] * 20, "evaluation_lap_s": [14.5] * 20}
+
+    line = iterations.line(make_record(8, **laps))
 
     assert line == (
-        "   0:12 iter   8    4500 steps  reward   42.0  progress  34.0 %  eval 100 % 3/3"
+        "   0:12 iter   8  reward   42.0  progress  34 %  eval 100 % 20/20 clean 14.50 s"
     )
     assert len(line) <= 80
 
@@ -193,24 +227,24 @@ UNDER_WAY = """\
 running  s3://bucket/model  on reinvent_base
 1:15   iteration 9   4,500 steps   370 steps/s   25 x real time
 trainer waits for rollouts of iteration 9   sim-0 drives iteration 9
-iter      steps   reward  progress    laps       eval  entropy      loss p/v
-   3      2,000     22.0    19.0 %    3/20   40 % 0/3     2.35   -0.012/0.45
-   4      2,500     26.0    22.0 %    4/20   40 % 0/3     2.30   -0.012/0.45
-   5      3,000     30.0    25.0 %    5/20   40 % 0/3     2.25   -0.012/0.45
-   6      3,500     34.0    28.0 %    6/20   60 % 1/3     2.20   -0.012/0.45
-   7      4,000     38.0    31.0 %    7/20   80 % 2/3     2.15   -0.012/0.45
-   8      4,500     42.0    34.0 %    8/20        ...     2.10   -0.012/0.45
+iter      steps   reward  progress    laps       eval   median  entropy
+   3      2,000     22.0    19.0 %    3/20   40 % 0/3              2.35
+   4      2,500     26.0    22.0 %    4/20   40 % 0/3              2.30
+   5      3,000     30.0    25.0 %    5/20   40 % 0/3              2.25
+   6      3,500     34.0    28.0 %    6/20   60 % 1/3  14.50 s     2.20
+   7      4,000     38.0    31.0 %    7/20   80 % 2/3  14.50 s     2.15
+   8      4,500     42.0    34.0 %    8/20        ...              2.10
 progress ▂▂▂▂▃▃▃▃▃                                               34.0 %
-eval     ······◦◦                                                ● all laps
+eval     ······◦◦                                                2 of 3 clean
 reward   ▃▃▄▅▅▆▇▇█                                               42.0
-best 8_Step-4000.ckpt (100.0)   last 9_Step-4500.ckpt
+best 8: 18 of 20 laps clean, median 14.85 s, slowest 15.70 s   last 9
 Ctrl-C leaves this display; dr-stop-training stops the training."""
 
 BEFORE_THE_FIRST = """\
 running  s3://bucket/model  on reinvent_base
 1:15   driving the first iteration
 trainer waits for rollouts of iteration 0   sim-0 drives iteration 0
-iter      steps   reward  progress    laps       eval  entropy      loss p/v
+iter      steps   reward  progress    laps       eval   median  entropy
 
 
 
@@ -227,29 +261,31 @@ STATUS = """\
 Run 0: running  s3://bucket/model  on reinvent_base
   trainer (alive, process 4243): waits for rollouts of iteration 9
   sim-0 (alive, process 4243): drives iteration 9
-iter      steps   reward  progress    laps       eval  entropy      loss p/v
-   0        500     10.0    10.0 %    0/20   40 % 0/3     2.50   -0.012/0.45
-   1      1,000     14.0    13.0 %    1/20   40 % 0/3     2.45   -0.012/0.45
-   2      1,500     18.0    16.0 %    2/20   40 % 0/3     2.40   -0.012/0.45
-   3      2,000     22.0    19.0 %    3/20   40 % 0/3     2.35   -0.012/0.45
-   4      2,500     26.0    22.0 %    4/20   40 % 0/3     2.30   -0.012/0.45
-   5      3,000     30.0    25.0 %    5/20   40 % 0/3     2.25   -0.012/0.45
-   6      3,500     34.0    28.0 %    6/20   60 % 1/3     2.20   -0.012/0.45
-   7      4,000     38.0    31.0 %    7/20   80 % 2/3     2.15   -0.012/0.45
-   8      4,500     42.0    34.0 %    8/20        ...     2.10   -0.012/0.45
+iter      steps   reward  progress    laps       eval   median  entropy
+   0        500     10.0    10.0 %    0/20   40 % 0/3              2.50
+   1      1,000     14.0    13.0 %    1/20   40 % 0/3              2.45
+   2      1,500     18.0    16.0 %    2/20   40 % 0/3              2.40
+   3      2,000     22.0    19.0 %    3/20   40 % 0/3              2.35
+   4      2,500     26.0    22.0 %    4/20   40 % 0/3              2.30
+   5      3,000     30.0    25.0 %    5/20   40 % 0/3              2.25
+   6      3,500     34.0    28.0 %    6/20   60 % 1/3  14.50 s     2.20
+   7      4,000     38.0    31.0 %    7/20   80 % 2/3  14.50 s     2.15
+   8      4,500     42.0    34.0 %    8/20        ...              2.10
 progress ▂▂▂▂▃▃▃▃▃                                               34.0 %
-eval     ······◦◦                                                ● all laps
+eval     ······◦◦                                                2 of 3 clean
 reward   ▃▃▄▅▅▆▇▇█                                               42.0
-4,500 steps in 0:12, 370 steps/s, 25 x real time, 36 full training laps.
-best 8_Step-4000.ckpt (100.0)   last 9_Step-4500.ckpt"""
+4,500 steps in 0:12, 370 steps/s, 25 x real time.
+36 of 180 training episodes completed a lap.
+newest evaluation 7: 9 of 20 laps clean, median 14.40 s, slowest 14.80 s
+best 8: 18 of 20 laps clean, median 14.85 s, slowest 15.70 s   last 9"""
 
 EVALUATION = """\
-trial  progress  lap time  status        off track  crashes  resets
-    1     100 %   13.42 s  Lap complete          0        0       0
-    2     100 %   15.00 s  Lap complete          1        0       1
-    3      37 %    6.20 s  Off track             1        0       0
-2 of 3 laps, best 13.42 s, checkpoint 8_Step-4000.ckpt of model on
-reinvent_base."""
+trial  progress  lap time  ended      off track  resets
+    1     100 %   13.42 s  clean lap          0       0
+    2     100 %   15.00 s  finished           1       1
+    3      37 %    6.20 s  Off track          1       0
+1 of 3 laps clean (1 reset), 2 finished, best 13.42 s; checkpoint
+8_Step-4000.ckpt of model on reinvent_base."""
 
 
 def test_a_race_against_a_model_shows_both_and_names_the_winner(evaluation_report):
@@ -269,7 +305,10 @@ def test_more_laps_win_against_a_faster_time(evaluation_report):
         opponent=replace(evaluation_report, prefix="rival", trials=evaluation_report.trials[:1]),
     )
 
-    assert screen(evaluation_view.evaluation(race)).splitlines()[-1] == "model wins with more laps."
+    assert (
+        screen(evaluation_view.evaluation(race)).splitlines()[-1]
+        == "model wins with more finished laps."
+    )
 
 
 def test_nobody_wins_a_race_that_nobody_finished(evaluation_report):

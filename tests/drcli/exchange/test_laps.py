@@ -2,7 +2,7 @@
 
 import pytest
 
-from drcli.exchange.laps import Laps, share_interval
+from drcli.exchange.laps import Laps, lap_time, paired_p, share_interval
 
 
 def test_wilson_intervals_equal_published_ones():
@@ -32,3 +32,17 @@ def test_nine_of_ten_clean_laps_are_no_slower_than_the_90th_percentile():
 
 def test_samples_add_up():
     assert Laps(2, [8.0]) + Laps(3, [7.0, 7.5]) == Laps(5, [8.0, 7.0, 7.5])
+
+
+def test_a_time_is_told_with_its_penalties_and_resets():
+    assert lap_time(7.8, 0.0, 0) == "7.80 s"
+    assert lap_time(12.8, 5.0, 1) == "12.80 s = 7.80 driven + 5.00 penalty, 1 reset"
+    assert lap_time(59.87, None, 9) == "59.87 s, 9 resets"  # a file of others: no penalty known
+
+
+def test_p_values_of_pairs_equal_those_of_binomial_and_worked_permutations():
+    assert paired_p([1] * 8 + [0] * 30) == 2 / 2**8
+    assert paired_p([1] * 8 + [-1]) == pytest.approx(2 * (1 + 9) / 2**9)
+    # Sums of +-1 +-2 +-3: two of eight are as far from 0 as 6, four as far as 4.
+    assert (paired_p([1, 2, 3]), paired_p([-1, 2, 3])) == (2 / 8, 4 / 8)
+    assert paired_p([0, 0]) == paired_p([]) == paired_p([4, -4]) == 1.0

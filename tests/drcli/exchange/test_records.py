@@ -49,6 +49,7 @@ RECORDS = [
     TrainingEnd("session", "It is over."),
     EpisodeMetrics(6, 2200, 2000, 200, 5, 5, "training", 100, "Lap complete", 3),
     TrialMetrics(100, 2200, 2000, 200, "Lap complete", 0, 0, 0, 0, 0, 1),
+    TrialMetrics(100, 2200, 2000, 200, "Lap complete", 0, 0, 1, 0, 1, 1, 2000, 0.5, 0.1, 2.5, 7),
     replace(
         START,
         git={"working_folder": None, "package": GitState("abc", dirty=False)},

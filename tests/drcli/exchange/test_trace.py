@@ -139,6 +139,20 @@ def test_every_violation_but_the_one_that_ended_a_trial_put_the_car_back(end, of
     record = TrialMetrics.of(episode)
 
     assert (record.off_track_count, record.reset_count) == (off_track, resets)
+    assert not record.clean
+
+
+def test_a_trial_knows_what_it_waited_and_is_clean_without_a_violation_only():
+    episode = _episode(0, rewards=[0.0] * 9, end="lap_complete", progress=100.0)
+
+    clean = TrialMetrics.of(episode)
+    episode.rows[3:6] = [replace(row, status="pause") for row in episode.rows[3:6]]
+    waited = TrialMetrics.of(episode)
+
+    assert (clean.clean, clean.penalty_in_milliseconds) == (True, 0)
+    assert (waited.clean, waited.penalty_in_milliseconds) == (False, 200)
+    assert clean.end_waypoint == 7
+    assert "start_position" not in clean.to_json()
 
 
 def _episode(number: int, rewards: list[float], end: str, progress: float = 2.0) -> Episode:

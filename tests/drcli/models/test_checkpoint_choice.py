@@ -5,9 +5,10 @@ import pytest
 from drcli.base.errors import SettingsError
 from drcli.config.bucket_config import ModelConfig
 from drcli.exchange.scores import EvaluationResult
-from drcli.models.checkpoint_choice import CheckpointGone, find_choice
+from drcli.models.checkpoint_choice import CheckpointGone, find_choice, take_choice
 from drcli.models.checkpoint_list import list_checkpoints
 from drcli.store import keys
+from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.checkpoint_retention import KEEP_ALL_MARKED, KeepRules
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.repair import Model
@@ -45,6 +46,47 @@ def trained(rules: KeepRules = KEEP_ALL_MARKED, *, laps: bool = True) -> Model:
 )
 def test_each_word_and_number_finds_its_checkpoint(choice, number):
     assert find_choice(trained(), choice).name == f"{number}_Step-{number * 100}.ckpt"
+
+
+@pytest.fixture
+def shown(monkeypatch):
+    said = []
+    monkeypatch.setattr("drcli.base.notices.show", said.append)
+    return said
+
+
+@pytest.mark.parametrize(
+    ("choice", "sentence"),
+    [
+        (
+            "best",
+            "Takes checkpoint 14 of team/model, the best: 3 of 3 laps clean, median 25.00 s, "
+            "slowest 25.00 s. --checkpoint last takes 20: 0 of 3 laps clean.",
+        ),
+        (
+            "last",
+            "Takes checkpoint 20 of team/model, the last: 0 of 3 laps clean. --checkpoint best "
+            "takes 14: 3 of 3 laps clean, median 25.00 s, slowest 25.00 s.",
+        ),
+        (5, "Takes checkpoint 5 of team/model: 1 of 3 laps clean, 30.00 s."),
+    ],
+)
+def test_a_command_says_which_checkpoint_it_takes_and_how_that_drove(choice, sentence, shown):
+    model = trained()
+    for number, lap_s in {5: [30.0], 14: [25.0] * 3, 20: []}.items():
+        name = f"{number}_Step-{number * 100}.ckpt"
+        result = EvaluationResult(name, [50.0] * 3, [1.0] * 3, lap_s)
+        write_evaluation(model.bucket, PREFIX, number, result)
+
+    take_choice(model, choice)
+
+    assert shown == [sentence]
+
+
+def test_a_checkpoint_that_was_never_evaluated_is_said_to_be_so(shown):
+    take_choice(trained(), 19)
+
+    assert shown == ["Takes checkpoint 19 of team/model: never evaluated."]
 
 
 @pytest.mark.parametrize("choice", [3, 99, "first-lap"])

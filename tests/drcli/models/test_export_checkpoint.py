@@ -34,7 +34,7 @@ def test_the_folder_is_a_model_of_the_reference(dr, exporter, tmp_path, capsys):
     model = put_trained_model(exporter.here, MODEL)
     folder = tmp_path / "out"
 
-    code = dr("export", "tf-checkpoint", "--out", str(folder))
+    code = dr("export", "tf-checkpoint", "-c", "last", "--out", str(folder))
 
     printed = capsys.readouterr().out
     assert code == 0
@@ -78,7 +78,7 @@ def test_without_out_the_folder_is_named_after_the_model(dr, exporter):
 
     assert dr("export", "tf-checkpoint") == 0
 
-    assert files_of(exporter.folder / "model-tf-checkpoint") == FILES
+    assert files_of(exporter.folder / f"{MODEL.replace('/', '-')}-tf-checkpoint") == FILES
 
 
 @pytest.mark.usefixtures("small_checkpoints")
@@ -105,7 +105,7 @@ def test_a_bucket_gets_the_pointers_last(dr, exporter, names, capsys):
 def test_files_at_the_target_are_only_replaced_with_f(dr, exporter, names, capsys, out):
     put_trained_model(exporter.here, MODEL)
     if out == "folder":
-        assert dr("export", "tf-checkpoint", "-b", "--out", out) == 0
+        assert dr("export", "tf-checkpoint", "--out", out) == 0
     else:
         exporter.there.put("a/b/model/9_Step-9.ckpt.index", b"old")
         exporter.there.put(keys.coach_checkpoint("a/b"), b"9_Step-9.ckpt")
@@ -114,7 +114,7 @@ def test_files_at_the_target_are_only_replaced_with_f(dr, exporter, names, capsy
 
     assert refused == 3
     assert "is not empty" in capsys.readouterr().err
-    assert dr("export", "tf-checkpoint", "--out", out, "-f") == 0
+    assert dr("export", "tf-checkpoint", "-c", "last", "--out", out, "-f") == 0
     pointer = (
         (exporter.folder / "folder/model/.coach_checkpoint").read_bytes()
         if out == "folder"
@@ -170,14 +170,18 @@ def test_two_choices_are_a_wrong_command_line(dr, exporter, capsys):
     assert "use only one" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("small_checkpoints")
-def test_a_model_of_the_reference_is_to_be_imported_first(dr, exporter, capsys):
+def test_a_model_of_the_reference_is_exported_as_it_is(dr, exporter, tmp_path):
     put_trained_model(exporter.here, MODEL, numbers=(5,))
     assert dr("export", "tf-checkpoint", "--out", "s3://uploads/a/b") == 0
     for info in exporter.there.list("a/b/"):
         exporter.here.put(info.key, exporter.there.get(info.key))
 
-    code = dr("export", "tf-checkpoint", "-p", "a/b", "--out", "x")
+    assert dr("export", "tf-checkpoint", "-p", "a/b", "--out", str(tmp_path / "out")) == 0
 
-    assert code == 3
-    assert "dr-import s3://bucket/a/b" in capsys.readouterr().err
+    ends = (".index", ".data-00000-of-00001")
+    name = "model/5_Step-500.ckpt"
+    before = [exporter.here.get(f"a/b/{name}{end}") for end in ends]
+    after = [(tmp_path / "out" / f"{name}{end}").read_bytes() for end in ends]
+    old, new = (read_reference_checkpoint(*each, name).weights for each in (before, after))
+    assert old.keys() == new.keys()
+    assert all(np.array_equal(array, new[key]) for key, array in old.items())

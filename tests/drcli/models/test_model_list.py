@@ -2,6 +2,7 @@
 
 import pytest
 
+from drcli.exchange.training_start import TrainingStart
 from drcli.models.model_list import CheckpointEntry, list_models
 from drcli.store import keys, lease
 from memory_bucket import MemoryBucket
@@ -31,8 +32,8 @@ def test_a_model_has_its_checkpoints_size_and_time(bucket):
 
     own = [o for o in bucket.list("team/model-1/") if "/inside/" not in o.key]
     assert model.checkpoints == 2
-    assert model.best == CheckpointEntry("3_Step-300.ckpt", 90.0)
-    assert model.last == CheckpointEntry("5_Step-500.ckpt", 50.0)
+    assert model.best == CheckpointEntry("3_Step-300.ckpt", 90.0, "score 90", "0 of 1 lap clean")
+    assert model.last == CheckpointEntry("5_Step-500.ckpt", 50.0, "score 50")
     assert (model.objects, model.size_bytes) == (len(own), sum(o.size_bytes for o in own))
     assert model.modified == max(o.modified for o in own).isoformat(timespec="seconds")
 
@@ -65,3 +66,19 @@ def test_a_damaged_index_hides_no_model(bucket):
     assert model.last is not None
     assert (model.best.name, model.last.name) == ("9_Step-900.ckpt", "9_Step-900.ckpt")
     assert "other/model/deepracer_checkpoints.json" in model.damaged[0]
+
+
+@pytest.mark.parametrize(
+    ("settings", "score"),
+    [
+        ({}, "90.0 %"),
+        ({"DR_TRAIN_BEST_MODEL_METRIC": "laptime"}, "0.09 s"),
+        ({"DR_TRAIN_BEST_MODEL_METRIC": "reward"}, "reward 90"),
+        (None, "score 90"),
+    ],
+)
+def test_a_score_has_the_unit_of_the_metric_of_its_training(bucket, settings, score):
+    start = TrainingStart(1, settings=settings)
+    bucket.put(keys.training_start("team/model-1"), start.encode())
+
+    assert list_models(bucket, "team/model-1").models[0].best.score == score

@@ -57,7 +57,7 @@ def test_everything_that_differs_is_named_with_defaults_filled_in():
 
     assert pairs(found.settings) == {
         "DR_WORLD_NAME": ("reinvent_base", "Vegas_track"),
-        "DR_TRAIN_MIN_EVAL_TRIALS": (5, 9),
+        "DR_TRAIN_MIN_EVAL_TRIALS": (20, 9),
     }
     assert pairs(found.worker_settings) == {"worker-2.env DR_WORLD_NAME": (None, "oval")}
     assert pairs(found.hyperparameters) == {"lr": (0.001, 0.5)}

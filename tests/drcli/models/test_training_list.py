@@ -4,16 +4,21 @@ import csv
 import io
 import json
 import time
+from dataclasses import replace
 
 import pytest
 
 from drcli.base.errors import SettingsError
+from drcli.exchange.frozen_curriculum import FrozenCurriculum
 from drcli.exchange.iteration import encode_history
+from drcli.exchange.race_recording import RaceRecording
 from drcli.exchange.run_outcome import RunOutcome
+from drcli.exchange.training_record import RecordedStart, TrainingRecord
 from drcli.models import training_list
 from drcli.models.training_choice import ORDERS, chosen, ordered
 from drcli.models.training_entry import entry_of
 from drcli.models.training_list import known_trainings
+from drcli.models.training_results import on_track, results_of
 from drcli.models.training_table import csv_table
 from drcli.store import keys, lease
 from drcli.store.last_outcome import write_outcome
@@ -37,9 +42,18 @@ def put_model(bucket, prefix, **start):
         bucket.put(keys.training_start(prefix), json.dumps(start).encode())
 
 
-def trial(lap_ms, status="Lap complete"):
-    metrics = [{"episode_status": status, "elapsed_time_in_milliseconds": lap_ms}]
+def trial(lap_ms, status="Lap complete", **counts):
+    metrics = [{"episode_status": status, "elapsed_time_in_milliseconds": lap_ms, **counts}]
     return json.dumps({"metrics": metrics}).encode()
+
+
+def put_evaluation(bucket, prefix, number, world, *lap):
+    """A stand-alone evaluation with one trial on a track; an empty one was not recorded."""
+    stamp = f"2026010100000{number}"
+    bucket.put(keys.evaluation_metrics(f"{prefix}/metrics", stamp), lap[0])
+    if world:
+        recording = RaceRecording(world, False, "TIME_TRIAL", prefix, "1.ckpt", "anna", "Black")
+        bucket.put(keys.recording_of(keys.evaluation_trace(prefix, stamp)), recording.encode())
 
 
 def test_trainings_are_listed_by_the_time_of_their_first_start(bucket):
@@ -135,6 +149,7 @@ def test_an_end_that_only_the_outcome_knows_is_told(bucket):
 def test_evaluations_after_the_training_count(bucket):
     folder = "team/model/metrics/evaluation/evaluation-2026010100000"
     known_before = {"evaluations": 1, "trials": 1, "best_trial_lap_s": 14.0}
+    known_before["clean_trial_lap_s"] = {}
     write_training(bucket, training(1, results=known_before))
     put_model(bucket, "team/model", seed=1)
     bucket.put(f"{folder}0.json", trial(1))  # counted before
@@ -146,6 +161,84 @@ def test_evaluations_after_the_training_count(bucket):
 
     assert (record.results.evaluations, record.results.trials) == (4, 3)
     assert record.results.best_trial_lap_s == 12.5
+
+
+def test_the_best_lap_is_a_clean_one_on_the_track_that_the_row_names(bucket):
+    write_training(bucket, training(1, world="Vegas_track", results={"best_lap_s": 16.0}))
+    put_model(bucket, "team/model", seed=1)
+    put_evaluation(bucket, "team/model", 1, "reinvent_base", trial(13_200))
+    put_evaluation(bucket, "team/model", 2, "Vegas_track", trial(12_800, reset_count=1))
+    put_evaluation(bucket, "team/model", 3, "", trial(11_000))
+
+    [entry] = known_trainings(bucket).entries()
+    assert entry.best_lap_s == 16.0
+
+    put_evaluation(bucket, "team/model", 4, "Vegas_track", trial(15_500))
+
+    [record] = known_trainings(bucket).records
+    assert entry_of(record, exists=True).best_lap_s == 15.5
+    assert record.results.best_trial_lap_s == 11.0
+    tracks = {"reinvent_base": 13.2, "Vegas_track": 15.5, "": 11.0}
+    assert record.results.clean_trial_lap_s == tracks
+    assert TrainingRecord.decode(record.encode()) == record
+
+
+def test_a_record_of_version_0_1_0_counts_its_evaluations_again_while_they_are_there(bucket):
+    before = {"evaluations": 2, "trials": 2, "best_lap_s": None, "best_trial_lap_s": 13.2}
+    for number, prefix in enumerate(("there", "gone")):
+        old = json.loads(training(number, prefix, results=before).encode())
+        del old["results"]["clean_trial_lap_s"]
+        bucket.put(keys.training_record(prefix, old["id"]), json.dumps(old).encode())
+    put_model(bucket, "there", seed=1)
+    put_evaluation(bucket, "there", 1, "reinvent_base", trial(13_200, reset_count=2))
+    put_evaluation(bucket, "there", 2, "reinvent_base", trial(14_100))
+
+    there, gone = known_trainings(bucket).records
+
+    assert entry_of(there, exists=True).best_lap_s == 14.1
+    assert (there.results.evaluations, there.results.trials) == (2, 2)
+    assert entry_of(gone, exists=False).best_lap_s is None  # its track is not known
+    assert (gone.results.evaluations, gone.results.trials) == (2, 2)
+
+
+def test_laps_that_a_training_drove_on_another_track_are_not_compared(bucket, make_record):
+    starts = tuple(
+        RecordedStart(resumes=resumes, settings={"DR_WORLD_NAME": world})
+        for resumes, world in ((None, "oval"), ("2_Step-200.ckpt", "Vegas_track"))
+    )
+    laps = [9.0, 8.5, 16.0, 15.5]
+    history = [
+        make_record(n, evaluation_progress=[50.0 + n], evaluation_lap_s=[lap_s], best_lap_s=lap_s)
+        for n, lap_s in enumerate(laps)
+    ]
+    resumed = training(1, world="Vegas_track", starts=starts)
+
+    results = results_of(history, None, on_track(resumed, history))
+    unknown = replace(resumed, starts=tuple(replace(each, resumes=None) for each in starts))
+
+    assert (results.best_lap_s, results.best_training_lap_s) == (15.5, 15.5)
+    assert (results.best_progress, results.evaluated_laps) == (53.0, 4)
+    assert on_track(unknown, history) == set()
+
+
+def test_laps_of_stages_on_other_tracks_are_not_compared(bucket, make_record):
+    stages = {"stages": [{"name": "wide", "world": "oval", "goal": {"laps": 3}}]}
+    stages["stages"].append({"name": "real"})
+    frozen = FrozenCurriculum("curriculum.yaml", json.dumps(stages))
+    bucket.put(keys.curriculum("team/model"), frozen.encode())
+    history = [
+        make_record(0, stage="wide", evaluation_progress=[100.0], evaluation_lap_s=[9.0]),
+        make_record(1, stage="real", evaluation_progress=[100.0], evaluation_lap_s=[16.0]),
+    ]
+    bucket.put(keys.history("team/model"), encode_history(history))
+    put_model(bucket, "team/model", seed=1)
+    running = training(1, state="running", start={"state": "running"}, stages=2)
+    write_training(bucket, running)
+    lease.take(bucket, "team/model", "session-1")
+
+    [entry] = known_trainings(bucket).entries()
+
+    assert entry.best_lap_s == 16.0
 
 
 def test_a_record_whose_model_is_gone_without_us_says_so(bucket):
@@ -192,8 +285,9 @@ def test_a_list_takes_one_request_a_record_and_reads_only_the_newest_evaluations
     bucket, monkeypatch
 ):
     monkeypatch.setattr(training_list, "MOST_EVALUATIONS", 10)
+    before = {"evaluations": 1, "clean_trial_lap_s": {}}
     for number in range(5):
-        write_training(bucket, training(number, f"m-{number}", results={"evaluations": 1}))
+        write_training(bucket, training(number, f"m-{number}", results=before))
         put_model(bucket, f"m-{number}", seed=1)
         for day in range(1, 8):
             key = f"m-{number}/metrics/evaluation/evaluation-202601{day:02d}000000.json"
@@ -203,8 +297,11 @@ def test_a_list_takes_one_request_a_record_and_reads_only_the_newest_evaluations
 
     known = known_trainings(bucket)
 
-    assert len(read) == 5 + 10
-    assert {key[-19:-11] for key in read if "evaluation-" in key} == {"20260106", "20260107"}
+    assert len(read) == 5 + 10 + 10  # a clean lap has the track beside its trace
+    assert {key[-19:-11] for key in read if "metrics/evaluation/" in key} == {
+        "20260106",
+        "20260107",
+    }
     assert "20 older results of dr-evaluate were not read" in known.damaged[0]
     assert [record.results.best_trial_lap_s for record in known.records] == [
         20.0 - number for number in range(5)

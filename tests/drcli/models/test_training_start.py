@@ -115,14 +115,19 @@ def test_a_machine_without_git_starts_all_the_same(racer, monkeypatch):
     assert racer.note("model-1")["git"] == {"working_folder": None, "package": None}
 
 
-def test_scores_of_another_metric_are_forgotten_on_resume(trained):
-    trained.run_env("DR_LOCAL_S3_MODEL_PREFIX=model-1", "DR_TRAIN_BEST_MODEL_METRIC=laptime")
+@pytest.mark.parametrize(
+    ("setting", "before"),
+    [("DR_TRAIN_BEST_MODEL_METRIC=laptime", "progress"), ("DR_WORLD_NAME=bean", "reinvent_base")],
+)
+def test_scores_of_another_metric_or_track_are_forgotten_on_resume(trained, setting, before):
+    trained.run_env("DR_LOCAL_S3_MODEL_PREFIX=model-1", setting)
 
     plan = trained.start(resume=True)
 
     store = trained.store("model-1")
     assert store.best_name() == "3_Step-300.ckpt"
-    assert any("DR_TRAIN_BEST_MODEL_METRIC was progress until now" in w for w in plan.warnings)
+    name = setting.partition("=")[0]
+    assert any(f"{name} was {before} until now" in w for w in plan.warnings)
     assert store.record_evaluation(evaluated("5_Step-500.ckpt", 100.0, 14_000.0), "laptime")
     scores = json.loads(trained.bucket.get(keys.deepracer_checkpoints("model-1")))
     assert scores["best_checkpoint"]["avg_eval_metric"] == 14_000.0

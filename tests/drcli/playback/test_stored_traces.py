@@ -1,11 +1,10 @@
 """Which traces a model has, in every layout, and which names are refused."""
 
-import json
-
 import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.config.bucket_config import ModelConfig
+from drcli.exchange.episode_metrics import encode_metrics_file
 from drcli.exchange.iteration import encode_history
 from drcli.playback.stored_traces import (
     models_with_traces,
@@ -15,6 +14,7 @@ from drcli.playback.stored_traces import (
 )
 from drcli.store import keys
 from memory_bucket import MemoryBucket
+from stored_models import trial
 
 CONFIG = ModelConfig("other", "other/metrics", "progress", 1, "", "")
 STAMP = "20260102030405"
@@ -35,12 +35,13 @@ def test_traces_of_all_layouts_are_found_with_what_is_known_about_them(make_reco
     ):
         bucket.put(key, b"x")
     bucket.put(keys.history("m"), encode_history([make_record(3)]))
+    clean = {"off_track_count": 0, "reset_count": 0}
     trials = [
-        {"completion_percentage": 100, "elapsed_time_in_milliseconds": 15_500},
-        {"completion_percentage": 40, "elapsed_time_in_milliseconds": 9_000},
+        trial(1, 12_500),
+        trial(2, 15_500, **clean),
+        trial(3, 9_000, completion_percentage=40, episode_status="Off track", reset_count=0),
     ]
-    metrics = keys.evaluation_metrics("m/metrics", STAMP)
-    bucket.put(metrics, json.dumps({"metrics": trials}).encode())
+    bucket.put(keys.evaluation_metrics("m/metrics", STAMP), encode_metrics_file(trials))
 
     found = stored_traces(bucket, CONFIG, "m")
 
@@ -57,7 +58,9 @@ def test_traces_of_all_layouts_are_found_with_what_is_known_about_them(make_reco
     assert found.traces[3].mean_reward is None
     assert [each.stamp for each in found.traces[4:6]] == ["20250102", STAMP]
     by_stamp = {each.stamp: each for each in found.traces if each.kind == "evaluation"}
-    assert (by_stamp[STAMP].mean_progress, by_stamp[STAMP].best_lap_s) == (70.0, 15.5)
+    newest = by_stamp[STAMP]
+    assert (newest.mean_progress, newest.best_lap_s) == (80.0, 15.5)
+    assert (newest.full_laps, newest.clean_laps, newest.resets) == (2, 1, 1)
     assert by_stamp["20250102"].mean_progress is None
     assert found.notes == []
 

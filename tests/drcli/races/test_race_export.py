@@ -1,20 +1,35 @@
 """A race as a table and as a page."""
 
 import csv
+import io
 import re
 
 import pytest
+from rich.console import Console
 
-from drcli.base.errors import SettingsError
+from drcli.cli.views import race_view
+from drcli.exchange.race_submission import DrivenLap
 from drcli.races.organise import show_race
-from drcli.races.race_export import COLUMNS, csv_of, export_race, videos_of
+from drcli.races.race_export import COLUMNS, csv_of, videos_of
+from drcli.races.race_moments import moments_of
 from drcli.races.race_page import race_page
-from drcli.races.race_words import lap_time
+from drcli.races.race_runs import NOBODY
+from drcli.races.race_words import lap_of, lap_time, laps_in_pair
+from drcli.races.stored_race import read_race
+from drcli.runs.evaluation_report import TrialReport
 from drcli.store import race_keys
+from home_races import COMPLETE
 
 from .conftest import RACE
 
 EVIL = '"><script>alert(1)</script>'
+
+
+def screen(rendered):
+    """What a terminal that is wide enough shows."""
+    page = io.StringIO()
+    Console(file=page, width=400, color_system=None).print(rendered)
+    return page.getvalue()
 
 
 @pytest.fixture
@@ -64,22 +79,6 @@ def test_videos_are_part_of_the_page_or_named(home, report):
     assert "s3://bucket/races/cup/videos/gone.mp4" in page
 
 
-def test_files_of_the_same_kind_are_replaced_and_no_others(home, report):
-    table, page = home.folder / "cup.csv", home.folder / "cup.html"
-    for _ in range(2):
-        written = export_race(report, csv_path=table, html_path=page)
-    assert written.size_bytes == page.stat().st_size
-
-    for path in (table, page):
-        path.write_text("mine")
-        with pytest.raises(SettingsError, match="so it is not replaced"):
-            export_race(report, csv_path=table, html_path=page)
-        assert path.read_text() == "mine"
-        path.unlink()
-    assert not table.exists()
-    assert not page.exists()
-
-
 def test_a_race_in_pairs_and_an_empty_one_have_pages_too(home):
     home.race(race_type="HEAD_TO_MODEL")
     assert "Nobody has driven yet." in race_page(show_race(home.bucket, RACE), {})
@@ -88,7 +87,51 @@ def test_a_race_in_pairs_and_an_empty_one_have_pages_too(home):
 
     page = race_page(home.run(), {})
 
-    assert "nobody wins: 2 laps in 0:20.000, 2 laps in 0:20.000" in page
+    assert "nobody wins: 2 clean laps in 0:20.000, 2 clean laps in 0:20.000" in page
+
+
+TOLD = "0:12.800 = 0:07.800 driven + 5.000 penalty, 1 reset"
+
+
+@pytest.mark.parametrize("ranking", ["best-lap", "best-average", "total-time"])
+def test_no_place_shows_a_lap_with_a_reset_as_if_it_were_clean(home, ranking):
+    home.race(ranking=ranking, average_laps=2)
+    reset = TrialReport(1, 100.0, 12.8, COMPLETE, 1, 0, 1, penalty_s=5.0)
+    home.laps = {"ann": [reset, reset], "bob": [10.0, reset]}
+    home.submit("ann")
+    home.submit("bob")
+
+    report = home.run()
+    shown = {row.racer: row for row in report.leaderboard}
+    moments = moments_of(read_race(home.bucket, RACE), NOBODY)
+    table = screen(race_view.race(report))
+    page = race_page(report, {})
+
+    ann, bob = shown["Ann"], shown["Bob"]
+    assert (ann.complete_laps, ann.clean_laps, bob.clean_laps) == (2, 0, 1)
+    assert ann.laps_text == "0 of 2 clean, 2 finished, 2 resets"
+    assert bob.laps_text == "1 of 2 clean, 2 finished, 1 reset"
+    assert (ann.best_lap_text, bob.best_lap_text) == (TOLD, "0:10.000")
+    assert ann.total_text == "0:25.600 = 0:15.600 driven + 10.000 penalty, 2 resets"
+    decides = {
+        "best-lap": TOLD,
+        "best-average": TOLD.replace("1 reset", "2 resets"),
+        "total-time": ann.total_text,
+    }
+    assert ann.score_text == decides[ranking]
+    assert moments.last.cars[0].text == f"{bob.laps_text}, best 0:10.000"
+    assert f"{TOLD}; {TOLD}" in page
+    for text in (ann.laps_text, bob.laps_text, ann.score_text):
+        assert text in page
+        assert text in table
+
+
+def test_laps_of_races_of_version_0_1_0_tell_their_resets_without_penalties():
+    laps = [DrivenLap(12.8, 100.0, COMPLETE, 1, 0, 1), DrivenLap(8.0, 100.0, COMPLETE)]
+
+    assert [lap_of(lap) for lap in laps] == ["0:12.800, 1 reset", "0:08.000"]
+    assert laps_in_pair(laps) == "2 laps (1 clean) in 0:20.800, 1 reset"
+    assert lap_of(DrivenLap(3.0, 40.0, "Off track", 1)) == "0:03.000, off track"
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,7 @@ def test_an_older_checkpoint_can_be_submitted(home):
     home.race()
 
     home.submit("ann", checkpoint="5")
-    home.submit("ann")
+    home.submit("ann", checkpoint="last")
 
     entries = show_race(home.bucket, RACE).submissions
     assert [entry.checkpoint for entry in entries] == ["5_Step-500.ckpt", "6_Step-600.ckpt"]
@@ -60,7 +60,7 @@ def test_an_older_checkpoint_can_be_submitted(home):
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        ({"prefix": "nobody"}, "s3://bucket/nobody has no trained model"),
+        ({"prefix": "nobody"}, "No checkpoint file available at s3://bucket/nobody/"),
         ({"prefix": "../ann"}, r"\.\./ann cannot be the prefix of a model"),
         ({"prefix": ""}, "cannot be the prefix"),
         ({"checkpoint": "99"}, "no checkpoint 99"),

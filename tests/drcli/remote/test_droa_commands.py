@@ -149,6 +149,7 @@ def test_a_summary_has_the_means_of_each_phase(droa, fake, capsys):
         "mean_progress": 75.0,
         "full_laps": 1,
         "best_lap_s": 12.5,
+        "clean_laps": 1,
     }
     assert evaluation["full_laps"] == 0
     assert evaluation["best_lap_s"] is None
@@ -450,12 +451,12 @@ def test_half_a_download_leaves_no_file(droa, fake, capsys):
     assert set(Path().iterdir()) == before
 
 
-def test_a_file_is_not_replaced_without_a_yes(droa, fake, capsys, monkeypatch):
+def test_a_file_is_not_replaced_without_force(droa, fake, capsys):
     fake.add_model("car")
-    monkeypatch.setattr("sys.stdin", io.StringIO("n\n"))
     Path("logs.tar.gz").write_text("mine")
 
-    assert droa("droa-download-logs", "car", "-o", "logs.tar.gz") == 1
+    assert droa("droa-download-logs", "car", "-o", "logs.tar.gz") == 3
+    assert "-f (--force)" in capsys.readouterr().err
     assert Path("logs.tar.gz").read_text() == "mine"
     assert droa("droa-download-logs", "car", "-o", "logs.tar.gz", "-f") == 0
     assert Path("logs.tar.gz").read_bytes() == fake.files["/files/training_logs-car.tar.gz"]

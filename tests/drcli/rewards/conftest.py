@@ -5,10 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from drcli.checks.sandbox.sandbox_records import SandboxResult
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
+from drcli.modelfiles.custom_files import InputFile
 from drcli.rewards.course import Course, TriedReward
+from drcli.rewards.drivers import STEADY
+from drcli.rewards.lint import problems_of
+from drcli.rewards.reward_rules import read_source
+from drcli.rewards.sandbox.sample_calls import LATE
+from drcli.rewards.sandbox.sandbox_records import SandboxResult
 from drcli.rewards.scripted_drive import drive
 from drsim.episode.reward import RewardFunction
 
@@ -50,7 +55,9 @@ def with_result(course: Course) -> Callable[..., TriedReward]:
     """A function of which this was found."""
 
     def make(result: SandboxResult, text: str = "", name: str = "mine.py") -> TriedReward:
-        return TriedReward(name, course, result, Path(name), text.encode())
+        source, _ = read_source(InputFile("reward_function.py", text.encode(), name))
+        assert source is not None
+        return TriedReward(name, course, result, text, problems_of(source, result, Path()))
 
     return make
 
@@ -67,6 +74,9 @@ def tried_of(
             [function({**call, "waypoints": waypoints[call["is_reversed"]]}) for call in calls]
             for calls in course.sequences
         ]
-        return with_result(SandboxResult(values=values, calls=course.size))
+        late = {**course.drive.trip(STEADY).calls[0], "steps": 2_000.0}
+        late["waypoints"] = waypoints[False]
+        samples = [function(late)] * -LATE
+        return with_result(SandboxResult(values=[*values, samples]))
 
     return call

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.checks.sandbox.sandbox_records import SandboxResult
 from drcli.rewards.check import _parameters
 from drcli.rewards.course import TriedReward
 from drcli.rewards.drivers import FAST, LEAVING, RAMMING, STANDING, STEADY, TURNED, WEAVING
+from drcli.rewards.sandbox.sandbox_records import SandboxResult
 from drcli.rewards.scripted_drive import drive
 
 ALONG = (STEADY, FAST, WEAVING)
@@ -17,7 +17,7 @@ ALWAYS_THE_SAME = {"track_length"}
 
 
 def ranges(course):
-    parameters = _parameters(TriedReward("", course, SandboxResult(), Path("mine.py"), b""))
+    parameters = _parameters(TriedReward("", course, SandboxResult(), "", []))
     return {found.name: (found.least, found.greatest) for found in parameters}
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from drcli.checks.sandbox.sample_calls import sample_params
 from drcli.config.example_files import model_file, presets_folder
+from drcli.rewards.sandbox.sample_calls import sample_params
 from drsim.episode.load_reward import load_reward_function
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race
 from drsim.track.worlds import known_worlds, load_track

@@ -50,16 +50,6 @@ def test_a_course_that_is_known_is_not_sent_again(live, settings):
     assert found.picture.course == key
 
 
-def test_an_undefined_name_is_told_once_with_its_line(live, settings):
-    text = b"def reward_function(params):\n    return sped * 1.0\n"
-
-    found = check(live, settings, text)
-
-    errors = [problem for problem in found.problems if problem.severity == "error"]
-    assert [problem.line for problem in errors] == [2]
-    assert found.picture is None
-
-
 def test_what_is_no_python_is_not_tried(live, settings):
     found = check(live, settings, b"def reward_function(params)\n    return 1.0\n")
 

@@ -24,7 +24,8 @@ class Plan:
 class Rounds:
     """Rounds with given lap times; after the last one Ctrl-C is pressed.
 
-    A lap time of None is a round without a lap; an error ends its round.
+    A lap time of None is a round without a lap, a negative one that of a lap with a reset; an error
+    ends its round.
     """
 
     def __init__(self, bucket, laps):
@@ -50,7 +51,8 @@ class Rounds:
     def run(self, plan):
         lap = self.plans[-1][1]
         status = "Off track" if lap is None else "Lap complete"
-        trials = [TrialReport(1, 100.0, lap or 3.0, status, 0, 0, 0)]
+        resets, lap = (1, -lap) if lap is not None and lap < 0 else (0, lap)
+        trials = [TrialReport(1, 100.0, lap or 3.0, status, 0, 0, resets, 2.0 * resets)]
         notes = ["The evaluation has no video."]
         return EvaluationReport(
             "model-1", "reinvent_base", plan.checkpoint, trials, "", "", notes=notes
@@ -92,7 +94,7 @@ def test_a_loop_drives_each_new_checkpoint_until_it_is_stopped(loop, racer):
     assert len({plan.checkpoint for plan, _ in rounds.plans}) == 4
     assert (report.rounds, report.failures) == (4, 0)
     assert [lap.best_lap_s for lap in report.best] == [10.5, 11.0, 12.0]
-    assert said[2].endswith("best 10.50 s, the best lap so far.")
+    assert said[2].endswith(": 1 of 1 lap clean, best 10.50 s, the best lap so far.")
     assert said[3].endswith("best 11.00 s.")
     assert running_evaluations(racer.folder) == []
 
@@ -105,9 +107,20 @@ def test_the_table_goes_on_where_the_last_loop_ended(loop, racer):
     said = []
     _, report = loop(13.0, 11.0, on_progress=said.append)
 
-    assert [lap.best_lap_s for lap in report.best] == [8.0, 11.0, 12.0, 13.0]
+    # Nobody recorded whether that lap was clean, so it comes after those that are.
+    assert [lap.best_lap_s for lap in report.best] == [11.0, 12.0, 13.0, 8.0]
     assert "the best lap so far" not in said[0]
     assert "the best lap so far" in said[1]  # on this track: that of another one does not count
+
+
+def test_a_lap_with_a_reset_is_told_as_such_and_never_beats_a_clean_one(loop):
+    said = []
+    _, report = loop(12.0, -9.0, on_progress=said.append)
+
+    assert "0 of 1 lap clean (1 reset), 1 finished, the fastest in 9.00 s = 7.00 driven" in said[1]
+    assert "the best lap so far" not in said[1]
+    kept = [(lap.best_lap_s, lap.clean, lap.resets, lap.penalty_s) for lap in report.best]
+    assert kept == [(12.0, 1, 0, 0.0), (9.0, 0, 1, 2.0)]
 
 
 def test_what_an_evaluation_notes_is_reported_once(loop):

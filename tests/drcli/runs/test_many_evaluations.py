@@ -1,6 +1,7 @@
 """The table of many evaluations: order, reasons, and the best as a start."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 
 import pytest
 
@@ -55,12 +56,20 @@ def run(racer, monkeypatch):
     racer.run_env("DR_LOCAL_S3_MODEL_PREFIX=a", "DR_EVAL_AVERAGE_LAPS=2")
     started = []
 
-    def run(outcomes, *, refused=(), cores=2, threads=0):
+    def run(outcomes, *, refused=(), cores=2, threads=0, fresh_laps=0, compares=False):
         (racer.folder / "system.env").write_text(f"DR_THREADS={threads}\n")
         folder = racer.folder / "job"
         folder.mkdir()
         tasks = [
-            EvaluationTask(number, prefix, f"{prefix}/metrics", f"{prefix}.ckpt", world, STAMP)
+            EvaluationTask(
+                number,
+                prefix,
+                f"{prefix}/metrics",
+                f"{prefix}.ckpt",
+                world,
+                STAMP,
+                fresh_laps=fresh_laps,
+            )
             for number, (prefix, world) in enumerate(outcomes)
         ]
         worlds = list(dict.fromkeys(world for _, world in outcomes))
@@ -79,7 +88,7 @@ def run(racer, monkeypatch):
         monkeypatch.setattr(many_evaluations, "open_bucket", lambda *_, **__: racer.bucket)
         monkeypatch.setattr("drcli.workers.cores.cores", lambda: cores)
         monkeypatch.setattr(many_evaluations, "LOOK_S", 0.0)
-        report = run_many(ManyPlan(job, STAMP, worlds, list(refused)))
+        report = run_many(ManyPlan(job, STAMP, worlds, list(refused), compares))
         assert not folder.exists()
         return report, started
 
@@ -122,6 +131,42 @@ def test_rows_are_sorted_by_track_then_by_laps_average_and_best_lap(run, racer):
     assert (report.rows[2].completed, report.rows[2].off_track) == (2, 1)
     assert [(best.world, best.prefix) for best in report.best] == [("x", "fast"), ("y", "slow")]
     assert racer.bucket.get(keys.comparison(STAMP)).startswith(b'{"rows": [{"prefix": "fast"')
+
+
+def test_a_model_with_resets_comes_after_one_with_fewer_but_clean_laps(run):
+    reset = [replace(trial(n, 7.0), reset_count=9, off_track_count=9) for n in (1, 2, 3)]
+
+    report, _ = run(
+        {("resets", "x"): TaskOutcome(trials=reset), ("clean", "x"): laps(9.0, None, 9.5)}
+    )
+
+    clean, resets = report.rows
+    assert (clean.prefix, clean.clean, clean.best_lap_s, clean.median_s) == ("clean", 2, 9.0, 9.25)
+    assert (resets.clean, resets.completed, resets.resets) == (0, 3, 27)
+    assert (resets.best_lap_s, resets.best_finished_s) == (None, 7.0)
+
+
+def test_two_that_drive_from_the_same_starts_are_one_report_with_a_comparison(run):
+    report, _ = run(
+        {("b", "x"): laps(9.0, 9.0, None), ("a", "x"): laps(8.0, None, None)},
+        fresh_laps=3,
+        compares=True,
+    )
+
+    [found] = report.laps
+    assert (found.prefix, found.clean, found.driven, found.seed) == ("b", 2, 3, 0)
+    assert found.against.prefix == "a"
+    assert (found.comparison.clean_only_first, found.comparison.clean_only_second) == (1, 0)
+    assert (found.comparison.both_clean, found.comparison.faster_s) == (1, pytest.approx(-1.0))
+
+
+def test_a_comparison_of_which_one_side_fails_is_an_error(run):
+    with pytest.raises(SettingsError, match="has no weights"):
+        run(
+            {("a", "x"): laps(8.0), ("b", "x"): TaskOutcome(reason="b has no weights.", code=3)},
+            fresh_laps=1,
+            compares=True,
+        )
 
 
 def test_models_without_a_result_come_last_with_their_reasons(run):

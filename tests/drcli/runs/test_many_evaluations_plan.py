@@ -5,7 +5,7 @@ import pytest
 from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError
 from drcli.runs import many_evaluations_plan
-from drcli.runs.many_evaluations_plan import matching_models, prepare_many
+from drcli.runs.many_evaluations_plan import Rival, matching_models, prepare_many
 from drcli.store import keys
 
 
@@ -56,6 +56,32 @@ def test_without_names_the_model_of_the_settings_drives(racer, bucket):
 
     [task] = plan.job.tasks
     assert (task.prefix, task.world, task.robust) == ("team/a", "reinvent_base", True)
+
+
+def test_another_checkpoint_or_model_drives_from_the_same_starts(racer, bucket):
+    racer.store("team/a").save(1, 100, b"weights", optimizer=b"")
+    settings = racer.settings()
+
+    plan = prepare_many(settings, fresh_laps=40, rival=Rival(None, 0))
+    other = prepare_many(settings, fresh_laps=40, rival=Rival.parse("team/b/"))
+
+    first, second = plan.job.tasks
+    assert (first.checkpoint, second.checkpoint) == ("1_Step-100.ckpt", "0_Step-0.ckpt")
+    assert (first.fresh_laps, second.fresh_laps, plan.compares) == (40, 40, True)
+    assert first.stamp != second.stamp  # their traces must not overwrite each other
+    assert (other.job.tasks[1].prefix, other.job.tasks[1].checkpoint) == ("team/b", "0_Step-0.ckpt")
+
+
+def test_a_comparison_with_itself_or_with_nothing_is_refused(racer, bucket):
+    with pytest.raises(SettingsError, match=r"0_Step-0\.ckpt of team/a, which drives anyway"):
+        prepare_many(racer.settings(), fresh_laps=40, rival=Rival.parse("last"))
+    with pytest.raises(SettingsError, match="s3://bucket/nobody has no trained model"):
+        prepare_many(racer.settings(), fresh_laps=40, rival=Rival.parse("nobody"))
+
+
+def test_models_of_which_none_can_be_evaluated_are_an_error(racer, bucket):
+    with pytest.raises(SettingsError, match="team/broken has no trained model"):
+        prepare_many(racer.settings(), models=["team/broken"])
 
 
 def test_a_name_without_wildcards_is_a_whole_prefix(bucket):

@@ -211,3 +211,27 @@ def test_a_whole_lap_is_complete_even_where_the_simulator_did_not_say_so():
 
     assert lap.completed
     assert lap.status[-1] == "lap_complete"
+
+
+@pytest.mark.parametrize(
+    ("status", "clean", "end", "told"),
+    [
+        ({}, True, "Clean lap", "Clean lap: 2.07 s"),
+        (
+            {5: "off_track", 6: "pause", 7: "pause", 8: "pause"},
+            False,
+            "Finished, 1 reset",
+            "Finished: 2.07 s = 1.87 driven + 0.20 penalty, 1 reset",
+        ),
+        ({5: "reversed"}, False, "Finished, 1 reset", "Finished: 2.07 s, 1 reset"),
+        ({30: "off_track"}, False, "Off track", "Off track"),
+    ],
+)
+def test_a_lap_with_a_reset_is_finished_and_not_clean(status, clean, end, told):
+    rows = trace_rows(TRACK, status="lap_complete")
+    for k, word in status.items():
+        rows[k]["episode_status"] = word
+
+    [lap], _ = read_laps(trace_csv(rows), "lap.csv")
+
+    assert (lap.clean, lap.end, lap.told) == (clean, end, told)

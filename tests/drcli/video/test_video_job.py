@@ -187,7 +187,7 @@ def test_the_best_lap_is_complete_without_resets_and_then_fast():
 @pytest.mark.parametrize(
     ("name", "what"),
     [
-        ("notes.mp4", "is not a video"),
+        ("notes.mp4", "exists already"),
         ("lap.avi", "ends neither"),
         ("no/lap.mp4", "does not exist"),
     ],

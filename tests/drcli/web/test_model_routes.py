@@ -62,7 +62,7 @@ def test_the_list_has_every_model_with_its_checkpoints_and_training(client, mode
     assert [each["model"]["prefix"] for each in found["models"]] == ["other", PREFIX]
     model = found["models"][1]["model"]
     assert (model["checkpoints"], model["best"]["metric"], model["training"]) == (2, 42.0, False)
-    assert found["models"][1]["training"]["best_lap_s"] == 12.345
+    assert found["models"][1]["training"]["best_lap_s"] == 12.5  # 12.345 is not clean
     assert found["models"][1]["laps"] == 2
     assert found["current"] == "model"
 
@@ -134,7 +134,9 @@ def test_an_evaluation_has_trials_penalties_and_its_video(client):
     found = about(client, "evaluations").json()
 
     one = found["evaluations"][0]
-    assert (one["stamp"], one["world"], one["best_lap_s"]) == (STAMP, "reinvent_base", 12.345)
+    assert (one["stamp"], one["world"], one["best_finished_s"]) == (STAMP, "reinvent_base", 12.345)
+    assert (one["clean_laps"], one["best_lap_s"]) == (0, None)
+    assert one["summary"].endswith("the fastest in 12.35 s, 1 reset")
     assert one["trials"][0]["off_track"] == 1
     assert (one["off_track_penalty_s"], one["collision_penalty_s"]) == (5.0, 3.0)
     assert (one["video"], one["trace"]) == (True, False)

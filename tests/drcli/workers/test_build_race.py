@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from drcli.base.errors import SettingsError
-from drcli.checks.sandbox.sample_calls import sample_params
 from drcli.config.loading import load_settings
 from drcli.config.run_config import RaceConfig
 from drcli.config.settings import catalogue
 from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.rewards.sandbox.sample_calls import sample_params
 from drcli.workers import build_race
 from drcli.workers.build_race import (
     build_simulation,

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from drcli.base.json_log import JsonLog
-from drcli.exchange.trace import Episode, Row
+from drcli.exchange.trace import STEP_S, Episode, Row
 from drcli.workers.episode_log import log_evaluation, log_training, log_trial
 
 ROW = Row(1, 1.0, 2.0, 3.0, 20.0, 1.5, "1", 0.0, False, True, 0.0, 7, "prepare", 0.0, 0.0)
@@ -27,8 +27,20 @@ def test_each_kind_of_episode_has_its_sentence(logged):
         "Episode 4 of iteration 3: off track at 45.2 % after 1 steps (2.500 s), reward 12.50.",
         "Evaluation episode 0 of checkpoint 3: lap complete at 100.0 % after 1 steps (2.500 s), "
         "reward 12.50.",
-        "Trial 1 of team/model: lap complete at 100.0 % after 1 steps (2.500 s), reward 12.50.",
+        "Trial 1 of team/model: lap complete at 100.0 % after 1 steps (2.50 s), reward 12.50.",
     ]
+
+
+def test_a_trial_with_resets_says_so_and_what_they_cost(logged):
+    driven = episode(0, "lap_complete", 100.0)
+    driven.rows[1:1] = [
+        replace(ROW, steps=2, status="off_track", time_s=STEP_S),
+        *(replace(ROW, steps=step, status="pause", time_s=step * STEP_S) for step in range(2, 17)),
+    ]
+
+    log_trial(driven, "team/model")
+
+    assert "(2.50 s = 1.50 driven + 1.00 penalty, 1 reset), reward" in logged()
 
 
 @pytest.mark.parametrize("status", ["off_track", "discarded", "immobilized"])

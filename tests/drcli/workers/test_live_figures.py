@@ -81,6 +81,8 @@ def test_each_evaluation_is_sent_once_at_the_steps_of_its_checkpoint():
     assert evaluation.values == {
         "evaluation/progress": 75.0,
         "evaluation/laps": 1.0,
+        "evaluation/clean_share": 0.5,
+        "evaluation/median_lap_s": 14.5,
         "evaluation/best_lap_s": 14.5,
         "evaluation/mean_lap_s": 14.5,
     }

@@ -47,10 +47,15 @@ class Stubborn:
 """
 """Types of values that no reward function means to return."""
 
+READS = """
+def bonus(speed):
+    return PARAMS["waypoints"]
+"""
+
 
 def returning(write, expression: str):
     body = f"def reward_function(params):\n    return {expression}\n"
-    return load_reward_function(write(body + ODD_TYPES))
+    return load_reward_function(write(body + ODD_TYPES + READS))
 
 
 @pytest.mark.parametrize(
@@ -86,14 +91,14 @@ def test_every_kind_of_number_is_a_reward(write, expression, reward):
         ("Stubborn()", "an object of type Stubborn, which is not a number"),
     ],
 )
-def test_what_is_no_reward_is_named_with_the_parameters(write, expression, said):
+def test_what_is_no_reward_is_named_with_the_parameters_that_are_read(write, expression, said):
     function = returning(write, expression)
 
     with pytest.raises(RewardError) as caught:
         checked_reward(function, dict(PARAMS))
 
     assert said in str(caught.value)
-    assert caught.value.params == {"steps": 2.0, "speed": 1.2346, "waypoints": "<2 points>"}
+    assert caught.value.params == {"speed": 1.2346, "waypoints": "<2 points>"}
     assert "<2 points>" in str(caught.value)
     assert caught.value.line == 1
 

@@ -10,17 +10,22 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import synthetic_plans
+from drcli.analysis.findings.action_use import ActionShare, ActionUse
 from drcli.analysis.findings.advice import RULES, Advice, advice, advise
 from drcli.analysis.findings.episode_ends import EndsInPart, EpisodeEnds
+from drcli.analysis.findings.evaluated_laps import BadPlace, EvaluatedLaps
 from drcli.analysis.findings.evidence import gather
-from drcli.analysis.findings.learning_curve import swings
+from drcli.analysis.findings.learner_health import learner_health
+from drcli.analysis.findings.learning_curve import LearningCurve, swings
 from drcli.analysis.findings.steering_balance import SteeringBalance
 from drcli.analysis.findings.update_advice import SMALL_JUMP
 from drcli.analysis.findings.verdict import judge
 from drcli.analysis.run import Run
+from drcli.exchange.laps import Laps
 from synthetic_plans import Plan
 from synthetic_runs import make
 from written_commands import problem_of
@@ -317,6 +322,170 @@ def test_a_car_that_gets_round_cuts_if_its_laps_are_off_the_track(laps, places, 
     assert ("cutting" in [item.id for item in found]) == named
 
 
+def evaluated(clean: int, laps: int, *, mean_deg: float = 5.0, world: str = "") -> EvaluatedLaps:
+    """An evaluation on a track that needs 5 degrees to the left; unclean laps have two resets."""
+    left = 0.5 + 0.02 * mean_deg
+    side = "left" if mean_deg > 0 else "right"
+    bad = 2 * (laps - clean)
+    return EvaluatedLaps(
+        stamp="20260102030400",
+        world=world or None,
+        laps=Laps(laps, [10.0] * clean),
+        resets=bad,
+        off_track=bad,
+        crashed=0,
+        alone=40.0 if bad else 100.0,
+        place=BadPlace(70, 75, bad, bad) if bad else None,
+        balance=SteeringBalance(left, 1 - left, mean_deg, 5.0, 0.5, 0.1, side, 0.2),
+        actions=None,
+    )
+
+
+@pytest.mark.parametrize(
+    ("clean", "laps", "named"),
+    [(0, 3, True), (1, 3, True), (2, 3, False), (3, 3, False), (15, 20, True), (17, 20, False)],
+)
+def test_an_evaluation_is_judged_by_the_share_of_clean_laps_that_is_plausible(clean, laps, named):
+    evidence = replace(gather(made_healthy()), evaluated=evaluated(clean, laps))
+
+    found = {item.id: item for item in advise(evidence)}
+
+    assert ("unclean-laps" in found) == named
+    if named:
+        text = found["unclean-laps"].evidence
+        assert f"{clean} of {laps} laps are clean" in text
+        assert f"{2 * (laps - clean)} resets" in text
+        assert "between waypoints 70 and 75" in text
+
+
+@pytest.mark.parametrize(("clean", "told"), [(0, True), (3, False)])
+def test_a_training_that_has_converged_is_told_apart_from_one_that_gets_round_cleanly(clean, told):
+    evidence = gather(made_healthy())
+    curve = curve_of(np.full(30, 95.0), evidence.curve)
+
+    found = judge(replace(evidence, curve=curve, fall=None, evaluated=evaluated(clean, 3)))
+
+    assert found.kind == "converged"
+    assert ("0 of 3 are clean" in found.sentence) == told
+
+
+def test_an_evaluation_that_takes_one_action_only_says_which():
+    evidence = gather(made_healthy())
+    shares = tuple(ActionShare(n, 10.0 * n, 1.5, 100 * n, float(n), 0.5) for n in range(2))
+    use = ActionUse(False, 100, shares, (), (1,), 1.0, 0.0, None, 1)
+    newest = replace(evaluated(0, 3, mean_deg=-4.5), actions=use)
+
+    advised = {item.id: item for item in advise(replace(evidence, evaluated=newest))}
+
+    found = advised["unclean-laps"]
+    assert "one-sided-steering" not in advised  # a single action has a single side
+    assert found.title == "The car takes one action only"
+    assert "It takes action 1 (10 degrees, 1.5 m/s) in 100 % of the steps." in found.evidence
+
+
+def test_laps_that_fail_elsewhere_are_to_be_trained_there():
+    evidence = gather(made_healthy())
+    run = replace(evidence.run, world="reinvent_base")
+    evidence = replace(evidence, run=run, evaluated=evaluated(0, 3, world="Vegas_track"))
+
+    [found] = [item for item in advise(evidence) if item.id == "unclean-laps"]
+
+    assert found.command == "dr-config set DR_WORLD_NAME=Vegas_track"
+    assert "on Vegas_track" in found.evidence
+
+
+def curve_of(progress: np.ndarray, curve: LearningCurve) -> LearningCurve:
+    """A curve with this mean progress and nothing else to see."""
+    count = len(progress)
+    return replace(
+        curve,
+        iteration=np.arange(count),
+        progress=progress + 0.3 * np.random.default_rng(5).standard_normal(count),
+        reward=np.ones(count),
+        laps=np.zeros(count),
+        **{name: np.full(count, math.nan) for name in ("evaluation", "lap_s")},
+    )
+
+
+@pytest.mark.parametrize(
+    ("clean", "iterations", "rises", "named"),
+    [(9, 30, False, True), (20, 30, False, False), (9, 30, True, False), (9, 8, False, False)],
+)
+def test_evaluations_during_a_training_are_judged_once_it_no_longer_improves(
+    clean, iterations, rises, named
+):
+    evidence = gather(made_healthy())
+    curve = curve_of(np.linspace(30.0 if rises else 70.0, 70.0, iterations), evidence.curve)
+    newest = replace(evaluated(clean, 20), stamp="", resets=0, place=None)
+
+    found = advise(replace(evidence, curve=curve, fall=None, evaluated_in_training=newest))
+
+    assert ("unclean-laps" in [item.id for item in found]) == named
+
+
+@pytest.mark.parametrize(
+    ("mean_deg", "clean", "named"), [(-4.5, 0, True), (-4.5, 3, False), (5.5, 0, False)]
+)
+def test_an_evaluation_that_pulls_to_one_side_is_named_if_it_does_not_get_round(
+    mean_deg, clean, named
+):
+    evidence = gather(made_healthy())
+    evidence = replace(evidence, evaluated=evaluated(clean, 3, mean_deg=mean_deg))
+
+    found = {item.id: item for item in advise(evidence)}
+
+    assert ("one-sided-steering" in found) == named
+    if named:
+        assert "In the newest evaluation" in found["one-sided-steering"].evidence
+
+
+@pytest.mark.parametrize("source", ["entropy", "what was driven"])
+@pytest.mark.parametrize(
+    ("spread", "iterations", "hyper", "setting"),
+    [
+        (0.99, 20, {"lr": 1e-7}, "lr"),
+        (0.99, 20, {"beta_entropy": 0.5}, "beta_entropy"),
+        (0.99, 20, {}, "reward_function.py"),
+        (0.99, 10, {}, None),
+        (0.9, 20, {}, None),
+    ],
+)
+def test_probabilities_that_stay_equal_are_no_policy(source, spread, iterations, hyper, setting):
+    evidence = gather(made_healthy())
+    usual = {"lr": 0.0003, "beta_entropy": 0.01}
+    run = replace(evidence.run, hyperparameters={**usual, **hyper})
+    use = replace(evidence.actions, continuous=False, variety=spread)
+    changed = {"learner": None, "actions": use}
+    if source == "entropy":
+        entropy = pd.DataFrame({"entropy": [spread * math.log(7)] * iterations})
+        changed = {"learner": learner_health(entropy, sac=False, actions=7)}
+    curve = curve_of(np.full(iterations, 9.0), evidence.curve)
+
+    found = advise(replace(evidence, run=run, curve=curve, fall=None, **changed))
+
+    assert [item.setting for item in found if item.id == "even-probabilities"] == (
+        [] if setting is None else [setting]
+    )
+
+
+def test_probabilities_that_are_certain_before_the_car_can_drive_are_no_exploration():
+    evidence = gather(made_healthy())
+    entropy = pd.DataFrame({"entropy": [0.05 * math.log(7)] * 20})
+    curve = curve_of(np.full(20, 9.0), evidence.curve)
+    learner = learner_health(entropy, sac=False, actions=7)
+
+    found = advise(replace(evidence, curve=curve, fall=None, learner=learner))
+
+    assert "no-exploration" in [item.id for item in found]
+
+
+def test_continuous_actions_have_no_probabilities_to_compare():
+    evidence = gather(made_healthy())
+    use = replace(evidence.actions, continuous=True, variety=1.0)
+
+    assert replace(evidence, actions=use, learner=None).spread is None
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_collapse_is_dated(seed):
     _, at = synthetic_plans.collapsed(seed)
@@ -376,7 +545,8 @@ def test_a_name_from_a_foreign_file_cannot_add_to_a_command():
 
 def test_the_page_explains_every_advice():
     page = (ROOT / "docs" / "advice.md").read_text("utf-8")
-    ids = {*FAULTS.values(), *(item.id for item in found("no_exploration", SEEDS[0]))}
+    ids = {*FAULTS.values(), "unclean-laps", "even-probabilities"}
+    ids |= {item.id for item in found("no_exploration", SEEDS[0])}
 
     assert {name for name in ids if f"`{name}`" not in page} == set()
     assert len(RULES) >= len(FAULTS)

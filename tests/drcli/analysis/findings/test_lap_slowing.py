@@ -33,6 +33,8 @@ def evaluated(time_s: np.ndarray, reward: np.ndarray) -> Run:
             "phase": "evaluation",
             "iteration": number,
             "complete": True,
+            "status": "lap_complete",
+            "progress": 100.0,
             "time": time_s[number] + chance,
             "reward": reward[number] + chance,
         }

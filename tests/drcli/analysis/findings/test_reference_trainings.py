@@ -21,5 +21,15 @@ def test_the_car_steers_as_the_track_needs(evidence):
     assert abs(evidence.balance.surplus_deg) < 1.5
 
 
+def test_the_policy_has_preferences(evidence):
+    assert evidence.spread is None or evidence.spread < 0.95
+
+
+def test_an_evaluation_that_gets_round_cleanly_does_not_pull_to_a_side(evidence):
+    newest = evidence.evaluated
+    assert newest is None or (newest.laps.clean, newest.laps.driven) == (3, 3)
+    assert newest is None or abs(newest.balance.surplus_deg) < 1.5
+
+
 def test_evaluations_are_ahead_of_the_training(evidence):
     assert evidence.gap.behind < -20

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from drcli.analysis.compare_runs import Comparison, compare_runs
-from drcli.analysis.report.compare_report import comparison_page, write_comparison
-from drcli.base.errors import SettingsError
+from drcli.analysis.report.compare_report import comparison_page
 from synthetic_plans import healthy
 from synthetic_runs import make
 
@@ -79,18 +78,6 @@ def test_names_from_files_stay_text(report):
 
     assert HOSTILE not in html
     assert html.count("<script") == 3
-
-
-def test_a_page_replaces_a_page_and_nothing_else(report, tmp_path):
-    page, other = tmp_path / "compare.html", tmp_path / "notes.txt"
-    other.write_text("mine")
-
-    write_comparison(report, page)
-
-    assert write_comparison(report, page) == page.stat().st_size
-    with pytest.raises(SettingsError, match="is not an HTML page"):
-        write_comparison(report, other)
-    assert other.read_text() == "mine"
 
 
 def test_trainings_without_any_trace_still_have_a_page(report):

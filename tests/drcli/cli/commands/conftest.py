@@ -62,11 +62,12 @@ from drcli.rewards.check import (
 from drcli.rewards.compare import ComparisonReport, DriverComparison, PlaceComparison
 from drcli.rewards.plot import PlotReport
 from drcli.runs.evaluation_loop import BestLap, LoopReport
-from drcli.runs.evaluation_report import EvaluationReport
+from drcli.runs.evaluation_report import EvaluationReport, TrialReport
 from drcli.runs.foreign_watch import WatchReport
 from drcli.runs.increment import Increment
 from drcli.runs.join_training import JoinReport
 from drcli.runs.journal_reader import JournalEvent, JournalReport
+from drcli.runs.laps_report import compare, laps_report
 from drcli.runs.many_evaluations import BestStart, TableReport, TableRow, training_command
 from drcli.runs.model_removal import PlannedRemoval, RemovalReport, RemovedModel
 from drcli.runs.plan import RunPlan, StartOptions
@@ -125,7 +126,7 @@ ANALYSIS = AnalysisReport(
         for n in range(2)
     ],
     learner=[],
-    evaluations=[{"stamp": "2026", "complete_laps": 1, "best_lap_s": 12.0, "trials": [1]}],
+    evaluations=[{"stamp": "2026", "summary": "1 of 1 lap clean, best 12.00 s"}],
     verdict={"kind": "converged", "sentence": "Converged since iteration 1.", "numbers": {}},
     advice=[
         {"id": "snaking", "title": "Snaking", "evidence": "It turns often.", "command": "dr-x"}
@@ -371,25 +372,35 @@ def _lay_down_video(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _lay_down_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let several evaluations answer: with a table, or with a grid where one was asked for."""
+    """Let several evaluations answer with a table, or with the grid or laps that are asked for."""
     cells = [
         RobustCell("none", "none", 4, 4, 100.0, 13.2),
         RobustCell("steering trim", "+8 deg", 4, 0, 20.0, None, "Off track"),
     ]
     grid = RobustResult(MODEL, "8_Step-4000.ckpt", "reinvent_base", 0, cells, 9.0)
-    row = TableRow(MODEL, "8_Step-4000.ckpt", "reinvent_base", 3, 3, 100.0, 9.5, 9.75)
+    row = TableRow(MODEL, "8_Step-4000.ckpt", "reinvent_base", 3, 3, 100.0, 9.5, 9.75, clean=3)
     reason = TableRow(MODEL, "", "reinvent_base", reason=f"{URL} has no trained model.")
     best = BestStart("reinvent_base", MODEL, "8_Step-4000.ckpt", training_command(MODEL, "x"))
     table = TableReport([row, reason], [best], "comparisons/comparison-20260102030405.json")
     one = replace(table, rows=[replace(row, robust_score=60.0)], robust=[grid])
+    trials = [
+        TrialReport(1, 100.0, 9.5, "Lap complete", 0, 0, 0, 0.0, 0.0, 0.05, -2.5, 0),
+        TrialReport(2, 100.0, 9.75, "Lap complete", 0, 0, 0, 0.0, 0.0, 0.05, -2.5, 0),
+        TrialReport(3, 31.0, 4.0, "Off track", 1, 0, 0, 0.0, 0.6, -0.05, 2.5, 107),
+    ]
+    where = {"world": "reinvent_base", "simtrace": "trace.csv", "metrics": "metrics.json"}
+    driven = {"prefix": MODEL, "seed": 0, "runtime": "torch", "file": None, **where}
+    first = laps_report(trials, checkpoint="8_Step-4000.ckpt", **driven)
+    second = laps_report([trials[0], trials[2], trials[2]], checkpoint="9_Step-4500.ckpt", **driven)
+    sample = replace(first, against=second, comparison=compare(first, second))
+    fresh = replace(table, rows=[row], laps=[sample])
     lap = BestLap("reinvent_base", "8.ckpt", 9.5, None, 2, 3, "2026-01-02T03:04:05", "2" * 14)
     loop = LoopReport(MODEL, "reinvent_base", 2, 1, [lap, lap], "best-laps.json")
     monkeypatch.setattr(
-        "drcli.runs.many_evaluations_plan.prepare_many", lambda *_, robust, **__: robust
+        "drcli.runs.many_evaluations_plan.prepare_many",
+        lambda *_, robust, fresh_laps, **__: one if robust else fresh if fresh_laps else table,
     )
-    monkeypatch.setattr(
-        "drcli.runs.many_evaluations.run_many", lambda robust, _: one if robust else table
-    )
+    monkeypatch.setattr("drcli.runs.many_evaluations.run_many", lambda answer, _: answer)
     monkeypatch.setattr("drcli.runs.evaluation_loop.run_loop", lambda *_, **__: loop)
 
 
@@ -424,9 +435,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     topic = "the SNS topic arn:aws:sns:us-east-1:123456789012:a-topic-with-a-long-name"
     answer("remote.message_channels.try_channels", {topic: None})
     options = SimpleNamespace(prefix="model")
-    answer(
-        "models.download.plan_download", SimpleNamespace(**plan, options=options, import_command="")
-    )
+    answer("models.download.plan_download", SimpleNamespace(**plan, options=options))
     answer("models.download.download", DownloadReport(**source, target=URL, custom_files=files))
     imported = ImportedModel(
         **source,
@@ -583,7 +592,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         size_bytes=23_456_789,
         actions=[CarAction(None, -17.25, 3.125, -0.575, 0.8125)],
     )
-    chosen = SimpleNamespace(name="model", url=URL, chosen=SimpleNamespace(line="c"))
+    chosen = SimpleNamespace(file_name="model", url=URL, chosen=SimpleNamespace(line="c"))
     answer("models.export_model.read_export_source", chosen)
     answer("models.export_car.export_car", None)
     answer("models.export_car.plan_car_upload", SimpleNamespace(url=URL))

@@ -222,7 +222,7 @@ def test_the_traces_of_the_model_in_the_bucket(dr, folder, capsys):
         (("from-histogram", "lap.csv", "--least", "0.9"), "90.0%"),
         (("from-lap",), "has no trace of a drive"),
         (("show", "--file", "none.json"), "none.json is missing"),
-        (("generate", "-o", "run.env"), "is not a PNG picture"),
+        (("show", "-o", "run.env"), "run.env exists already"),
         (("generate", "--file", "broken.json"), "broken.json"),
         (("generate", "--file", "sac.json"), "continuous"),
     ],

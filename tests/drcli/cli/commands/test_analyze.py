@@ -1,9 +1,12 @@
 """`dr analyze --explain` as its caller meets it: only a model of the bucket can be explained."""
 
+import json
+import re
+
 import pytest
 
 from drcli.analysis import read_run
-from simtraces import write_model
+from simtraces import episode, put, trace, with_reset, write_model
 
 
 @pytest.fixture
@@ -63,6 +66,29 @@ def models(working_folder):
     return "./slow", "./fast"
 
 
+def test_a_lap_with_resets_is_no_clean_lap_on_the_terminal_in_json_and_in_the_report(
+    dr, working_folder, capsys
+):
+    folder = write_model(working_folder / "helped", iterations=1, evaluations=0)
+    lap = with_reset(episode(0, 118, progress=100.0, phase="evaluation"), at=60, pause_steps=75)
+    name = "evaluation-20260102030400/evaluation-simtrace/0-iteration.csv"
+    put(folder, name, trace([lap]))
+    page = working_folder / "report.html"
+
+    assert dr("analyze", "./helped", "--html", str(page)) == 0
+
+    told = " ".join(capsys.readouterr().out.split())
+    time = "12.87 s = 7.87 driven + 5.00 penalty"
+    assert f"0 of 1 lap clean (1 reset), 1 finished, the fastest in {time}, 1 reset" in told
+    row = re.sub(r"<[^>]*>", "|", page.read_text().partition("Evaluations, the oldest")[2])
+    assert "|1||0||1||1|" in re.sub(r"\s", "", row)  # laps, clean, finished, resets
+    assert dr("analyze", "./helped", "--json") == 0
+    [evaluation] = json.loads(capsys.readouterr().out)["evaluations"]
+    assert (evaluation["clean_laps"], evaluation["complete_laps"]) == (0, 1)
+    assert (evaluation["best_lap_s"], evaluation["resets"]) == (None, 1)
+    assert evaluation["trials"][0]["penalty_s"] == pytest.approx(5.0)
+
+
 def test_a_comparison_is_written_as_a_page(dr, working_folder, models, capsys):
     page = working_folder / "compare.html"
 
@@ -78,7 +104,7 @@ def test_a_comparison_replaces_no_other_file(dr, working_folder, models, never_r
 
     assert dr("analyze", "compare", *models, "--html", str(notes)) == 3
 
-    assert "is not an HTML page" in " ".join(capsys.readouterr().err.split())
+    assert "exists already" in " ".join(capsys.readouterr().err.split())
     assert notes.read_text() == "mine"
 
 

@@ -13,7 +13,10 @@ from drcli.exchange.policy_source import PolicySource
 from drcli.exchange.robust_result import RobustCell, RobustResult
 from drcli.runs.evaluation_loop import BestLap, LoopReport
 from drcli.runs.evaluation_plan import EvaluationPlan
+from drcli.runs.evaluation_report import TrialReport
+from drcli.runs.laps_report import compare, laps_report
 from drcli.runs.many_evaluations import BestStart, TableReport, TableRow
+from drcli.runs.many_evaluations_plan import Rival
 
 SETTINGS = {}
 """What the last evaluation was asked to drive with."""
@@ -47,7 +50,7 @@ def test_an_evaluation_shows_its_trials_under_both_names(dr, asked, working_fold
         "own": PolicySource(),
         "opponent": None,
     }
-    assert "2 of 3 laps, best 13.42 s, checkpoint 8_Step-4000.ckpt" in printed.out
+    assert "1 of 3 laps clean (1 reset), 2 finished, best 13.42 s; checkpoint" in printed.out
     assert printed.err.startswith("Evaluating 8_Step-4000.ckpt ...\nNext:\n")
 
 
@@ -67,6 +70,8 @@ def test_json_is_all_there_is_on_stdout(dr, asked, capsys):
 
     report = json.loads(capsys.readouterr().out)
     assert (report["completed"], report["best_lap_s"]) == (2, 13.4211)
+    assert (report["clean"], report["resets"]) == (1, 1)
+    assert [trial["clean"] for trial in report["trials"]] == [True, False, False]
     assert [trial["status"] for trial in report["trials"]] == [
         "Lap complete",
         "Lap complete",
@@ -78,7 +83,7 @@ def test_quiet_says_nothing_but_the_result(dr, asked, capsys):
     dr("evaluate", "-q")
 
     printed = capsys.readouterr()
-    assert "2 of 3 laps" in printed.out
+    assert "1 of 3 laps clean" in printed.out
     assert printed.err == ""
 
 
@@ -114,6 +119,15 @@ def test_files_and_engines_reach_the_evaluation_with_absolute_paths(dr, asked, m
         (("--start-angle", "200"), "--start-angle 200 is above 180. Set --start-angle to a number"),
         (("--worlds", ","), "--worlds is empty"),
         (("--average-laps", "0"), "is below 1"),
+        (("--laps", "0"), "must be at least 1"),
+        (("--laps", "5", "--loop"), "--loop drives one model on one track"),
+        (("--laps", "5", "--start", "left", "--robust"), "leave out --start, --robust"),
+        (("--laps", "5", "--video"), "--video films a single evaluation"),
+        (("--laps", "5", "-c"), "-c copies a model"),
+        (("--against", "best"), "write --laps 40 with it"),
+        (("--laps", "5", "--models", "a", "--against", "b"), "no --models or --worlds"),
+        (("--laps", "5", "--against", "a:nix"), "--against a:nix is neither the number"),
+        (("--laps", "5", "--against", "/"), "--against / names neither a checkpoint nor a model"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(dr, asked, capsys, options, why):
@@ -136,6 +150,14 @@ def test_flags_change_the_settings_of_one_evaluation_only(dr, asked, working_fol
     assert (driven.eval_max_lap_seconds, driven.eval_average_laps) == (1200.0, 2)
     assert driven.source("DR_EVAL_START_ANGLE") == "flag"
     assert "DR_EVAL" not in (working_folder / "run.env").read_text()
+
+
+def test_a_start_keeps_every_digit_so_that_a_lap_can_be_driven_again(dr, asked):
+    dr("evaluate", "--start", "-0.0472592937135556", "--start-position", "0.0981413752986491")
+
+    driven = SETTINGS["settings"]
+    assert float(driven.eval_start_offset) == -0.0472592937135556
+    assert driven.eval_start_position == 0.0981413752986491
 
 
 def test_a_start_that_had_to_be_moved_is_said(dr, asked, evaluation_report, monkeypatch, capsys):
@@ -163,16 +185,41 @@ def test_the_average_is_shown_beside_the_best_lap(
     dr("evaluate")
 
     printed = " ".join(capsys.readouterr().out.split())
-    assert "best 13.42 s, best average of 2 laps 14.21 s, checkpoint" in printed
+    assert "best 13.42 s, best average of 2 laps 14.21 s with 1 reset; checkpoint" in printed
 
 
-def row(prefix, world="reinvent_base", **fields):
-    return TableRow(prefix, f"{prefix}.ckpt", world, **fields)
+def test_a_lap_with_resets_is_never_the_best_and_its_time_has_its_penalty(
+    dr, working_folder, evaluation_report, monkeypatch, capsys
+):
+    trials = [
+        TrialReport(n, 100.0, time_s, "Lap complete", 9, 0, 9, 45.0)
+        for n, time_s in enumerate((59.87, 61.0, 60.2), start=1)
+    ]
+    report = replace(evaluation_report, trials=trials)
+    monkeypatch.setattr("drcli.runs.evaluation.evaluate", lambda *_, **__: report)
+
+    dr("evaluate")
+    shown = capsys.readouterr().out
+    dr("evaluate", "--json")
+
+    printed = " ".join(shown.split())
+    assert (
+        "0 of 3 laps clean (27 resets), 3 finished, the fastest in 59.87 s = 14.87 driven + 45.00 "
+        "penalty, 9 resets, best average of 3 laps 60.36 s with 27 resets; checkpoint"
+    ) in printed
+    assert "1 100 % 59.87 s 14.87 s 45.00 s finished 9 9" in printed
+    assert max(map(len, shown.splitlines()[:4])) <= 80
+    told = json.loads(capsys.readouterr().out)
+    assert (told["best_lap_s"], told["best_finished_s"], told["completed"]) == (None, 59.87, 3)
+
+
+def row(prefix, *figures, world="reinvent_base", **fields):
+    return TableRow(prefix, f"{prefix}.ckpt", world, *figures, **fields)
 
 
 TABLE = TableReport(
     rows=[
-        row("fast", completed=3, trials=3, progress=100.0, best_lap_s=9.5, best_average_s=9.75),
+        row("fast", 3, 3, 100.0, 9.5, 9.75, clean=3, median_s=9.6),
         row("broken", reason="model/0.ckpt is damaged.", remedy="Restore it."),
     ],
     best=[BestStart("reinvent_base", "fast", "fast.ckpt", "DR_WORLD_NAME=x dr-start-training")],
@@ -202,7 +249,7 @@ def test_models_and_worlds_give_a_table_and_the_command_that_goes_on(dr, many, c
     assert many["models"] == ["team/*", "other"]
     assert many["worlds"] == ["reinvent_base", "Oval_track"]
     assert many["robust"] is False
-    assert "reinvent_base fast fast.ckpt 3/3 100 % 9.50 s 9.75 s" in printed
+    assert "reinvent_base fast fast.ckpt 3/3 0 100 % 9.60 s 9.50 s 9.75 s" in printed
     assert "reinvent_base broken model/0.ckpt is damaged." in printed
     assert "Best on reinvent_base: fast." in printed
     assert "DR_WORLD_NAME=x dr-start-training" in printed
@@ -223,6 +270,82 @@ CELLS = [
     RobustCell("none", "none", 4, 4, 100.0, 13.2),
     RobustCell("latency", "0.1 s", 4, 0, 20.0, None, "Off track"),
 ]
+
+
+def sample(prefix, *clean_s, ends=()):
+    """Laps from fresh starts: clean ones with these times, then some that ended at waypoints."""
+    laps = [
+        TrialReport(n, 100.0, lap_s, "Lap complete", 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0)
+        for n, lap_s in enumerate(clean_s, start=1)
+    ]
+    laps += [
+        TrialReport(n, waypoint, 3.0, "Off track", 1, 0, 0, 0.0, 0.0, 0.0, 0.0, waypoint)
+        for n, waypoint in enumerate(ends, start=len(laps) + 1)
+    ]
+    where = {"world": "reinvent_base", "simtrace": "t", "metrics": "m", "runtime": "torch"}
+    return laps_report(laps, prefix=prefix, checkpoint="8.ckpt", seed=4, file=None, **where)
+
+
+def test_laps_from_fresh_starts_are_told_as_a_distribution(dr, many, capsys):
+    found = sample("model", *[7.5, 7.6] * 9, 9.4, ends=(99, 2))
+    many["report"] = replace(TABLE, rows=[row("model")], laps=[found])
+
+    code = dr("evaluate", "--laps", "21", "--seed", "4")
+    shown = capsys.readouterr().out
+    dr("evaluate", "--laps", "21", "--json")
+
+    printed = " ".join(shown.split())
+    assert code == 0
+    assert (many["fresh_laps"], many["rival"]) == (21, None)
+    assert "7.4 to 7.6 s 9 ████" in printed
+    assert "off track 2 ████" in printed
+    assert "waypoints 99 to 2 99 to 2 % 2 off track" in printed
+    assert (
+        "19 of 21 laps clean (71 to 97 % with 95 % confidence), median 7.60 s, 90 % within 7.60 s, "
+        "slowest 9.40 s, best 7.50 s; checkpoint 8.ckpt of model on reinvent_base, seed 4."
+    ) in printed
+    assert max(map(len, shown.splitlines()[:-1])) <= 80
+    told = json.loads(capsys.readouterr().out)
+    assert (told["driven"], told["clean"], told["median_s"], told["slowest_s"]) == (
+        21,
+        19,
+        7.6,
+        9.4,
+    )
+    assert told["ends"][0]["statuses"] == {"Off track": 2}
+    assert {"lap_s", "resets", "progress", "clean"} <= told["laps"][0].keys()
+
+
+def test_two_checkpoints_are_compared_in_plain_words(dr, many, capsys):
+    first = sample("model", *[7.5, 7.6] * 10)
+    second = sample("other", *[7.7, 7.8] * 5, ends=[50] * 10)
+    both = replace(first, against=second, comparison=compare(first, second))
+    many["report"] = replace(TABLE, rows=[row("model"), row("other")], laps=[both])
+
+    dr("evaluate", "--laps", "20", "--against", "team/other:last")
+
+    printed = " ".join(capsys.readouterr().out.split())
+    assert many["rival"] == Rival("team/other", "last")
+    assert (
+        "8.ckpt of model drives more clean laps than 8.ckpt of other, 20 against 10 of 20: more "
+        "than chance (p = 0.002). 8.ckpt of model is 0.20 s a lap faster from the 10 starts where "
+        "both were clean: more than chance (p = 0.002)."
+    ) in printed
+
+
+def test_few_pairs_of_times_are_not_compared_and_equal_drives_are_called_so():
+    slow = sample("model", 9.0, 9.0, ends=[3])
+
+    few = compare(sample("other", 8.0, 8.0, ends=[3]), slow)
+    same = compare(sample("model", *[8.0] * 7), sample("model", *[8.0] * 7))
+
+    assert few.time_p == 0.5
+    assert few.verdict == (
+        "Both drive equally many clean laps: 2 against 2 of 3. Their times cannot be compared: "
+        "from too few starts both drove a clean lap."
+    )
+    assert same.clean_p == same.time_p == 1.0
+    assert same.verdict.endswith("Both are equally fast from the 7 starts where both were clean.")
 
 
 def test_a_grid_is_shown_with_what_broke_the_model_and_its_score(dr, many, capsys):
@@ -280,7 +403,7 @@ def test_the_result_names_file_and_engine(
     dr("evaluate")
 
     printed = " ".join(capsys.readouterr().out.split())
-    assert "2 of 3 laps, best 13.42 s, policy.pb with --runtime openvino on" in printed
+    assert "2 finished, best 13.42 s; policy.pb with --runtime openvino on" in printed
 
 
 @pytest.mark.parametrize(

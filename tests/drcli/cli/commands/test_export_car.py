@@ -32,9 +32,10 @@ def test_an_export_is_a_file_in_the_current_folder(dr, here, capsys):
     printed = capsys.readouterr()
     assert code == 0
     assert tarfile.is_tarfile("model.tar.gz")
-    assert "Wrote 5_Step-500.ckpt of s3://bucket/model" in printed.out
+    assert "Wrote 3_Step-300.ckpt of s3://bucket/model" in printed.out
     assert "200 of 200 frames" in printed.out
-    assert "Latest checkpoint = 5" in printed.err
+    assert "Takes checkpoint 3 of model, the best: score 90.0" in printed.err
+    assert "--checkpoint last takes 5" in printed.err
     assert "these actions are the same there: 4 and 3.9 m/s at 0 deg" in printed.err
 
 

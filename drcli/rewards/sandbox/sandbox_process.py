@@ -1,6 +1,6 @@
 """Calls a racer's reward function in a separate process, which the code may end, hang or crash.
 
-Run as `python -m drcli.checks.sandbox.sandbox_process FOLDER PARENT_PID`. FOLDER holds the request
+Run as `python -m drcli.rewards.sandbox.sandbox_process FOLDER PARENT_PID`. FOLDER holds the request
 and a copy of the file; without the copy, only worlds and races are loaded. The result is written
 before the racer's code is loaded, and again at the end. Needs neither torch nor a bucket.
 """
@@ -20,23 +20,24 @@ from functools import wraps
 from pathlib import Path
 from time import monotonic, perf_counter, sleep  # which racers' code may replace in `time`
 from types import FunctionType
-from typing import Any, NoReturn, TextIO
+from typing import Any, NamedTuple, NoReturn, TextIO
 
 from drcli.base import signal_guard
 from drcli.base.problems import Problem
 from drcli.base.system_calls import limit_data
-from drcli.checks.sandbox.sample_calls import sample_races
-from drcli.checks.sandbox.sandbox_records import (
+from drcli.rewards.sandbox.sample_calls import FIRST_UNUSUAL, sample_races, state_of
+from drcli.rewards.sandbox.sandbox_records import (
     FAULTS_FILE,
     CallIndex,
     Difference,
     Failure,
     FailureKind,
+    Printed,
     SandboxRequest,
     SandboxResult,
     Timing,
 )
-from drcli.checks.sandbox.side_effects import Effects, Originals, PrintCounter
+from drcli.rewards.sandbox.side_effects import Effects, Originals, PrintCounter
 from drcli.store.keys import REWARD_FUNCTION_FILE
 from drsim.episode.load_reward import load_reward_function
 from drsim.episode.reward import RewardFunction, RewardParams, checked_reward
@@ -55,20 +56,27 @@ _MEMORY_BYTES = 16 << 30
 _PARENT_S = 0.5
 """How often to check whether the parent is alive."""
 
-Calls = Sequence[Sequence[RewardParams]]
 Values = dict[CallIndex, float | None]
 
 
-def calls_of(request: SandboxRequest) -> tuple[Calls, list[Problem]]:
-    """The requested calls with their waypoints, and the problems of worlds and races."""
+class Calls(NamedTuple):
+    """The sequences of the request, then the samples of each race; the rest as `sample_races`."""
+
+    sequences: Sequence[Sequence[RewardParams]]
+    races: Sequence[str]
+    problems: list[Problem]
+
+
+def calls_of(request: SandboxRequest) -> Calls:
+    """The requested calls with their waypoints."""
     waypoints = [[(x, y) for x, y in points] for points in request.waypoints]
     for calls in request.sequences:
         for params in calls:
             params["waypoints"] = waypoints[params["is_reversed"]]
     if request.races is None:
-        return request.sequences, []
-    samples, problems = sample_races(request.races)
-    return [*request.sequences, *samples], problems
+        return Calls(request.sequences, [], [])
+    samples, races, problems = sample_races(request.races)
+    return Calls([*request.sequences, *samples], races, problems)
 
 
 def try_function(
@@ -87,7 +95,10 @@ class _Passes:
         self.printed = PrintCounter(str(file))
         self._request = request
         self._file = file
-        self._calls = calls
+        self._calls = calls.sequences
+        self._races = calls.races
+        self._problems = calls.problems
+        self._counting = True
         self._faults = faults
         self._effects = Effects(str(file))
         self._originals = Originals()
@@ -96,20 +107,31 @@ class _Passes:
         self._took_s: dict[CallIndex, float] = {}
         self._watched_until_s = 0.0
         self._hangs = False
+        self._line: int | None = None
         self._discards: list[tuple[RewardError, CallIndex]] = []
 
     def run(self) -> SandboxResult:
-        function = self._load(first=True)
         everything = [
             CallIndex(k, i) for k, calls in enumerate(self._calls) for i in range(len(calls))
         ]
-        values = self._play(function, everything, FIRST_PASS_S, first=True) if function else {}
+        samples = [where for where in everything if where.sequence >= len(self._request.sequences)]
+        driven = everything[: len(everything) - len(samples)]
+        values: Values = {}
+        counted, printed = 0, Printed()
+        for places in filter(None, (samples, driven)):
+            # The drive begins with a fresh copy, as each time that it is repeated.
+            function = None if self._hangs else self._load(first=self._counting)
+            if function is None:
+                break
+            self._took_s.clear()
+            values |= self._play(function, places, FIRST_PASS_S, first=True)
+            if self._counting:
+                counted, printed, self._counting = len(values), self.printed.noted(), False
         if self._discards and len(self._discards) == len(values):
             self._record(*self._discards[0])  # every episode is broken: nothing can be learned
-        printed = self.printed.noted()
         random = memory = None
-        repeated = [where for where in everything if where.sequence < self._request.repeated]
-        if function and values and repeated and not self._hangs:
+        repeated = [where for where in driven if where.sequence < self._request.repeated]
+        if values and repeated and not self._hangs:
             random = self._difference(values, repeated)
             # The episodes in reverse order. To remember something within one is fine.
             turned = sorted(repeated, key=lambda where: -where.sequence)
@@ -118,15 +140,17 @@ class _Passes:
             what = f"The file replaces {replaced}, which the simulation and other packages use too."
             self._failures["replaces", "", None] = Failure("replaces", what)
         return SandboxResult(
+            problems=self._problems,
             values=[
                 [values.get(CallIndex(k, i)) for i in range(len(calls))]
                 for k, calls in enumerate(self._calls)
             ],
             failures=list(self._failures.values()),
             returned=dict(self._returned),
-            line=function.__code__.co_firstlineno if isinstance(function, FunctionType) else None,
+            line=self._line,
             timing=_timing(self._took_s),
             calls=len(values),
+            counted=counted,
             effects=self._effects.noted(),
             printed=printed,
             random=random,
@@ -138,10 +162,14 @@ class _Passes:
         self._effects.listening = first
         self._watch(self._request.load_s)
         try:
-            return load_reward_function(self._file)
+            function = load_reward_function(self._file)
         except RewardError as error:
             self._record(error, None)
             return None
+        else:
+            if isinstance(function, FunctionType):
+                self._line = function.__code__.co_firstlineno
+            return function
         finally:
             self._regain()
             self._unwatch()
@@ -231,9 +259,11 @@ class _Passes:
         )
         alike = "" if kind == "range" else returned
         key = (kind, type(cause).__name__ if cause else alike, error.line)
+        times, unusual = int(self._counting), where is not None and self._is_unusual(where)
         known = self._failures.get(key)
         if known is not None:
-            self._failures[key] = replace(known, times=known.times + 1)
+            both = known.unusual and unusual
+            self._failures[key] = replace(known, times=known.times + times, unusual=both)
             return
         missing = cause.name if isinstance(cause, ImportError) else None
         self._failures[key] = Failure(
@@ -241,10 +271,22 @@ class _Passes:
             reason=error.reason.replace(str(self._file), self._request.name),
             line=error.line or None,
             source=error.source,
+            state=self._state(where) if where is not None else "",
             params=str(error.params) if error.params else "",
             missing=missing or "",
-            first=where,
+            times=times,
+            unusual=unusual,
         )
+
+    def _is_unusual(self, where: CallIndex) -> bool:
+        samples = where.sequence >= len(self._request.sequences)
+        return samples and where.index >= len(self._calls[where.sequence]) + FIRST_UNUSUAL
+
+    def _state(self, where: CallIndex) -> str:
+        """The state of the car in a call, with the race if samples of several are tried."""
+        sample = where.sequence - len(self._request.sequences)
+        race = self._races[sample] if sample >= 0 and self._races[1:] else ""
+        return state_of(self._calls[where.sequence][where.index], race)
 
 
 @dataclass
@@ -307,12 +349,12 @@ def main(folder: Path, parent_pid: int) -> None:
     signal.signal(signal.SIGPROF, signal.SIG_IGN)
     limit_data(_MEMORY_BYTES)
     request = SandboxRequest.read(folder)
-    calls, problems = calls_of(request)
+    calls = calls_of(request)
     file = folder / REWARD_FUNCTION_FILE
-    result = SandboxResult(problems=problems, finished=not file.exists())
+    result = SandboxResult(problems=calls.problems, finished=not file.exists())
     result.write(folder)
     if not result.finished:
-        replace(try_function(request, file, calls, faults), problems=problems).write(folder)
+        try_function(request, file, calls, faults).write(folder)
     ends_at_once(0)  # does not wait for threads of the racer's code
 
 

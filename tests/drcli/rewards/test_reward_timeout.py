@@ -4,7 +4,7 @@ import faulthandler
 
 import pytest
 
-from drcli.checks.reward_timeout import stuck_place
+from drcli.rewards.reward_timeout import stuck_place
 
 CALLING = """
 def reward_function(dump):

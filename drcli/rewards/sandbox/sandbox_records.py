@@ -51,11 +51,12 @@ class SandboxRequest:
 
     Attributes:
         name: The author's name for the file of the reward function.
-        sequences: Parameters of the calls, in order, without the waypoints.
+        sequences: Parameters of calls, in order, without the waypoints.
         waypoints: By `is_reversed`. Shape (2, n, 2).
         repeated: How many of the first sequences are called again, to see what the function
             remembers.
-        races: Load the tracks and races of these workers, and add a sequence for each.
+        races: Load the tracks and races of these workers, and before the sequences try the
+            samples of each (`sample_calls`).
         call_s: Longest time of one call.
         load_s: Longest time of loading the file.
     """
@@ -95,28 +96,32 @@ class Failure:
         reason: Such as "KeyError: 'sped'"; a whole sentence if no call was made.
         line: Line in the racer's file, if known.
         source: The text of that line.
-        params: The parameters of the first such call, in short form.
+        state: State of the car in the first such call, such as "on the start line (step 2, 0.0 % of
+            the lap)"; empty if no call was made.
+        params: The parameters of that call which the file reads, in short form.
         missing: The module that cannot be imported, if that is the reason.
-        first: The first call that fails like this, if known.
-        times: How many calls fail like this.
+        times: How many of the `SandboxResult.counted` calls fail like this.
+        unusual: Whether only states that few trainings meet fail like this.
     """
 
     kind: FailureKind
     reason: str
     line: int | None = None
     source: str = ""
+    state: str = ""
     params: str = ""
     missing: str = ""
-    first: CallIndex | None = None
-    times: int = 1
+    times: int = 0
+    unusual: bool = False
 
-    def sentence(self, state: str = "") -> str:
-        """The failure in words, with the state of the car, such as "on the start line"."""
-        failed = f"The reward function failed{f' {state}' if state else ''}: {self.reason}."
-        text = failed if self.params else self.reason
+    @property
+    def sentence(self) -> str:
+        """The failure in words."""
+        failed = f"The reward function failed {self.state}: {self.reason}."
+        text = failed if self.state else self.reason
         if not self.source or self.kind in ("type", "range"):  # not the fault of one line
             return text
-        return f"{text} The line is `{self.source}`."
+        return f"{text}\nThe line is `{self.source}`."
 
 
 @dataclass(frozen=True)
@@ -145,7 +150,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Printed:
-    """Output to stdout and stderr in the first pass; `line` printed first, if known."""
+    """Output to stdout and stderr in the counted calls; `line` printed first, if known."""
 
     lines: int = 0
     characters: int = 0
@@ -168,12 +173,15 @@ class SandboxResult:
 
     Attributes:
         problems: Worlds and races that cannot be loaded.
-        values: The value of each call; None if it failed or was not made.
+        values: The value of each call, those of the samples last; None if it failed or was not
+            made.
         failures: Everything that ends a training.
         returned: How many calls returned which type.
         line: Line of `def reward_function`, if known.
-        timing: Duration of the calls; None without any.
+        timing: Duration of the calls of the sequences, else of the samples; None without any.
         calls: How many calls were made.
+        counted: How many of them were samples, or all without samples: failures and lines are
+            counted among these, so that they do not depend on the sequences.
         effects: Side effects.
         printed: Output.
         random: A call that returned something else when the same calls were repeated.
@@ -188,6 +196,7 @@ class SandboxResult:
     line: int | None = None
     timing: Timing | None = None
     calls: int = 0
+    counted: int = 0
     effects: list[Effect] = field(default_factory=list)
     printed: Printed = Printed()
     random: Difference | None = None

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 
 from drcli.base.problems import Problem, Severity
-from drcli.checks.reward_rules import Source
+from drcli.rewards.reward_rules import Source
 
 FUNCTION = "reward_function"
 

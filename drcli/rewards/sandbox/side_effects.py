@@ -11,7 +11,7 @@ from collections import Counter
 from types import FrameType
 from typing import Any
 
-from drcli.checks.sandbox.sandbox_records import Effect, EffectKind, Printed
+from drcli.rewards.sandbox.sandbox_records import Effect, EffectKind, Printed
 
 _FILE_CHANGES = ("chmod", "chown", "link", "mkdir", "remove", "rename", "rmdir", "symlink")
 _EVENTS: dict[EffectKind, tuple[str, ...]] = {

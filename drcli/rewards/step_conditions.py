@@ -6,7 +6,6 @@ episode has a row of step 1 with reward 0. Many published functions still wait f
 """
 
 import ast
-import warnings
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -50,16 +49,6 @@ class Idle:
         if self.holds:
             return f"Write `steps > {FIRST}` for every call except the first of an episode."
         return f"Write `steps <= {FIRST}` for the first call of an episode."
-
-
-def parsed(text: str | bytes) -> ast.Module:
-    """The syntax tree of a Python file; an empty one if the file is not valid Python."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return ast.parse(text)
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return ast.Module([], [])
 
 
 def idle_conditions(tree: ast.Module) -> list[Idle]:

@@ -6,7 +6,7 @@ import time
 import psutil
 import pytest
 
-from drcli.checks.sandbox.run_sandbox import Sandbox
+from drcli.rewards.sandbox.run_sandbox import Sandbox
 
 ENDS = "import os\ndef reward_function(params):\n    os._exit(3)\n"
 CRASHES = "import ctypes\ndef reward_function(params):\n    return ctypes.string_at(0)\n"

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from drcli.checks.sandbox.sample_calls import sample_params
-from drcli.checks.sandbox.sandbox_process import calls_of, try_function
-from drcli.checks.sandbox.sandbox_records import SandboxRequest, SandboxResult
+from drcli.rewards.sandbox.sample_calls import sample_params
+from drcli.rewards.sandbox.sandbox_process import calls_of, try_function
+from drcli.rewards.sandbox.sandbox_records import SandboxRequest, SandboxResult
 from drsim.track.track import Track
 from drsim.track.worlds import load_track
 
@@ -53,6 +53,6 @@ def found(
         file.write_text(text)
         request = request_of(steps)
         with (tmp_path / "faults.txt").open("w") as faults:
-            return try_function(request, file, calls_of(request)[0], faults)
+            return try_function(request, file, calls_of(request), faults)
 
     return find

@@ -1,17 +1,18 @@
-"""Checks reward_function.py without running it: syntax, undefined names, common mistakes."""
+"""Checks reward_function.py without running it: syntax, unknown names, common mistakes."""
 
 import ast
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-from drcli.base.problems import Problem, ProblemsError, Severity
+from drcli.base.problems import Problem, ProblemsError, Severity, closest
 from drcli.base.text_file import decode
-from drcli.checks.sandbox.sandbox_records import REMEDIES
-from drcli.checks.step_conditions import idle_conditions
+from drcli.explain.reward_parameter_texts import REWARD_PARAMETERS
 from drcli.modelfiles.custom_files import InputFile
+from drcli.rewards.sandbox.sandbox_records import REMEDIES
+from drcli.rewards.step_conditions import idle_conditions
 
 LARGEST_BYTES = 1024 * 1024
 """A larger file was probably named by mistake."""
@@ -25,19 +26,45 @@ class Source:
     """A reward function that compiles; `name` is that of the file in messages."""
 
     name: str
+    data: bytes
     text: str
     tree: ast.Module
 
     def problem(
-        self, rule: str, line: int, message: str, remedy: str, severity: Severity = "error"
+        self, rule: str, line: int | None, message: str, remedy: str, severity: Severity = "error"
     ) -> Problem:
-        """A problem in one of its lines."""
+        """A problem in one of its lines, or in the whole file."""
         return Problem(rule, severity, self.name, line, message, remedy)
 
     def is_silenced(self, line: int) -> bool:
         """Whether the line has a `# noqa` comment."""
         lines = self.text.splitlines()
         return 0 < line <= len(lines) and _SILENCED.search(lines[line - 1]) is not None
+
+    @cached_property
+    def unknown_parameters(self) -> dict[str, int]:
+        """Names that it looks up in its argument but that are not parameters, with a line."""
+        arguments = {
+            next((each.arg for each in function.args.args if each.arg != "self"), "")
+            for function in ast.walk(self.tree)
+            if isinstance(function, ast.FunctionDef) and function.name == "reward_function"
+        }
+        own: set[str] = set()
+        asked: dict[str, int] = {}
+        for node in ast.walk(self.tree):
+            match node:
+                case ast.Subscript(value=ast.Name(id=name), slice=ast.Constant(value=str(key))):
+                    if name in arguments and not isinstance(node.ctx, ast.Load):
+                        own.add(key)
+                    elif name in arguments:
+                        asked.setdefault(key, node.lineno)
+                case ast.Call(
+                    func=ast.Attribute(value=ast.Name(id=name), attr="get"),
+                    args=[ast.Constant(value=str(key)), *_],
+                ) if name in arguments:
+                    asked.setdefault(key, node.lineno)
+        known = REWARD_PARAMETERS.keys() | own
+        return {key: line for key, line in asked.items() if key not in known}
 
     @cached_property
     def flakes(self) -> tuple[tuple[int, str, bool], ...]:
@@ -71,13 +98,14 @@ def read_source(file: InputFile) -> tuple[Source | None, list[Problem]]:
             compile(text, name, "exec")
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         return None, [_uncompilable(error, name, text)]
-    return Source(name, text, tree), []
+    return Source(name, file.data, text, tree), []
 
 
-def review_source(source: Source) -> list[Problem]:
-    """Mistakes that would only show up during a training."""
+def review_source(source: Source, known: Collection[str] = ()) -> list[Problem]:
+    """Mistakes that would only show up during a training; without those `known` parameter names."""
     return [
         *_undefined_names(source),
+        *_unknown_parameters(source, known),
         *_progress_of_one(source),
         *_first_steps(source),
     ]
@@ -93,7 +121,8 @@ def _uncompilable(error: Exception, name: str, text: str) -> Problem:
         message = f"`else if` is not valid Python.{quoted}"
         return Problem("V-24", "error", name, line, message, "Write `elif` and the condition.")
     message = f"The reward function is not valid Python: {what}.{quoted}"
-    return Problem("V-02", "error", name, line, message, f"Correct {name}.")
+    remedy = "Correct that line." if line is not None else "Correct the file."
+    return Problem("V-02", "error", name, line, message, remedy)
 
 
 def _undefined_names(source: Source) -> Iterator[Problem]:
@@ -103,6 +132,20 @@ def _undefined_names(source: Source) -> Iterator[Problem]:
         if undefined and text not in reported:
             reported.add(text)
             yield source.problem("V-22", line, f"{text}.", REMEDIES["undefined"])
+
+
+def _unknown_parameters(source: Source, known: Collection[str]) -> Iterator[Problem]:
+    """V-22: such a look-up fails, or gives the value that the function takes instead."""
+    for name, line in source.unknown_parameters.items():
+        if name not in known and not source.is_silenced(line):
+            what = f"It reads `{name}`, which is not a parameter."
+            yield source.problem("V-22", line, what, likely_parameter(name), "warning")
+
+
+def likely_parameter(name: str) -> str:
+    """The remedy for a name that is not a parameter."""
+    likely = closest(name, REWARD_PARAMETERS)
+    return f"Did you mean `{likely}`?" if likely else "docs/reward-functions.md lists all of them."
 
 
 def _progress_of_one(source: Source) -> Iterator[Problem]:

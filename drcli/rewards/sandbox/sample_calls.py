@@ -1,5 +1,6 @@
-"""The calls with which a reward function is tried before a start, all along the lap."""
+"""The calls that every check of a reward function makes: all along the lap, and unusual states."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.run_config import RaceConfig
-from drcli.workers.build_race import load_race, load_world
+from drcli.workers.build_race import MAX_EPISODE_STEPS, SLACK, load_race, load_world
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.params import Situation, params_of
 from drsim.episode.reward import RewardParams
@@ -26,10 +27,14 @@ OFFSETS = (0.0, 0.3, -0.3, 1.0)
 Floats = NDArray[np.float64]
 
 _STATES = (0, POSITIONS // 4, POSITIONS // 2, 3 * POSITIONS + POSITIONS // 4, POSITIONS - 1)
-"""Five samples that are tried first, in the order of `try_inputs.STATES`. Source: the console's
-validator. The first is the first call of an episode, in which functions set up their variables."""
+"""Five samples that are tried first: on the start line, on the road, after half a lap, off the
+track, at the finish. Source: the console's validator. The first is the first call of an episode, in
+which functions set up their variables."""
 
-_SPEED_MPS = 1.0
+FIRST_UNUSUAL = LATE = -6
+"""Index of the first of the unusual samples, in the last step of a very long episode."""
+
+_SPEED_MPS, _SLOWEST_MPS = 1.0, 0.5
 
 _FALLBACK_WORLD = "reinvent_base"
 """The reward function is tried here if none of the racer's tracks loads."""
@@ -37,10 +42,11 @@ _FALLBACK_WORLD = "reinvent_base"
 
 def sample_races(
     races: Sequence[RaceConfig],
-) -> tuple[list[list[RewardParams]], list[Problem]]:
-    """A sequence of calls for each race of the workers, and why races cannot be loaded."""
+) -> tuple[list[list[RewardParams]], list[str], list[Problem]]:
+    """The samples of each distinct race, its track and type, and why races cannot be loaded."""
     problems: list[Problem] = []
     samples: dict[tuple[str, Race], list[RewardParams]] = {}
+    names = []
     for own in races:
         try:
             track = load_world(own)
@@ -50,11 +56,17 @@ def sample_races(
             continue
         if (own.world_name, race) not in samples:
             samples[own.world_name, race] = sample_params(track, race)
-    return list(samples.values()) or [sample_params(load_track(_FALLBACK_WORLD))], problems
+            names.append(f"{own.world_name}, {own.race_type}")
+    if not samples:
+        return [sample_params(load_track(_FALLBACK_WORLD))], [_FALLBACK_WORLD], problems
+    return list(samples.values()), names, problems
 
 
 def sample_params(track: Track, race: Race = TIME_TRIAL) -> list[RewardParams]:
-    """Reward parameters all along a lap, on the centre line, to its sides and off the track."""
+    """Reward parameters all along a lap, on the centre line, to its sides and off the track.
+
+    Six states that come up in long trainings follow.
+    """
     count = POSITIONS * len(OFFSETS)
     fraction = np.tile(np.linspace(0.0, 1.0, POSITIONS, endpoint=False), len(OFFSETS))
     xy, yaw_rad = places(track, fraction[:POSITIONS] * track.length_m, OFFSETS)
@@ -83,7 +95,37 @@ def sample_params(track: Track, race: Race = TIME_TRIAL) -> list[RewardParams]:
         situation = replace(situation, objects=traffic.objects())
     samples = list(params_of(tracks, situation, np.arange(count)))
     rest = [params for index, params in enumerate(samples) if index not in _STATES]
-    return [*(samples[index] for index in _STATES), *rest]
+    return [*(samples[index] for index in _STATES), *rest, *_unusual(track, samples)]
+
+
+def _unusual(track: Track, samples: Sequence[RewardParams]) -> list[RewardParams]:
+    """A very long episode, a day of training, driving back, extreme actions, the wrong way.
+
+    Few trainings meet them, so what fails only there does not refuse a start.
+    """
+    usual = samples[POSITIONS // 2]
+    slow_lap_s = track.length_m / _SLOWEST_MPS
+    longest = min(MAX_EPISODE_STEPS, math.ceil(SLACK * slow_lap_s * CONTROL_HZ))
+    return [
+        {**usual, "steps": float(longest), "sim_time": longest / CONTROL_HZ},
+        {**usual, "sim_time": 86_400.0},
+        {**usual, "progress": -0.5},
+        {**usual, "steering_angle": 30.0, "speed": 4.0},
+        {**usual, "steering_angle": -30.0, "speed": 0.1},
+        {**usual, "heading": (usual["heading"] + 360.0) % 360.0 - 180.0},
+    ]
+
+
+def state_of(call: RewardParams, race: str = "") -> str:
+    """The state of the car in a call, in words; `race` is that of `sample_races`, if it matters."""
+    if call["is_offtrack"]:
+        where = "off the track"
+    elif call["progress"] >= 100.0:
+        where = "at the finish"
+    else:
+        where = "on the start line" if call["steps"] <= 2 else "on the road"
+    step = f"step {call['steps']:,.0f}, {call['progress']:.1f} % of the lap"
+    return f"{where} ({race}, {step})" if race else f"{where} ({step})"
 
 
 def places(track: Track, along_m: Floats, offsets: Sequence[float]) -> tuple[Floats, Floats]:

@@ -6,7 +6,7 @@ import pytest
 
 from drcli.base.json_record import RecordError
 from drcli.base.problems import Problem
-from drcli.checks.sandbox.sandbox_records import (
+from drcli.rewards.sandbox.sandbox_records import (
     CallIndex,
     Difference,
     Effect,
@@ -21,12 +21,13 @@ RESULT = SandboxResult(
     problems=[Problem("V-05", "error", "run.env", 1, "No such track.", "Correct it.")],
     values=[[1.0, None], []],
     failures=[
-        Failure("raises", "KeyError: 'a'", 3, "return params['a']", "{}", "", CallIndex(0, 1))
+        Failure("raises", "KeyError: 'a'", 3, "return params['a']", "on the road", "{}", times=2)
     ],
     returned={"float": 1},
     line=2,
     timing=Timing(0.1, 0.2, 0.3, CallIndex(0, 0)),
     calls=2,
+    counted=1,
     effects=[Effect("writes", "log.txt", 4, 2)],
     printed=Printed(1, 5, 3),
     random=Difference(CallIndex(0, 0), 1.0, None, 1, 2),

@@ -2,9 +2,9 @@
 
 import pyflakes.checker
 
-from drcli.checks.reward_rules import read_source, review_source
-from drcli.checks.reward_style import review_style
 from drcli.modelfiles.custom_files import InputFile
+from drcli.rewards.reward_rules import read_source, review_source
+from drcli.rewards.reward_style import review_style
 
 
 def test_pyflakes_runs_once(monkeypatch):

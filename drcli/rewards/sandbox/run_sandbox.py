@@ -11,21 +11,21 @@ from threading import Event
 from time import monotonic
 
 from drcli.base.json_record import RecordError
-from drcli.checks.reward_timeout import source_line, stuck_place
-from drcli.checks.sandbox.sandbox_records import (
+from drcli.config import secret_environment
+from drcli.exchange.job import LOG_ENCODING, PROCESS_TUNING
+from drcli.rewards.reward_timeout import source_line, stuck_place
+from drcli.rewards.sandbox.sandbox_records import (
     FAULTS_FILE,
     Failure,
     FailureKind,
     SandboxRequest,
     SandboxResult,
 )
-from drcli.config import secret_environment
-from drcli.exchange.job import LOG_ENCODING, PROCESS_TUNING
 from drcli.store.keys import REWARD_FUNCTION_FILE
 
-_MODULE = "drcli.checks.sandbox.sandbox_process"
-_PATIENCE_S = 200.0
-"""Longest run: loading the file three times, which may take a minute each."""
+_MODULE = "drcli.rewards.sandbox.sandbox_process"
+_PATIENCE_S = 280.0
+"""Longest run: loading the file four times, which may take a minute each."""
 
 _POLL_S = 0.05
 

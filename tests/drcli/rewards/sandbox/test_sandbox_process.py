@@ -31,10 +31,9 @@ def test_every_failing_line_is_found_in_one_go(found):
     assert {(failure.kind, failure.line) for failure in failures} == {("raises", 4), ("raises", 5)}
     missing = next(failure for failure in failures if failure.line == 4)
     assert missing.reason == "KeyError: 'sped'"
-    assert "'steps': 21.0" in missing.params
+    assert missing.params == "{'steps': 21.0}"
     assert missing.source == "return params['sped']"
-    assert missing.first is not None
-    assert (missing.first.sequence, missing.first.index) == (0, 19)
+    assert missing.state.startswith("on the road (step 21, ")
     assert missing.times == 42
 
 
@@ -77,7 +76,7 @@ def test_an_exception_of_any_kind_is_told(found):
     [failure] = found(function("raise Own", before=before)).failures
 
     assert failure.kind == "raises"
-    assert failure.sentence().startswith("The reward function failed: Own.")
+    assert failure.sentence.startswith("The reward function failed on the start line (step 2, ")
 
 
 @pytest.mark.parametrize(

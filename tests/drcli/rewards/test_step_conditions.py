@@ -1,10 +1,11 @@
 """Conditions on `steps` that come out the same in every call, in the ways people write them."""
 
+import ast
 from pathlib import Path
 
 import pytest
 
-from drcli.checks.step_conditions import idle_conditions, parsed
+from drcli.rewards.step_conditions import idle_conditions
 
 DEFAULTS = Path(__file__).resolve().parents[3] / "defaults"
 
@@ -12,7 +13,7 @@ DEFAULTS = Path(__file__).resolve().parents[3] / "defaults"
 def told(*body: str) -> list[tuple[str, bool]]:
     """Conditions found in a function of these lines: each as written, and what it always is."""
     text = "def reward_function(params):\n" + "".join(f"    {line}\n" for line in body)
-    return [(idle.text, idle.holds) for idle in idle_conditions(parsed(text))]
+    return [(idle.text, idle.holds) for idle in idle_conditions(ast.parse(text))]
 
 
 @pytest.mark.parametrize(
@@ -112,14 +113,14 @@ class Racer:
 reward_function = Racer().reward_function
 """
 
-    assert [(idle.line, idle.text) for idle in idle_conditions(parsed(text))] == [
+    assert [(idle.line, idle.text) for idle in idle_conditions(ast.parse(text))] == [
         (8, "self.steps == 1")
     ]
 
 
 def test_the_message_says_what_the_first_call_has_and_how_to_ask_for_it():
     (never,) = idle_conditions(
-        parsed("def reward_function(params):\n    return params['steps'] == 0\n")
+        ast.parse("def reward_function(params):\n    return params['steps'] == 0\n")
     )
 
     assert never.line == 2
@@ -127,37 +128,19 @@ def test_the_message_says_what_the_first_call_has_and_how_to_ask_for_it():
     assert "`steps <= 2`" in never.remedy
 
 
-@pytest.mark.parametrize(
-    "text", ["def reward_function(params:\n", "x = " + "+ ".join("1" * 5_000), "\0", ""]
-)
-def test_what_is_no_python_or_too_deep_has_no_conditions(text):
-    assert idle_conditions(parsed(text)) == []
-
-
-@pytest.mark.parametrize(
-    ("mark", "encoding"), [("", "utf-8-sig"), ("# coding: latin-1\n# \u00fc\n", "latin-1")]
-)
-def test_files_are_read_in_the_encoding_that_python_takes_them_for(mark, encoding):
-    text = f"{mark}def reward_function(params):\n    return params['steps'] == 0\n"
-
-    assert [idle.text for idle in idle_conditions(parsed(text.encode(encoding)))] == [
-        "params['steps'] == 0"
-    ]
-
-
 def test_no_example_waits_for_a_step_that_never_comes():
     files = sorted(DEFAULTS.rglob("reward_function.py"))
 
     assert len(files) == 9
     assert [
-        idle for file in files for idle in idle_conditions(parsed(file.read_text("utf-8")))
+        idle for file in files for idle in idle_conditions(ast.parse(file.read_text("utf-8")))
     ] == []
 
 
 def test_a_set_that_python_cannot_make_is_not_a_condition():
     assert (
         idle_conditions(
-            parsed("def reward_function(params):\n    return params['steps'] in {[1]}\n")
+            ast.parse("def reward_function(params):\n    return params['steps'] in {[1]}\n")
         )
         == []
     )

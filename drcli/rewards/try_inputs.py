@@ -1,0 +1,51 @@
+"""Tries a racer's inputs before a start: do the worlds load, does the reward function work?"""
+
+from dataclasses import replace
+from pathlib import Path
+from threading import Event
+
+from drcli.base.problems import Problem
+from drcli.config.groups.failures import FailureSettings
+from drcli.config.run_config import RaceConfig, RunConfig
+from drcli.rewards.lint import problems_of
+from drcli.rewards.reward_rules import Source
+from drcli.rewards.sandbox.run_sandbox import Sandbox
+from drcli.rewards.sandbox.sandbox_records import SandboxRequest
+
+
+def try_inputs(
+    run: RunConfig, directory: Path, source: Source | None, given_up: Event
+) -> list[Problem]:
+    """Load the worlds of all workers and try the reward function on them, in the sandbox.
+
+    Without a reward function, only the worlds are loaded. When `given_up` is set, the sandbox ends
+    and finds nothing.
+    """
+    request = SandboxRequest("" if source is None else source.name, races=races_of(run))
+    with Sandbox(request, None if source is None else source.data, directory) as sandbox:
+        result = sandbox.result(given_up)
+    found = [as_given(problem, run) for problem in result.problems]
+    if source is not None and not given_up.is_set():
+        found += problems_of(source, result, directory, tolerated_share(run.train))
+    return found
+
+
+def races_of(run: RunConfig) -> list[RaceConfig]:
+    """Everything that is driven in a training: the races of the workers, and the second track."""
+    second = run.second_race(run.race())
+    return [*run.races, *([] if second is None else [second])]
+
+
+def tolerated_share(settings: FailureSettings) -> float:
+    """Share of failing calls up to which a training counts them and goes on."""
+    counts = settings.reward_on_error == "count"
+    return settings.reward_max_error_share if counts else 0.0
+
+
+def as_given(problem: Problem, run: RunConfig) -> Problem:
+    """A problem with the second track as its author wrote it: it has a setting of its own."""
+    place, name = run.eval_world_place, "DR_TRAIN_EVAL_WORLD"
+    if not run.train.train_eval_world or (problem.file, problem.line) != tuple(place):
+        return problem
+    text = problem.message.replace("DR_WORLD_NAME", name)
+    return replace(problem, message=text, key=name)

@@ -1,0 +1,83 @@
+"""A checkpoint keeps the actions that it was trained with, whatever files a later start had."""
+
+import json
+from typing import Any
+
+import pytest
+
+from drcli.config.loading import load_settings
+from drcli.models.export_model import Selection, read_export_source
+from drcli.store import keys
+from drcli.store.best_checkpoint import evaluated_numbers
+from drcli.store.checkpoints import CheckpointStore
+from drcli.workers.evaluator import Entry, enter
+from training_in_memory import PREFIX, REWARD, TrainingInMemory
+
+TRAINED, NEW = 4.0, 2.0
+NEW_REWARD = REWARD.replace("1.0", "2.0")
+
+
+@pytest.fixture
+def training(tmp_path, monkeypatch):
+    training = TrainingInMemory(tmp_path, monkeypatch, DR_TRAIN_MAX_ITERATIONS=1)
+    for module in ("export_model", "transfer_buckets"):
+        monkeypatch.setattr(f"drcli.models.{module}.open_bucket", lambda *_, **__: training.bucket)
+    training.train()
+    return training
+
+
+def set_speed(training: TrainingInMemory, speed: float) -> None:
+    path = training.folder / "custom_files" / "model_metadata.json"
+    values = json.loads(path.read_text())
+    for action in values["action_space"]:
+        action["speed"] = speed
+    path.write_text(json.dumps(values))
+
+
+def allow_iterations(training: TrainingInMemory, number: int) -> None:
+    path = training.folder / "run.env"
+    path.write_text(f"{path.read_text()}DR_TRAIN_MAX_ITERATIONS={number}\n")
+
+
+def speeds(metadata: Any) -> set[float]:
+    return {action["speed"] for action in json.loads(metadata)["action_space"]}
+
+
+def model_file(training: TrainingInMemory) -> set[float]:
+    return speeds(training.bucket.get(keys.model_metadata(PREFIX)))
+
+
+def exported(training: TrainingInMemory, number: int) -> set[float]:
+    settings = load_settings(training.folder, environ={})
+    source = read_export_source(settings, Selection(number))
+    return speeds(source.design.files["model_metadata.json"])
+
+
+def test_a_start_that_learns_nothing_leaves_the_actions_and_the_reward_of_the_model(training):
+    set_speed(training, NEW)
+    training.write("custom_files/reward_function.py", NEW_REWARD)
+    training.write("run.env", (training.folder / "run.env").read_text() + "DR_CAR_COLOR=Blue\n")
+    before = training.bucket.get(keys.parameter_file(PREFIX, "training_params.yaml"))
+    job = training.planned(resume=True)
+    name = str(CheckpointStore(training.bucket, PREFIX).pointed())
+
+    assert exported(training, 1) == model_file(training) == {TRAINED}
+    racer, _ = enter(training.bucket, Entry(PREFIX, name, "trace", "metrics"), job.config)
+    assert {speed for _, speed in racer.actions.choices} == {TRAINED}
+    assert training.bucket.get(keys.reward_function(PREFIX)) == REWARD.encode()
+    assert training.bucket.get(keys.parameter_file(PREFIX, "training_params.yaml")) == before
+
+
+def test_new_actions_become_the_models_with_the_first_checkpoint_that_learned_with_them(training):
+    training.bucket.delete([keys.evaluation_result(PREFIX, 1)])
+    set_speed(training, NEW)
+    training.write("custom_files/reward_function.py", NEW_REWARD)
+    allow_iterations(training, 3)
+    training.train(resume=True)
+
+    assert training.bucket.get(keys.reward_function(PREFIX)) == NEW_REWARD.encode()
+    assert model_file(training) == exported(training, 2) == {NEW}
+    assert exported(training, 1) == {TRAINED}
+    # While it drove with the new actions, checkpoint 1 got no score for that.
+    assert 1 not in evaluated_numbers(training.bucket, PREFIX)
+    assert 2 in evaluated_numbers(training.bucket, PREFIX)
