@@ -20,7 +20,7 @@ from drcli.exchange.policy_source import PolicySource, Runtime
 from drcli.modelfiles.params_yaml import evaluation_parameters
 from drcli.models.checkpoint_choice import Chosen, find_choice, sentence_about
 from drcli.models.repair_model import repair_or_warn
-from drcli.store import keys
+from drcli.store import keys, race_keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.repair import Model, readable_scores
@@ -175,7 +175,8 @@ def _driven(
     if source.file is not None:
         return source.file.name
     chosen = _found(settings, bucket, prefix, choice)
-    notices.show(sentence_about(Model.of(settings.model, bucket, prefix), chosen))
+    if race_keys.submitted_model(prefix) == prefix:  # what was submitted to a race is known
+        notices.show(sentence_about(Model.of(settings.model, bucket, prefix), chosen))
     return chosen.name
 
 
