@@ -30,7 +30,7 @@ ERROR_TEXTS: tuple[ErrorText, ...] = (
         "drcli writes no lock files. A checkpoint counts only when its pointer is written, and a "
         "dead owner's lease expires after a minute. In a model of the reference, delete the "
         "`.lock` "
-        "object below `model/`; `dr-import` ignores it",
+        "object below `model/` before DeepRacer-for-Cloud reads it again; drcli ignores it",
     ),
     ErrorText(
         "Received termination signal from trainer. Goodbye.",
@@ -71,8 +71,7 @@ ERROR_TEXTS: tuple[ErrorText, ...] = (
     ErrorText(
         "Selected path s3://... exists. Delete it, or use -w option. Exiting.",
         "there is a model with this name, or with a name that begins alike",
-        "use `--resume` to continue it, `-w` to replace it, or choose another name. Names that "
-        "only "
+        "use `--resume` to continue it, or choose another name (`-w` deletes it). Names that only "
         "begin alike do not matter",
     ),
     ErrorText(

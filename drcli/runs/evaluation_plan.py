@@ -22,6 +22,7 @@ from drcli.models.repair_model import repair_or_warn
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.model_kind import what_helps
 from drcli.store.repair import Model, readable_scores
 from drcli.store.write_probe import prove_writing
 
@@ -190,7 +191,7 @@ def check_model(bucket: Bucket, prefix: str, setting: str) -> None:
         if not bucket.exists(key):
             raise SettingsError(
                 f"s3://{bucket.name}/{prefix} has no trained model: {key} is missing.",
-                remedy=f"Train it with `dr-start-training`, or correct {setting}.",
+                remedy=what_helps(bucket, prefix, setting=setting),
             )
 
 
@@ -209,7 +210,7 @@ def _found(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> Chos
     if scores is None:
         raise SettingsError(
             f"s3://{bucket.name}/{prefix} has no checkpoint yet.",
-            remedy="Wait for the first iteration; `dr-status` shows how far it is.",
+            remedy=what_helps(bucket, prefix),
         )
     return find_choice(model, parse_checkpoint(choice))
 

@@ -199,7 +199,7 @@ CASES = (
         lambda f: f.bucket.put("model-10/reward_function.py", b""),
         lambda f: f.bucket.put("model-1/reward_function.py", b""),
         "note",
-        ("There is a model at s3://bucket/model-1.", "Replace it"),
+        ("s3://bucket/model-1 exists. It holds files, but no checkpoint.", "Choose another"),
     ),
     Case(
         "V-10",
