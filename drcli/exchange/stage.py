@@ -36,7 +36,7 @@ class StageGoal:
 
     @property
     def evaluated(self) -> bool:
-        """Whether evaluations decide, so that every checkpoint should have one."""
+        """Whether evaluations decide."""
         return any(each is not None for each in (self.laps, self.lap_time, self.progress))
 
     @property

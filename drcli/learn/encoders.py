@@ -73,11 +73,6 @@ ROWS = {torch.float32: 16, torch.bfloat16: 32}
 """Rows of a product in evaluation mode. With fewer, 20 cars or more take longer, and with more,
 4 cars do. The tiles of processors with matrix units for bfloat16 have 16 or 32 rows anyway."""
 
-LARGE_WEIGHTS = 1 << 24
-"""From so many weights on, reading them takes most of the time, so `LARGE_ROWS` share it."""
-
-LARGE_ROWS = 32
-
 
 class Dense(nn.Linear):
     """A dense layer that gives a row the same bits in any batch while it is in evaluation mode.
@@ -94,17 +89,16 @@ class Dense(nn.Linear):
         if self.training or x.is_cuda:
             return functional.linear(x, weight, bias)
         if x.dim() > 2:  # the pixels of one frame are rows enough
-            return torch.cat([functional.linear(frame, weight, bias) for frame in torch.split(x, 1)])
-        is_large = self.in_features * self.out_features >= LARGE_WEIGHTS
-        rows = LARGE_ROWS if is_large else ROWS[weight.dtype]
+            frames = torch.split(x, 1)
+            return torch.cat([functional.linear(frame, weight, bias) for frame in frames])
+        rows = ROWS[weight.dtype]
 
         def product(some: Tensor) -> Tensor:
             lacking = rows - len(some)
             # The layout of a row decides as well.
             full = functional.pad(some, (0, 0, 0, lacking)) if lacking else some.contiguous()
-            if is_large:
-                return functional.linear(full, weight, bias)
-            # In this order, few rows take two thirds of the time.
+            # In this order, few rows take two thirds of the time, and their places do not matter:
+            # with AVX2, they do in large products in the other order.
             return torch.addmm(bias.unsqueeze(1), weight, full.t()).t()
 
         if len(x) <= rows:

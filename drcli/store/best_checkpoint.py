@@ -16,11 +16,11 @@ from drcli.store.bucket import Bucket, ObjectMissing, read_record
 UNFINISHED_MS = 999_999.0
 """Lap time of an unfinished lap, milliseconds. Source: the reference simulator."""
 
-RELIABLE = share_interval(CONFIRMING_CLEAN, CONFIRMING_LAPS)[0]
+RELIABLE = share_interval(20 + CONFIRMING_CLEAN, 20 + CONFIRMING_LAPS)[0]
 """Lower bound of the share of clean laps above which the faster checkpoint is the better one.
 
-It is what a goal asks for. Without it, chance would decide: of two checkpoints that complete 19 of
-20 laps, one drives 40 and the other 38 of 40 clean, and a slow one could never be replaced.
+It is what a goal asks for: 20 laps of an evaluation, and then 38 of 40. Without a limit, a slow
+checkpoint with one clean lap more could be replaced by luck only.
 """
 
 

@@ -127,7 +127,6 @@ class SimWorker:
         self._drives_as_trained = True
         self._loaded: Fingerprint | None = None
         self._drives = 0
-        self._lapped = False
         self._driven_steps = 0
         self._delivered_s = time.monotonic()
         self._wakeup = Wakeup(job.folder, f"sim-{worker}")
@@ -296,7 +295,6 @@ class SimWorker:
                 return
             log_training(episode, iteration, self._worker)
             training.append(episode)
-            self._lapped |= episode.completed
             if episode.discarded:
                 episode.frames.clear()
             else:
@@ -445,22 +443,10 @@ class SimWorker:
         assigned = self._simulation.assigned
         if assigned is not None and not assigned.evaluates:
             return False
-        stage = self._simulation.stage
-        by_stage = stage is not None and stage.goal.evaluated
-        evaluates = by_stage or self._evaluates_all() or self._budget.allows_another()
-        if evaluates:
-            self._evaluated = name.number
-        return evaluates
-
-    def _evaluates_all(self) -> bool:
-        """Whether any checkpoint may end the training, so that each is evaluated.
-
-        Where laps must be fast, that takes a policy of which a training episode, with its random
-        actions, has completed a lap.
-        """
-        if self._job.until_lap_time_s is not None:
-            return self._lapped
-        return self._job.wanted_laps > 0
+        if not self._budget.allows_another():
+            return False
+        self._evaluated = name.number
+        return True
 
 
 def main(job: Job, lifeline: Lifeline) -> None:

@@ -152,8 +152,7 @@ def start_training(
 
     --until-lap-time asks for five evaluation laps at least, or for as many as --until-laps says.
     DR_TRAIN_EVAL_LAPS (20) are driven, and all must hold it. A checkpoint that does drives 40 more
-    laps from other starts, of which 38 must hold it, too. Each checkpoint is evaluated once a
-    training episode has completed a lap; until then, evaluations keep to DR_TRAIN_EVAL_SHARE.
+    laps from other starts, of which 38 must hold it, too.
 
     Example: dr-start-training --until-laps 3
     """

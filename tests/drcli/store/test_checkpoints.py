@@ -289,7 +289,7 @@ def drove(clean: int, of: int, lap_s: float = 8.0, **changes: float) -> Evaluati
     [
         (drove(10, 20, 12.0), drove(9, 20, 8.0)),  # reliable before fast
         (drove(38, 40), drove(19, 20)),  # the same share, known better
-        (drove(39, 40, 7.9), drove(40, 40, 8.0)),  # reliable enough, so the faster one
+        (drove(58, 60, 7.9), drove(60, 60, 8.0)),  # reliable enough, so the faster one
         (drove(0, 20, progress=70.0), drove(0, 20, progress=60.0)),
         (drove(1, 20, progress=1.0), drove(0, 20, progress=90.0)),
     ],
@@ -310,9 +310,9 @@ def test_of_reliable_checkpoints_the_one_that_holds_the_lap_time_asked_for_is_th
         episodes = laps[0].and_again(laps[1])
         return score_of("1_Step-1.ckpt", episodes, "progress", 0.0)
 
-    holds = score(drove(40, 40, 7.9), drove(0, 1))
-    mostly = score(drove(22, 22, 7.0), drove(18, 18, 8.1))
-    unsafe = score(drove(36, 40, 7.0), drove(0, 1))
+    holds = score(drove(58, 59, 7.9), drove(0, 1))
+    mostly = score(drove(35, 35, 7.0), drove(24, 25, 8.1))
+    unsafe = score(drove(56, 59, 7.0), drove(0, 1))
 
     assert is_better(mostly, holds, "progress")
     assert is_better(holds, mostly, "progress", most_s=8.0)
@@ -351,6 +351,7 @@ def test_a_checkpoint_is_hopeful_if_it_would_be_the_best_after_driving_as_well_a
 
     assert hopeful(19, 20, 8.0)
     assert not hopeful(19, 20, 8.1)
+    assert hopeful(20, 20, 9.0)
     assert not hopeful(18, 20, 7.0)
     assert not hopeful(0, 20)
 

@@ -14,36 +14,19 @@ from training_in_memory import PREFIX, TrainingInMemory
 ITERATIONS = 4
 
 
-@pytest.mark.parametrize(
-    ("options", "first_lap", "evaluated"),
-    [
-        ({}, None, [0]),
-        ({"until_laps": 1}, None, [0, 1, 2, 3]),
-        ({"until_lap_time_s": 3.0}, None, [0]),
-        ({"until_lap_time_s": 3.0}, 1, [0, 2, 3]),
-        ({"until_lap_time_s": 3.0, "until_laps": 2}, 0, [0, 1, 2, 3]),
-    ],
-)
-def test_fast_laps_are_looked_for_from_the_first_training_lap_on(
-    working_folder, monkeypatch, options, first_lap, evaluated
+@pytest.mark.parametrize("options", [{}, {"until_laps": 1}, {"until_lap_time_s": 3.0}])
+def test_evaluations_keep_to_their_share_whatever_ends_the_training(
+    working_folder, monkeypatch, options
 ):
     training = TrainingInMemory(working_folder, monkeypatch, DR_TRAIN_MAX_ITERATIONS=ITERATIONS)
-    share = iter([True])
+    share = iter([True, False, True])
     monkeypatch.setattr(sim.EvaluationBudget, "allows_another", lambda self: next(share, False))
-    told = sim.log_training
-
-    def with_a_lap(episode, iteration, worker):
-        if iteration == first_lap:
-            episode.rows[-1] = replace(episode.rows[-1], status="lap_complete")
-        told(episode, iteration, worker)
-
-    monkeypatch.setattr(sim, "log_training", with_a_lap)
 
     training.train(**options)
 
     history = read_history(training.bucket, PREFIX)
     assert len(history) == ITERATIONS
-    assert [r.iteration for r in history if r.evaluation_progress] == evaluated
+    assert [r.iteration for r in history if r.evaluation_progress] == [0, 2]
 
 
 def test_a_checkpoint_that_completes_its_laps_by_luck_does_not_end_the_training(
@@ -73,6 +56,7 @@ def test_a_checkpoint_that_completes_its_laps_by_luck_does_not_end_the_training(
 
         drive(driver, plans, end, *args)
 
+    monkeypatch.setattr(sim.EvaluationBudget, "allows_another", lambda self: True)
     monkeypatch.setattr(SimWorker, "_iterate", noted)
     monkeypatch.setattr(Driver, "drive", lucky)
 
