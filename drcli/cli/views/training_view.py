@@ -261,7 +261,7 @@ def next_commands(report: "RunReport") -> list[tuple[str, str]]:
         return []
     if report.best_laps is not None and report.best_laps.clean:
         return [
-            ("dr-evaluate", "drive more laps with the best checkpoint"),
+            ("dr-evaluate --laps 40", "see how many of 40 laps the best checkpoint drives clean"),
             ("dr-video --checkpoint best", "watch a lap of it"),
             ("dr-export car --best", "write the archive for the car"),
         ]
