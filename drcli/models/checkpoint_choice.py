@@ -251,6 +251,8 @@ def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
         [key for part in parts if (key := keys.checkpoint_part(prefix, name, part)) not in there]
         for parts in (OUR_PARTS, keys.TENSORFLOW_PARTS)
     )
+    if not theirs:
+        return []  # also where a conversion was cut off that began to write ours beside it
     is_tensorflow = len(ours) == len(OUR_PARTS) and len(theirs) < len(keys.TENSORFLOW_PARTS)
     return theirs if is_tensorflow else ours
 

@@ -36,10 +36,12 @@ _PATTERNS: tuple[tuple[re.Pattern[str], Kind], ...] = (
 
 
 def is_tensorflow(listed: Collection[str], prefix: str, name: str) -> bool:
-    """Whether a checkpoint is the reference's alone, by the keys in the folder of checkpoints."""
-    ours = (keys.checkpoint_tensors(prefix, name), keys.checkpoint_record(prefix, name))
+    """Whether a checkpoint is the reference's alone, by the keys in the folder of checkpoints.
+
+    The record of one of ours is written last, so weights without it do not count.
+    """
     index = keys.checkpoint_part(prefix, name, ".index")
-    return index in listed and not any(key in listed for key in ours)
+    return index in listed and keys.checkpoint_record(prefix, name) not in listed
 
 
 def model_kind(bucket: Bucket, prefix: str) -> Kind:

@@ -99,6 +99,17 @@ def test_what_deepracer_for_cloud_has_trained_on_since_then_is_continued(theirs)
     assert theirs.start(resume=True).resumes == "6_Step-400.ckpt"
 
 
+def test_a_conversion_that_was_cut_off_is_made_again(theirs):
+    theirs.bucket.put(keys.checkpoint_tensors(MODEL, NEWEST), b"a part of the weights")
+
+    assert theirs.start(resume=True).resumes == NEWEST
+
+    found = theirs.store(MODEL).load_latest()
+    assert found is not None
+    assert found.record.name == NEWEST
+    assert not found.damaged
+
+
 def test_without_a_usable_pointer_the_highest_number_counts(theirs):
     theirs.bucket.put(keys.coach_checkpoint(MODEL), b"9_Step-99999.ckpt")
 
