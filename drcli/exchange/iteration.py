@@ -52,6 +52,7 @@ class IterationRecord(JsonRecord):
         second_world: Track of the second evaluation, DR_TRAIN_EVAL_WORLD; empty without one.
         second_progress: Progress of each evaluation episode there, percent.
         second_lap_s: Lap times of the laps that were completed there, simulated seconds.
+        world: Track of the first worker, which evaluates; empty in histories of version 0.1.0.
     """
 
     iteration: int
@@ -87,6 +88,12 @@ class IterationRecord(JsonRecord):
     second_world: str = ""
     second_progress: list[float] = field(default_factory=list)
     second_lap_s: list[float] = field(default_factory=list)
+    world: str = ""
+
+    def compares_with(self, other: "IterationRecord") -> bool:
+        """Whether both belong to the same stage and track, as far as the tracks are known."""
+        known = self.world and other.world
+        return self.stage == other.stage and (not known or self.world == other.world)
 
     @property
     def evaluation(self) -> Laps | None:
@@ -119,6 +126,7 @@ LEFT_OUT_IF_EMPTY = (
     "second_world",
     "second_progress",
     "second_lap_s",
+    "world",
 )
 """Fields that few trainings have."""
 

@@ -94,7 +94,7 @@ class Dense(nn.Linear):
         if self.training or x.is_cuda:
             return functional.linear(x, weight, bias)
         if x.dim() > 2:  # the pixels of one frame are rows enough
-            return torch.cat([functional.linear(frame, weight, bias) for frame in x.split(1)])
+            return torch.cat([functional.linear(frame, weight, bias) for frame in torch.split(x, 1)])
         is_large = self.in_features * self.out_features >= LARGE_WEIGHTS
         rows = LARGE_ROWS if is_large else ROWS[weight.dtype]
 
@@ -109,7 +109,7 @@ class Dense(nn.Linear):
 
         if len(x) <= rows:
             return product(x)[: len(x)]
-        return torch.cat([product(some) for some in x.split(rows)])[: len(x)]
+        return torch.cat([product(some) for some in torch.split(x, rows)])[: len(x)]
 
 
 class Encoder(nn.Module):

@@ -130,7 +130,9 @@ def on_track(
     found = set()
     for each in history:
         world = next((world for first, world in reversed(begins) if each.iteration >= first), "")
-        if each.stage:
+        if each.world:
+            world = each.world
+        elif each.stage:
             world = (worlds_of_stages or {}).get(each.stage, "")
         if world == record.world or not record.world:
             found.add(each.iteration)

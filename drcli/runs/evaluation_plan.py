@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError
 from drcli.config.checkpoint_words import parse_checkpoint
@@ -111,14 +110,14 @@ def prepare_evaluation(
         settings = _cloned(settings, bucket)
         on_progress(f"Cloning model into s3://{bucket.name}/{settings.model_prefix}")
     choice = settings.eval_checkpoint
-    checkpoints = [_driven(settings, bucket, settings.model_prefix, choice, own)]
+    checkpoints = [_driven(settings, bucket, settings.model_prefix, choice, own, on_progress)]
     if settings.race_type == "HEAD_TO_MODEL":
         theirs = settings.eval_opp_s3_model_prefix
         if sources[1].file is None:
             repair_or_warn(settings.model, bucket, theirs, missing=True)
             check_model(bucket, theirs, "DR_EVAL_OPP_S3_MODEL_PREFIX")
         choice = settings.eval_opp_checkpoint or choice
-        checkpoints.append(_driven(settings, bucket, theirs, choice, sources[1]))
+        checkpoints.append(_driven(settings, bucket, theirs, choice, sources[1], on_progress))
     on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
     sweep(directory, settings.run_id)
     stamp, folder = claim_stamp(settings, bucket, directory)
@@ -170,13 +169,18 @@ def checked_source(source: PolicySource) -> PolicySource:
 
 
 def _driven(
-    settings: Settings, bucket: Bucket, prefix: str, choice: str, source: PolicySource
+    settings: Settings,
+    bucket: Bucket,
+    prefix: str,
+    choice: str,
+    source: PolicySource,
+    on_progress: Callable[[str], None],
 ) -> str:
     """The name of the checkpoint or file that drives."""
     if source.file is not None:
         return source.file.name
     chosen = _found(settings, bucket, prefix, choice)
-    notices.show(sentence_about(Model.of(settings.model, bucket, prefix), chosen))
+    on_progress(sentence_about(Model.of(settings.model, bucket, prefix), chosen))
     return chosen.name
 
 

@@ -205,8 +205,8 @@ def _steering_zigzags(records: Sequence[IterationRecord]) -> Alarm | None:
 
 
 def _of_stage(records: Sequence[IterationRecord]) -> Sequence[IterationRecord]:
-    """The records of the newest one's stage: those before drove another track or reward."""
-    return [record for record in records if record.stage == records[-1].stage]
+    """The records of the newest one's stage and track: those before drove another one."""
+    return [record for record in records if record.compares_with(records[-1])]
 
 
 def _means(values: Sequence[float], window: int) -> list[float]:

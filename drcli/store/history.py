@@ -191,15 +191,15 @@ class Fall:
     def __init__(self, records: Iterable[IterationRecord] = ()) -> None:
         self._newest: list[float] = []
         self._highest = self._last = 0.0
-        self._stage = ""
+        self._before: IterationRecord | None = None
         for record in records:
             self.add(record)
 
     def add(self, record: IterationRecord) -> None:
         """Add the next iteration."""
-        if record.stage != self._stage:  # another track: what it drove before says nothing
-            self._newest, self._highest, self._last = [], 0.0, 0.0
-            self._stage = record.stage
+        if self._before is not None and not record.compares_with(self._before):
+            self._newest, self._highest, self._last = [], 0.0, 0.0  # it drove another track
+        self._before = record
         self._newest = [*self._newest, record.mean_progress][-SMOOTH:]
         if len(self._newest) == SMOOTH:
             self._last = sum(self._newest) / SMOOTH

@@ -31,11 +31,11 @@ def write_milestones(bucket: Bucket, prefix: str, milestones: Milestones) -> Non
 
 def with_history(known: Milestones, records: Iterable[IterationRecord]) -> Milestones:
     """The milestones with all evaluations of the learning curve."""
-    stage = ""
+    before: IterationRecord | None = None
     for record in records:
-        if record.stage != stage:
-            stage = record.stage
+        if record.stage if before is None else not record.compares_with(before):
             known = known.of_stage(record.iteration)
+        before = record
         known = known.with_evaluation(
             _evaluated(record), record.evaluation_progress, record.evaluation_lap_s
         )

@@ -112,13 +112,16 @@ class Collected:
     speeds: Mapping[int, float] = field(default_factory=dict)
     late: tuple[int, ...] = ()
 
-    def record(self, newest: CheckpointName, *, elapsed_s: float, stage: str) -> IterationRecord:
+    def record(
+        self, newest: CheckpointName, *, elapsed_s: float, stage: str, world: str
+    ) -> IterationRecord:
         """What is known about the iteration before anything is learned from it.
 
         Args:
             newest: The newest checkpoint.
             elapsed_s: Wall time of training so far.
             stage: Stage of the training; empty without a curriculum.
+            world: Track of the first worker.
         """
         steps = self.rollout.steps
         return IterationRecord(
@@ -136,6 +139,7 @@ class Collected:
             reward_errors=self.reward_errors,
             discarded=self.discarded,
             stage=stage,
+            world=world,
         )
 
 

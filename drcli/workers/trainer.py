@@ -265,6 +265,11 @@ class Trainer:
         self._history.restore(record.number, record.counters.learned)
         self._scoring.restore(self._history.records)
         self._checkpoints.restore_milestones(self._progress.newest, self._history.records)
+        before = self._history.records[-1].world if self._history.records else ""
+        train = self._job.config.train
+        elsewhere = train.train_eval_world and train.train_best_model_world == "evaluation"
+        if before not in ("", self._progress.world) and not elsewhere:
+            self._scoring.begin_stage(self._progress.newest.number)  # laps cannot be compared
         problem = self._metrics.restore(self._history.records)
         if problem is not None:
             _logger.warning(problem)

@@ -41,6 +41,12 @@ class TrainingProgress:
             self.newest = CheckpointName(record.number, record.steps)
             self.episodes, mark = record.counters.episodes, record.counters.stage
         self.stages = StageProgress(job.stages, mark, self.counted())
+        self._world = job.config.race().world_name
+
+    @property
+    def world(self) -> str:
+        """The track of the first worker, which evaluates."""
+        return self._world if self.stages.mark is None else self.stages.mark.world
 
     @property
     def elapsed_s(self) -> float:
@@ -53,7 +59,12 @@ class TrainingProgress:
 
     def record(self, collected: Collected) -> IterationRecord:
         """What is known about an iteration before anything is learned from it."""
-        return collected.record(self.newest, elapsed_s=self.elapsed_s, stage=self.stages.name)
+        return collected.record(
+            self.newest,
+            elapsed_s=self.elapsed_s,
+            stage=self.stages.name,
+            world=self.world,
+        )
 
     def advance(self, record: IterationRecord) -> None:
         """Count an iteration; the checkpoint made with it is the newest one from now on."""

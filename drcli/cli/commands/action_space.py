@@ -10,6 +10,7 @@ from drcli.base.errors import DrError, SettingsError
 from drcli.cli import console, prompts
 from drcli.cli.options import AsJson, Replace, force_option, prefix_option
 from drcli.cli.views import action_space_view
+from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import settings, working_folder
 
 if TYPE_CHECKING:
@@ -167,7 +168,7 @@ def from_lap(
     pairs = smoothed(lap.pairs, smooth)
     found = needed(pairs, actions)
     notes = [
-        f"From the fastest of {len(laps):,} clean laps: {lap.seconds:.2f} s, "
+        f"From the fastest of {counted(len(laps), 'clean lap')}: {lap.seconds:.2f} s, "
         f"{len(lap.pairs)} steps, episode {lap.episode} of {lap.file}.",
         f"{close_share(pairs, found):.0%} of its steps have an action within 5 degrees and "
         "0.25 m/s.",

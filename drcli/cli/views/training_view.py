@@ -74,7 +74,10 @@ def live(
 def run(columns: int, report: "RunReport") -> RenderableType:
     """The page of `dr status`."""
     if report.state == "none":
-        return Text("Nothing was started here yet. Start with `dr-start-training`.")
+        return Text(
+            "Nothing was started here yet. Start with `dr-start-training`, or continue a model "
+            "that exists with `dr-start-training --resume`."
+        )
     parts: list[RenderableType] = [Text.assemble(f"Run {report.run_id}: ", _head(report))]
     if report.message:
         parts.append(Text(report.message))
@@ -258,7 +261,7 @@ def next_commands(report: "RunReport") -> list[tuple[str, str]]:
         return []
     if report.best_laps is not None and report.best_laps.clean:
         return [
-            ("dr-evaluate", "drive more laps with the best checkpoint"),
+            ("dr-evaluate --laps 40", "see how many of 40 laps the best checkpoint drives clean"),
             ("dr-video --checkpoint best", "watch a lap of it"),
             ("dr-export car --best", "write the archive for the car"),
         ]

@@ -149,7 +149,7 @@ def test_what_comes_next_depends_on_whether_a_lap_is_clean(make_report):
         report = make_report(state, 9, best_laps=laps)
         return [command for command, _ in training_view.next_commands(report)]
 
-    assert commands("finished", 7.6)[0] == "dr-evaluate"
+    assert commands("finished", 7.6)[0] == "dr-evaluate --laps 40"
     assert commands("stopped", 7.6)[-1] == "dr-export car --best"
     assert commands()[0] == "dr-analyze"
     assert commands()[-1] == "dr-start-training --resume"

@@ -219,6 +219,8 @@ def test_laps_that_a_training_drove_on_another_track_are_not_compared(bucket, ma
     assert (results.best_lap_s, results.best_training_lap_s) == (15.5, 15.5)
     assert (results.best_progress, results.evaluated_laps) == (53.0, 4)
     assert on_track(unknown, history) == set()
+    named = [replace(record, world="oval") for record in history[:3]] + history[3:]
+    assert on_track(resumed, named) == {3}
 
 
 def test_laps_of_stages_on_other_tracks_are_not_compared(bucket, make_record):

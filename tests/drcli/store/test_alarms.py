@@ -45,11 +45,12 @@ def test_other_entropies_are_none(entropy):
     assert subjects(curve(30, entropy=entropy)) == []
 
 
-def test_another_stage_is_no_alarm():
+@pytest.mark.parametrize("place", ["stage", "world"])
+def test_another_stage_or_track_is_no_alarm(place):
     first = curve(20, entropy=lambda n: 0.5, mean_reward=lambda n: 100.0 if n % 2 else 40.0)
-    records = [replace(record, stage="wide") for record in first]
+    records = [replace(record, **{place: "wide"}) for record in first]
     records += [
-        iteration_record(n, entropy=0.5 + 0.1 * (n - 19), stage="hard") for n in range(20, 32)
+        iteration_record(n, entropy=0.5 + 0.1 * (n - 19), **{place: "hard"}) for n in range(20, 32)
     ]
 
     assert subjects(records) == []

@@ -203,7 +203,8 @@ def test_a_trainer_killed_before_it_recorded_a_milestone_finds_it_in_the_learnin
     assert 4 in numbers(memory)
 
 
-def test_the_fastest_lap_of_a_stage_is_on_its_own_track(memory, make_record):
+@pytest.mark.parametrize("place", ["stage", "world"])
+def test_the_fastest_lap_of_a_stage_is_on_its_own_track(memory, make_record, place):
     store = CheckpointStore(memory, PREFIX)
     train(store, *range(5), laps={2: (10.0,)})
     store.begin_stage(4)
@@ -220,7 +221,7 @@ def test_the_fastest_lap_of_a_stage_is_on_its_own_track(memory, make_record):
         replace(
             make_record(n),
             checkpoint=f"{n}_Step-{n * 100}.ckpt",
-            stage="short" if n < 4 else "long",
+            **{place: "short" if n < 4 else "long"},
             evaluation_progress=[100.0] * len(laps.get(n, [])),
             evaluation_lap_s=laps.get(n, []),
         )

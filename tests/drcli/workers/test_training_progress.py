@@ -29,7 +29,7 @@ def now(monkeypatch):
 def job(*goals: StageGoal) -> SimpleNamespace:
     race = SimpleNamespace(world_name="reinvent_base")
     stages = [Stage(f"s{n}", (race,), "", "r.py", "{}", goal) for n, goal in enumerate(goals)]
-    return SimpleNamespace(stages=stages)
+    return SimpleNamespace(stages=stages, config=SimpleNamespace(race=lambda: race))
 
 
 def no_goal(*_: object, **__: object) -> None:

@@ -125,7 +125,7 @@ CALLS = {
     "config set DR_WORKERS=1": "DR_WORKERS=1",
     "config preset physical": "DR_SIM_GLARE=0.6",
     "action-space generate --angles 3": "6 actions.",
-    "action-space from-lap lap.csv -k 2": "From the fastest of 1 complete",
+    "action-space from-lap lap.csv -k 2": "From the fastest of 1 clean lap:",
     "action-space from-histogram lap.csv": "They cover 99%",
     "action-space show --file model_metadata.json": "2 m/s",
     "validate": "V-21",
