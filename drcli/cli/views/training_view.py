@@ -81,7 +81,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     parts: list[RenderableType] = [Text.assemble(f"Run {report.run_id}: ", _head(report))]
     if report.message:
         parts.append(Text(report.message))
-    if report.state in ("failed", "interrupted") and report.remedy:
+    if report.state in ("failed", "interrupted", "finished") and report.remedy:
         parts.append(indented(f"Try: {report.remedy}"))
     if report.state in ("starting", "running"):
         parts += [indented(_worker(worker, ending=report.ending)) for worker in report.workers]

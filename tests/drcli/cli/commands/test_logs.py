@@ -1,6 +1,7 @@
 """`dr logs` as its caller meets it."""
 
 import os
+import time
 
 import pytest
 
@@ -263,7 +264,14 @@ def test_a_copy_is_followed_as_it_grows(dr, uploaded, capsys, meanwhile, monkeyp
     monkeypatch.setattr(show_uploaded_log, "LOOK_S", 0.0001)
     key = "model/logs/sagemaker/trainer.log"
     uploaded(key, "old\n")
-    meanwhile(lambda: uploaded(key, "old\nnew\n"))
+
+    def grow():
+        uploaded(key, "old\nnew\n")
+        look = time.monotonic() + show_uploaded_log.LOOK_S
+        while time.monotonic() < look:
+            pass  # the next wait would be Ctrl-C: the pause must be over
+
+    meanwhile(grow)
 
     assert dr("logs", "trainer", "-f") == 0
 

@@ -57,6 +57,16 @@ def test_status_of_a_failed_run_tells_why_and_exits_0(dr, run, make_report, caps
     assert "NaN at step 3." in capsys.readouterr().out
 
 
+def test_status_of_a_complete_training_says_how_to_repeat_what_failed_at_its_end(
+    dr, run, make_report, capsys
+):
+    how = {"message": "The import failed.", "remedy": "Repeat it.", "exit_code": 3}
+    run.before = make_report("finished", 4, **how)
+
+    assert dr("status") == 0
+    assert "The import failed.\n  Try: Repeat it.\n" in capsys.readouterr().out
+
+
 def test_a_worker_that_ended_because_the_run_ends_is_not_a_fault(dr, run, make_report, capsys):
     run.before = replace(_with_dead_worker(make_report("running", 4)), ending=True)
 
