@@ -1,17 +1,19 @@
 """What refuses a start before its files and its bucket are read: one list, for every check."""
 
+import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from drcli.base.errors import BudgetUsedUp, DrError
+from drcli.base.errors import BudgetUsedUp, DrError, SettingsError
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.settings import Settings
 from drcli.exchange.daily_spending import budget_of
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.store import lease
 from drcli.tracking.open_sinks import check_figures
+from drcli.workers.ray_extra import has_cluster, require_ray
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,7 @@ class StartRule:
 
     Attributes:
         rule: Its number.
-        key: The setting that a problem is reported with.
+        key: The setting that a problem is reported with; empty if its check names the place.
         check: Raises DrError if it does not hold.
         of_machine: Whether it is about this machine, and not about one that trains elsewhere.
     """
@@ -62,11 +64,38 @@ def _within_budget(settings: Settings) -> None:
         raise BudgetUsedUp(budget.used_up, remedy=budget.remedy)
 
 
+def _on_ray(settings: Settings) -> None:
+    if settings.launcher == "ray":
+        require_ray()
+
+
+def _in_cluster(settings: Settings) -> None:
+    wanted = settings.ray_trainer
+    if settings.launcher == "ray" and wanted in ("cluster", "gpu") and not has_cluster(settings):
+        raise SettingsError(
+            f"DR_RAY_TRAINER={wanted} in system.env: there is no cluster for the trainer, because "
+            "Ray starts on this machine alone.",
+            remedy="Write its address into DR_RAY_ADDRESS, or set DR_RAY_TRAINER=auto.",
+        )
+
+
+def _writes_logs(settings: Settings) -> None:
+    folder = settings.directory / "data" / "logs"
+    place = next(place for place in (folder, *folder.parents) if place.exists())
+    if not (place.is_dir() and os.access(place, os.W_OK | os.X_OK)):
+        what = f"{place}: logs cannot be written there."
+        remedy = f"Check that you can write to {folder}, or move it."
+        raise ProblemsError([Problem("V-50", "error", str(place), None, what, remedy)])
+
+
 RULES = (
     StartRule("V-07", "DR_RACE_TYPE", _trainable, of_machine=False),
     StartRule("V-13", "DR_RUN_ID", _free_run),
     StartRule("V-12", "DR_DAILY_BUDGET_HOURS", _within_budget),
     StartRule("V-12", "DR_TENSORBOARD", lambda settings: check_figures(settings.run.figures)),
+    StartRule("V-12", "DR_LAUNCHER", _on_ray),
+    StartRule("V-12", "DR_RAY_TRAINER", _in_cluster),
+    StartRule("V-50", "", _writes_logs),
 )
 
 

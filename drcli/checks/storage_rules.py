@@ -11,7 +11,8 @@ from drcli.models import pretrained
 from drcli.models.pretrained import Transfer
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
-from drcli.store.model_prefix import is_used, newest_checkpoint
+from drcli.store.model_kind import KIND_WORDS, model_kind
+from drcli.store.model_prefix import is_used
 
 LARGEST_SKEW_S = 300.0
 """Servers refuse requests if the clocks differ by 15 minutes; a third of that is a warning."""
@@ -22,10 +23,11 @@ def review_prefix(prefix: str, bucket: Bucket) -> list[Problem]:
     if not is_used(bucket, prefix):
         return []
     model = f"s3://{bucket.name}/{prefix}"
-    learned = newest_checkpoint(bucket, prefix) is not None
-    go_on = "Continue that training with --resume, replace it" if learned else "Replace it"
-    what = f"Selected path {model} exists. Delete it, or use -w option. Exiting."
-    remedy = f"{go_on} with -w, or choose another DR_LOCAL_S3_MODEL_PREFIX in run.env."
+    kind = model_kind(bucket, prefix)
+    what = f"Selected path {model} exists. It holds {KIND_WORDS[kind]}. Exiting."
+    remedy = "Choose another DR_LOCAL_S3_MODEL_PREFIX in run.env; -w would delete what is there."
+    if kind in ("drcli", "tensorflow"):
+        remedy = f"Continue that training with `dr-start-training --resume`. {remedy}"
     return [Problem("V-09", "error", model, None, what, remedy)]
 
 

@@ -201,7 +201,8 @@ class _Validation:
         to_fetch = {each.where: each for each in track_problems(races) if each.severity == "note"}
         for each in examined.problems:
             if each.rule == "V-09":  # the options of a start say what happens to it
-                each = replace(each, severity="note", message=f"There is a model at {each.where}.")
+                message = each.message.removesuffix(" Exiting.")
+                each = replace(each, severity="note", message=message)
             elif each.rule == "V-05" and each.where in to_fetch:
                 each = as_given(to_fetch[each.where], settings.run)
             self.found.append(each)

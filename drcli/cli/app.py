@@ -13,6 +13,7 @@ from drcli.base import notices
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.garbage import search_rarely
 from drcli.base.problems import shown
+from drcli.base.termination import Stopped
 from drcli.cli import ascii_only, completion, console
 from drcli.cli.command_line import application
 from drcli.cli.working_folder import working_folder
@@ -57,6 +58,9 @@ def main(args: list[str] | None = None) -> None:
         arguments = _asked_about()
     try:
         application(arguments)(arguments, prog_name=PROGRAM)
+    except Stopped as error:  # somebody wanted it, so it is no error
+        console.say(f"{error} {error.remedy}".strip())
+        raise SystemExit(error.code) from None
     except DrError as error:  # ours to explain; anything else is a bug
         console.fail(str(error), error.remedy)
         raise SystemExit(error.code) from None

@@ -220,7 +220,8 @@ def _start_offset(value: str) -> str:
             f"-{MOST_START_OFFSET_M:g} to {MOST_START_OFFSET_M:g}",
             "Write left, centre or right, or metres to the left of the centre line, as in -0.2.",
         )
-    return f"{metres:g}"
+    # Every digit: a lap that is driven again must begin at the same place.
+    return str(metres).removesuffix(".0")
 
 
 def _log_group(name: str) -> str:

@@ -30,7 +30,7 @@ ERROR_TEXTS: tuple[ErrorText, ...] = (
         "drcli writes no lock files. A checkpoint counts only when its pointer is written, and a "
         "dead owner's lease expires after a minute. In a model of the reference, delete the "
         "`.lock` "
-        "object below `model/`; `dr-import` ignores it",
+        "object below `model/` before DeepRacer-for-Cloud reads it again; drcli ignores it",
     ),
     ErrorText(
         "Received termination signal from trainer. Goodbye.",
@@ -51,7 +51,7 @@ ERROR_TEXTS: tuple[ErrorText, ...] = (
         "Unable to finish 1 lap",
         "the race's evaluation saw no complete lap: the model does not drive reliably, or only on "
         "the track it was trained on",
-        "evaluate more laps (`DR_EVAL_NUMBER_OF_TRIALS=10`) and on the other track "
+        "evaluate more laps (`dr-evaluate --laps 40`) and on the other track "
         "(`DR_WORLD_NAME=... dr-evaluate`); choose `best` by more laps "
         "(`DR_TRAIN_EVAL_LAPS=40`), or train with disturbances: "
         "[simulation.md](simulation.md)",
@@ -71,8 +71,7 @@ ERROR_TEXTS: tuple[ErrorText, ...] = (
     ErrorText(
         "Selected path s3://... exists. Delete it, or use -w option. Exiting.",
         "there is a model with this name, or with a name that begins alike",
-        "use `--resume` to continue it, `-w` to replace it, or choose another name. Names that "
-        "only "
+        "use `--resume` to continue it, or choose another name (`-w` deletes it). Names that only "
         "begin alike do not matter",
     ),
     ErrorText(

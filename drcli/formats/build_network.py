@@ -55,8 +55,8 @@ def load_weights(model: nn.Module, data: bytes, name: str) -> None:
         raise SettingsError(
             f"The weights of {name} do not fit model_metadata.json and hyperparameters.json: "
             f"{what}",
-            remedy="Restore the files that the model was trained with, or train it again with "
-            "`dr-start-training -w`.",
+            remedy="Restore the files that the model was trained with, or train a new model under "
+            "another DR_LOCAL_S3_MODEL_PREFIX.",
         ) from None
 
 

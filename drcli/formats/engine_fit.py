@@ -28,6 +28,10 @@ MOST_FRAMES = 16
 _PROBED = 3
 """Samples that a new graph is tried with."""
 
+_SAMPLES = 4
+"""Samples of a run, the last of which are repeated where there are fewer: a run of more takes
+hardly less time per sample."""
+
 _SUM_TOLERANCE = 0.02
 """How far sums of probabilities may be from 1; weights in half precision make errors of 0.001."""
 
@@ -79,12 +83,15 @@ class Fit:
         return fed
 
     def run(self, engine: Engine, frames: NDArray[np.uint8], scans: Floats) -> Floats:
-        """The policy's output for n samples, in as many runs as the graph's batch asks for.
+        """The policy's output for n samples, in runs of one size.
+
+        So what a car does depends on no other car: most engines round a sample of a larger run in
+        another way.
 
         Returns:
             Shape (n, number of actions), or (n, 1) where it is an index.
         """
-        size = self.batch or len(frames)
+        size = self.batch or _SAMPLES
         parts = []
         for begin in range(0, len(frames), size):
             rows = np.arange(begin, begin + size).clip(max=len(frames) - 1)

@@ -12,12 +12,15 @@ from safetensors.torch import save as save_tensors
 from torch import nn
 
 from drcli.base.errors import SettingsError
+from drcli.base.fingerprint import Fingerprint
+from drcli.exchange.checkpoint import CheckpointRecord, Counters
 from drcli.formats.build_network import load_arrays, policy_spec
 from drcli.formats.read_checkpoint import read_reference_checkpoint
 from drcli.formats.read_graph import ReadPolicy, read_graph
 from drcli.learn.actor_critic import ActorCritic
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import LIDARS, SINGLE_CAMERAS, ModelMetadata
+from drcli.store import keys
 
 FIRST_STD = 0.25
 """Standard deviation of continuous actions where a file does not have one, as a share of half the
@@ -193,6 +196,18 @@ _FRESH_CRITIC = (
     "The critic: it uses the policy's body here, while the reference trains a body of its own for "
     "it. It learns alone in the first iterations, until it is useful."
 )
+
+
+def first_record(
+    name: str, first: FirstCheckpoint, fitted: FittedMetadata, parameters: Hyperparameters
+) -> CheckpointRecord:
+    """The record of the checkpoint of this name, with the parameter files that describe it."""
+    inputs = {
+        keys.MODEL_METADATA_FILE: fitted.data.decode("utf-8-sig"),
+        keys.HYPERPARAMETERS_FILE: parameters.canonical_json(fitted.metadata.training_algorithm),
+    }
+    counters = Counters(inputs=inputs, critic_warmup=first.critic_warmup)
+    return CheckpointRecord(name, Fingerprint.of(first.tensors), counters=counters)
 
 
 def _sides(metadata: ModelMetadata) -> dict[str, str]:

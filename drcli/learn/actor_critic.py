@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from drcli.learn import distributions
-from drcli.learn.encoders import Encoder
+from drcli.learn.encoders import Dense, Encoder
 from drcli.learn.policy import Observation, PolicySpec
 from drcli.learn.return_scale import ReturnScale
 
@@ -42,19 +42,19 @@ class ActorCritic(nn.Module):
         super().__init__()
         self.spec = spec
         self.body = Encoder(spec)
-        self.policy_head = nn.Linear(self.body.features, spec.num_actions)
+        self.policy_head = Dense(self.body.features, spec.num_actions)
         self.value_head: nn.Module
         if spec.state_dims:
-            last = nn.Linear(_CRITIC_WIDTH, 1)
+            last = Dense(_CRITIC_WIDTH, 1)
             self.value_head = nn.Sequential(
-                nn.Linear(spec.state_dims, _CRITIC_WIDTH),
+                Dense(spec.state_dims, _CRITIC_WIDTH),
                 nn.Tanh(),
-                nn.Linear(_CRITIC_WIDTH, _CRITIC_WIDTH),
+                Dense(_CRITIC_WIDTH, _CRITIC_WIDTH),
                 nn.Tanh(),
                 last,
             )
         else:
-            self.value_head = last = nn.Linear(self.body.features, 1)
+            self.value_head = last = Dense(self.body.features, 1)
         nn.init.zeros_(self.policy_head.bias)
         nn.init.zeros_(last.bias)
         _init_rows(last.weight, 1.0)

@@ -66,6 +66,52 @@ _LIDAR = (256, 256)
 """Dense layers on a lidar's values. Source: the reference's lidar branch."""
 
 
+FEWEST_FRAMES = 2
+"""Frames of a convolution in evaluation mode. oneDNN adds up a single one in another order."""
+
+ROWS = {torch.float32: 16, torch.bfloat16: 32}
+"""Rows of a product in evaluation mode. With fewer, 20 cars or more take longer, and with more,
+4 cars do. The tiles of processors with matrix units for bfloat16 have 16 or 32 rows anyway."""
+
+LARGE_WEIGHTS = 1 << 24
+"""From so many weights on, reading them takes most of the time, so `LARGE_ROWS` share it."""
+
+LARGE_ROWS = 32
+
+
+class Dense(nn.Linear):
+    """A dense layer that gives a row the same bits in any batch while it is in evaluation mode.
+
+    The libraries below PyTorch choose by the shape of a product in which order they add up, and the
+    input of a policy has a row for each car: a car would drive differently beside other cars. In
+    evaluation mode, and on a processor, all products of a layer therefore have one shape; rows that
+    lack are 0. In training mode, which is for learning, this is `nn.Linear`.
+    """
+
+    def forward(self, x: Tensor) -> Tensor:
+        """From shape (n, in_features), or (n, height, width, in_features), to out_features."""
+        weight, bias = self.weight, self.bias
+        if self.training or x.is_cuda:
+            return functional.linear(x, weight, bias)
+        if x.dim() > 2:  # the pixels of one frame are rows enough
+            return torch.cat([functional.linear(frame, weight, bias) for frame in torch.split(x, 1)])
+        is_large = self.in_features * self.out_features >= LARGE_WEIGHTS
+        rows = LARGE_ROWS if is_large else ROWS[weight.dtype]
+
+        def product(some: Tensor) -> Tensor:
+            lacking = rows - len(some)
+            # The layout of a row decides as well.
+            full = functional.pad(some, (0, 0, 0, lacking)) if lacking else some.contiguous()
+            if is_large:
+                return functional.linear(full, weight, bias)
+            # In this order, few rows take two thirds of the time.
+            return torch.addmm(bias.unsqueeze(1), weight, full.t()).t()
+
+        if len(x) <= rows:
+            return product(x)[: len(x)]
+        return torch.cat([product(some) for some in torch.split(x, rows)])[: len(x)]
+
+
 class Encoder(nn.Module):
     """A body: ReLU after every layer, Glorot-uniform kernels and zero biases as in the reference.
 
@@ -107,10 +153,13 @@ class Encoder(nn.Module):
 
     def forward(self, seen: Observation) -> Tensor:
         """Features of n observations. Shape (n, features)."""
-        x = functional.relu(self._first(seen.frames), inplace=True)
+        frames = seen.frames
+        if not self.training and len(frames) < FEWEST_FRAMES:
+            frames = frames[torch.arange(FEWEST_FRAMES).clamp(max=len(frames) - 1)]
+        x = functional.relu(self._first(frames), inplace=True)
         for convolution in self.convolutions[1:]:
             x = functional.relu(convolution(x), inplace=True)
-        x = x.permute(0, 2, 3, 1)
+        x = x[: len(seen.frames)].permute(0, 2, 3, 1)
         x = _through(self.per_pixel, x).flatten(1)
         if len(self.lidar):
             x = torch.cat([x, _through(self.lidar, seen.scan.to(x.dtype))], dim=1)
@@ -199,7 +248,7 @@ def kernel_in_blocks(weight: Tensor, size: int) -> Tensor:
 
 def _dense(width: int, widths: Sequence[int]) -> nn.ModuleList:
     return nn.ModuleList(
-        nn.Linear(before, after) for before, after in zip((width, *widths), widths, strict=False)
+        Dense(before, after) for before, after in zip((width, *widths), widths, strict=False)
     )
 
 

@@ -10,12 +10,15 @@ from drcli.learn.captured_step import CapturedStep
 from drcli.learn.encoders import compute_in
 from drcli.learn.policy import Observation, Policy, PolicySpec
 
+ROWS = 32
+"""Cars of a call. With another number, a GPU rounds in another way."""
+
 
 class GpuPolicy:
-    """Chooses with a copy of a policy on a GPU, as one CUDA graph for all cars.
+    """Chooses with a copy of a policy on a GPU, as one CUDA graph for `ROWS` cars.
 
     All rows are computed, those without a car as well. So a car's action does not depend on how
-    many others still drive.
+    many others drive.
     """
 
     def __init__(self, policy: Policy, device: torch.device) -> None:
@@ -63,22 +66,23 @@ class GpuPolicy:
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Choose an action for each car; see `Policy.act`. The result is in main memory."""
-        arguments = (*seen, noise, deterministic)
-        rows = self._padded(arguments)
-        if epsilon is None:
-            chosen = self._drawn(*rows)
-        else:
+        if epsilon is not None:
             self._epsilon.fill_(epsilon)
-            chosen = self._greedy(*rows)
-        numbers = chosen[: len(noise)].cpu()
+        step = self._drawn if epsilon is None else self._greedy
+        calls = zip(*(torch.split(each, ROWS) for each in (*seen, noise, deterministic)), strict=True)
+        # A graph gives its next result in the same memory.
+        numbers = torch.cat([step(*self._filled(call))[: len(call[0])].cpu() for call in calls])
         actions = numbers[:, :-2]
         actions = actions.float() if self.spec.continuous else actions[:, 0].long()
         return actions, numbers[:, -2].float(), numbers[:, -1]
 
-    def _padded(self, arguments: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
-        """The arguments in the first rows of tensors for the most cars so far, on the device."""
-        if not self._rows or len(self._rows[0]) < len(arguments[0]):
-            self._rows = tuple(torch.zeros_like(each, device=self._device) for each in arguments)
+    def _filled(self, arguments: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+        """The arguments in the first of `ROWS` rows, on the device."""
+        if not self._rows:
+            self._rows = tuple(
+                torch.zeros((ROWS, *each.shape[1:]), dtype=each.dtype, device=self._device)
+                for each in arguments
+            )
         for rows, each in zip(self._rows, arguments, strict=True):
             rows[: len(each)].copy_(each)
         return self._rows

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from drcli.learn.distributions import log_prob_gaussian
-from drcli.learn.encoders import Encoder
+from drcli.learn.encoders import Dense, Encoder
 from drcli.learn.policy import Observation, PolicySpec
 from drcli.learn.return_scale import ReturnScale
 
@@ -103,7 +103,7 @@ def squash(mean: Tensor, log_std: Tensor, noise: Tensor) -> tuple[Tensor, Tensor
     raw = mean + log_std.exp() * noise
     # log(1 - tanh(x)^2) = 2 (log 2 - x - softplus(-2 x)), which does not round to log 0. Source:
     # TensorFlow Probability's Tanh bijector.
-    log_slope = 2.0 * (math.log(2.0) - raw - functional.softplus(-2.0 * raw))
+    log_slope = 2.0 * (math.log(2.0) - raw + functional.logsigmoid(2.0 * raw))
     return torch.tanh(raw), log_prob_gaussian(mean, log_std, raw) - log_slope.sum(-1)
 
 
@@ -127,14 +127,14 @@ class _TwinCritic(nn.Module):
 
 def _summary(features: int) -> nn.Module:
     """A few values of similar size, whatever the size of the features."""
-    return nn.Sequential(nn.Linear(features, _SUMMARY), nn.LayerNorm(_SUMMARY), nn.Tanh())
+    return nn.Sequential(Dense(features, _SUMMARY), nn.LayerNorm(_SUMMARY), nn.Tanh())
 
 
 def _hidden_layers(width: int, out: int) -> nn.Module:
     return nn.Sequential(
-        nn.Linear(width, _WIDTH),
+        Dense(width, _WIDTH),
         nn.ReLU(inplace=True),
-        nn.Linear(_WIDTH, _WIDTH),
+        Dense(_WIDTH, _WIDTH),
         nn.ReLU(inplace=True),
-        nn.Linear(_WIDTH, out),
+        Dense(_WIDTH, out),
     )

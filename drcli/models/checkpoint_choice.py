@@ -15,6 +15,7 @@ from drcli.store import keys
 from drcli.store.best_checkpoint import read_evaluation
 from drcli.store.bucket import Bucket, Listing, ObjectDamaged, ObjectMissing
 from drcli.store.milestones import readable_milestones
+from drcli.store.model_kind import what_helps
 from drcli.store.repair import Model, readable_history, readable_scores
 
 OUR_PARTS = (".safetensors", ".json")
@@ -217,7 +218,7 @@ def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> 
             raise SettingsError(
                 f"No checkpoint file available at s3://{bucket.name}/"
                 f"{keys.deepracer_checkpoints(prefix)}. Exiting.",
-                remedy="Train that model first, or correct its prefix; `dr-list-models` lists all.",
+                remedy=what_helps(bucket, prefix),
             )
         score = scores.best_checkpoint if choice == "best" else scores.last_checkpoint
         listed = bucket.list(keys.model_folder(prefix))
@@ -232,10 +233,7 @@ def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> 
             return Chosen(choice, _score(scores, name), _parts(listed, prefix, str(name)))
     has = ModelCheckpoints.read(model)
     if not has.names:
-        raise SettingsError(
-            f"{has.url} has no checkpoint.",
-            remedy="Train that model first, or correct its prefix; `dr-list-models` lists all.",
-        )
+        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(bucket, prefix))
     if isinstance(choice, int):
         name = _numbered(has, choice, remedy)
     else:

@@ -10,7 +10,7 @@ from drcli.modelfiles.params_yaml import moved_training_parameters
 from drcli.models.checkpoint_choice import OUR_PARTS, Chosen
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_scores
-from drcli.store.bucket import Bucket, Listing, ObjectDamaged
+from drcli.store.bucket import Bucket, ObjectDamaged
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.complete_files import read_complete
 
@@ -41,18 +41,6 @@ def known_best(bucket: Bucket, prefix: str) -> str | None:
     except ObjectDamaged:
         return None
     return None if scores is None else scores.best_checkpoint.name
-
-
-def needs_import(listed: Listing) -> bool:
-    """Whether a model has TensorFlow's checkpoints only, which `dr-import` makes usable here."""
-    names = [info.key for info in listed]
-    theirs = any(name.endswith(".ckpt.index") for name in names)
-    return theirs and not any(name.endswith(".ckpt.safetensors") for name in names)
-
-
-def import_command(url: str, *, local: bool = False, prefix: str = "NAME") -> str:
-    """The command that makes a model at an address one of ours."""
-    return f"dr-import {'-L ' if local else ''}{url} -t {prefix}"
 
 
 def read_checkpoint(bucket: Bucket, prefix: str, chosen: Chosen) -> list[Item]:

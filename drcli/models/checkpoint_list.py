@@ -1,6 +1,7 @@
 """Lists the checkpoints of a model with what their evaluations showed."""
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from drcli.base.errors import SettingsError
 from drcli.config.bucket_config import ModelConfig
@@ -13,6 +14,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.milestones import readable_milestones
+from drcli.store.model_kind import is_tensorflow, what_helps
 from drcli.store.reconstruct import readable_evaluations
 from drcli.store.repair import Model, readable_history, readable_scores
 
@@ -32,6 +34,7 @@ class ListedCheckpoint:
         best_lap_s: Fastest of the clean laps, simulated seconds; None without one.
         size_bytes: All its files.
         problem: What is wrong with it; empty if nothing is known.
+        form: `tensorflow` for a checkpoint of DeepRacer-for-Cloud or a console, else `drcli`.
         median_s: Median time of the clean laps; None without one, or if it is unknown.
     """
 
@@ -45,6 +48,7 @@ class ListedCheckpoint:
     best_lap_s: float | None
     size_bytes: int
     problem: str = ""
+    form: Literal["drcli", "tensorflow"] = "drcli"
     median_s: float | None = None
 
 
@@ -106,10 +110,7 @@ def list_checkpoints(
     model = Model.of(config, bucket, prefix)
     has = ModelCheckpoints.read(model)
     if not has.names:
-        raise SettingsError(
-            f"{has.url} has no checkpoint.",
-            remedy="Train that model first, or correct its prefix; `dr-list-models` lists all.",
-        )
+        raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(bucket, prefix))
     history, damaged = readable_history(model)
     damaged += readable_scores(model)[1] + readable_milestones(bucket, prefix, [])[1]
     results = readable_evaluations(bucket, prefix).values()
@@ -130,6 +131,7 @@ def list_checkpoints(
     sizes = _sizes(has)
     store = CheckpointStore(bucket, prefix)
     spaced = set(has.milestones.spaced)
+    there = {info.key for info in has.listed}
     listed = []
     for name in has.names:
         progress, lap_s = evaluated.get(name.number, ([], []))
@@ -150,6 +152,7 @@ def list_checkpoints(
                 best_lap_s=seen[3],
                 size_bytes=sizes[name],
                 problem=_problem(has, store, name, check=check),
+                form="tensorflow" if is_tensorflow(there, prefix, str(name)) else "drcli",
                 median_s=Laps(len(progress), lap_s).median_s,
             )
         )

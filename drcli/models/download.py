@@ -8,7 +8,7 @@ from drcli.base import notices
 from drcli.config.settings import Settings
 from drcli.modelfiles.params_yaml import moved_training_parameters
 from drcli.models.checkpoint_choice import missing_parts
-from drcli.models.checkpoint_files import PARAMETERS_FILE, SHAPING, Item, needs_import
+from drcli.models.checkpoint_files import PARAMETERS_FILE, SHAPING, Item
 from drcli.models.copy_custom_files import write_own_files
 from drcli.models.download_source import (
     SNAPSHOTS,
@@ -59,15 +59,12 @@ class PlannedDownload:
 
     Attributes:
         used: How many objects are at the target.
-        import_command: Makes the model usable here, if it is one of the reference simulator's;
-            else empty.
     """
 
     options: DownloadOptions
     source_url: str
     target_url: str
     used: int
-    import_command: str = ""
 
 
 @dataclass(frozen=True)
@@ -91,7 +88,7 @@ def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownlo
     """
     options = replace(options, prefix=checked_prefix(options.prefix, "-t"))
     source = _source(settings, options, patience_s=COMMAND_PATIENCE_S)
-    listed = list_whole(source)
+    list_whole(source)
     here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     ends = (source.bucket, source.prefix), (here, options.prefix)
     refuse_overlap(*ends, flag="-t", may_write=not options.dry_run)
@@ -105,7 +102,6 @@ def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownlo
         source_url=source.url,
         target_url=f"s3://{here.name}/{options.prefix}",
         used=used,
-        import_command=source.import_command if needs_import(listed) else "",
     )
 
 

@@ -12,17 +12,12 @@ from drcli.base.json_record import RecordError
 from drcli.exchange.checkpoint import decode_pointer
 from drcli.exchange.scores import Scores
 from drcli.models.checkpoint_choice import missing_parts
-from drcli.models.checkpoint_files import (
-    HYPERPARAMETERS,
-    METADATA,
-    Item,
-    import_command,
-    needs_import,
-)
+from drcli.models.checkpoint_files import HYPERPARAMETERS, METADATA, Item
 from drcli.models.put_model import POINTERS
 from drcli.store import keys
 from drcli.store.bucket import Bucket, Listing, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
+from drcli.store.model_kind import import_command, kind_of
 from drcli.store.reconstruct import readable_records, reconstruct_scores
 
 TRANSIENT = ("model/.ready", "model/.lock", "model/.finished", "ip/ip.json", "ip/done")
@@ -40,11 +35,6 @@ class Source:
     prefix: str
     listing: str
     local: bool = False
-
-    @property
-    def import_command(self) -> str:
-        """The command that makes it a model here, if it is one of the reference simulator's."""
-        return import_command(self.url, local=self.local)
 
     @property
     def folder(self) -> str:
@@ -77,11 +67,9 @@ def list_model(source: Source) -> Listing:
     if wrong:
         why = ", ".join(wrong) if listed else "There is nothing"
         remedy = f"Correct the address after -s; `{source.listing}` lists all models there."
-        if needs_import(listed):
-            remedy = (
-                "It is a model of the reference simulator: make it one here with "
-                f"`{source.import_command}`, which can do without these files."
-            )
+        if kind_of(sizes) in ("tensorflow", "upload"):
+            command = import_command(source.bucket, source.prefix, local=source.local)
+            remedy = f"Make it a model here with `{command}`, which can do without these files."
         raise SettingsError(
             f"Meta-data files are not found. Source model {source.url} not valid. Exiting. {why}.",
             remedy=remedy,

@@ -137,7 +137,9 @@ def export_car(
     refuse(stacked)
     model = build_policy(metadata, parameters)
     load_weights(model, source.weights, source.chosen.name)
-    graph = encode_policy(weights_of(model), policy_spec(metadata, parameters), metadata.sensor)
+    graph = source.graph or encode_policy(
+        weights_of(model), policy_spec(metadata, parameters), metadata.sensor
+    )
     archive = car_archive(graph, metadata)
     check = check_car_archive(archive, file_name)
     errors = of_severity(check.problems, "error")

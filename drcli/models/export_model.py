@@ -7,6 +7,8 @@ from drcli.base.errors import SettingsError
 from drcli.base.replaceable import safe_name
 from drcli.config.checkpoint_words import CheckpointChoice
 from drcli.config.settings import Settings, catalogue
+from drcli.exchange.checkpoint import CheckpointRecord
+from drcli.formats.stored_checkpoint import load_checkpoint
 from drcli.modelfiles.network_shape import Design
 from drcli.models.checkpoint_choice import (
     OUR_PARTS,
@@ -21,7 +23,6 @@ from drcli.models.run_metadata import read_start
 from drcli.models.transfer_buckets import checked_prefix
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer
-from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.repair import Model
 
@@ -52,6 +53,8 @@ class ExportSource:
         origin: Address of the weights, for messages.
         world: DR_WORLD_NAME of its training; None if that is not known.
         best: Name of the best checkpoint of the model; None if that is not known.
+        graph: The frozen graph of a TensorFlow checkpoint, as the reference wrote it; None for a
+            checkpoint of ours.
     """
 
     bucket: str
@@ -62,6 +65,7 @@ class ExportSource:
     origin: str
     world: str | None = None
     best: str | None = None
+    graph: bytes | None = None
 
     @property
     def url(self) -> str:
@@ -79,7 +83,7 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
 
     Raises:
         SettingsError: The model, the checkpoint or a parameter file does not exist or cannot be
-            used, or the checkpoint is one of the reference's that has not been imported.
+            used.
         StorageError: The bucket cannot be read, or the checkpoint is damaged.
     """
     prefix = selection.prefix
@@ -89,10 +93,8 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
     model = Model.of(settings.model, bucket, prefix)
     for attempt in range(_PICKS):
         chosen = find_choice(model, selection.choice)
-        if not all(part in chosen.parts for part in OUR_PARTS):
-            raise _not_imported(bucket, prefix, chosen)
         try:
-            weights = CheckpointStore(bucket, prefix).load(chosen.name).tensors
+            found = load_checkpoint(bucket, prefix, chosen.name)
         except ObjectMissing as e:
             if attempt == _PICKS - 1 or isinstance(selection.choice, int):
                 raise CheckpointGone(
@@ -102,22 +104,26 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
             continue
         break
     notices.show(sentence_about(model, chosen))
-    key = keys.checkpoint_tensors(prefix, chosen.name)
+    weights_part = next(part for part in (*OUR_PARTS, ".index") if part in chosen.parts)
+    key = keys.checkpoint_part(prefix, chosen.name, weights_part)
+    graph = keys.checkpoint_graph(prefix, chosen.number)
+    has_graph = weights_part == ".index" and bucket.exists(graph)
     return ExportSource(
         bucket.name,
         prefix,
         chosen,
-        _design(bucket, prefix, chosen.name),
-        weights,
+        _design(bucket, prefix, found.record),
+        found.tensors,
         f"s3://{bucket.name}/{key}",
         _world(bucket, prefix),
         known_best(bucket, prefix),
+        bucket.get(graph) if has_graph else None,
     )
 
 
-def _design(bucket: Bucket, prefix: str, checkpoint: str) -> Design:
+def _design(bucket: Bucket, prefix: str, record: CheckpointRecord) -> Design:
     try:
-        return Design.of_checkpoint(bucket, prefix, checkpoint)
+        return Design.of_model(bucket, prefix, record.counters.inputs)
     except ObjectMissing as e:
         raise SettingsError(
             f"Meta-data files are not found. Exiting. {e}",
@@ -136,11 +142,3 @@ def _world(bucket: Bucket, prefix: str) -> str | None:
         return None
     world = start.settings.get(_WORLD, catalogue()[_WORLD].default)
     return world if isinstance(world, str) else None
-
-
-def _not_imported(bucket: Bucket, prefix: str, chosen: Chosen) -> SettingsError:
-    url = f"s3://{bucket.name}/{prefix}"
-    return SettingsError(
-        f"{chosen.name} of {url} is a TensorFlow checkpoint of the reference simulator.",
-        remedy=f"Make it a model of this project first, with `dr-import {url}`.",
-    )

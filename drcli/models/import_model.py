@@ -152,7 +152,7 @@ def _check_target(
     if is_model and not options.wipe and not all(map(delivery.holds, items)):
         raise SettingsError(
             f"s3://{here.name}/{options.prefix} already contains a model.",
-            remedy="Choose another name with -t, or delete that model with -w.",
+            remedy="Choose another name with -t; -w would delete that model.",
         )
     if not options.dry_run:
         prove_writing(here, options.prefix, deletes=True)  # pointers there are deleted first

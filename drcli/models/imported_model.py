@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING
 import yaml
 
 from drcli.base.errors import SettingsError
-from drcli.base.fingerprint import Fingerprint
 from drcli.base.problems import ProblemsError, shown
 from drcli.base.regular_file import read_regular
 from drcli.config.example_files import model_file
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.exchange.car_trial import CarTrials
-from drcli.exchange.checkpoint import CheckpointRecord, Counters
 from drcli.exchange.episode_metrics import encode_metrics
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.params_yaml import moved_training_parameters, training_parameters
@@ -133,16 +131,8 @@ class ModelMaker:
         first = imported_policy.first_checkpoint(policy, metadata, parameters)
         reward = self._reward_function()
         hyperparameters = parameters.canonical_json(metadata.training_algorithm).encode()
-        inputs = {
-            keys.MODEL_METADATA_FILE: fitted.data.decode("utf-8-sig"),
-            keys.HYPERPARAMETERS_FILE: hyperparameters.decode(),
-        }
         name = str(self._chosen.name)
-        record = CheckpointRecord(
-            name,
-            Fingerprint.of(first.tensors),
-            counters=Counters(inputs=inputs, critic_warmup=first.critic_warmup),
-        )
+        record = imported_policy.first_record(name, first, fitted, parameters)
         described, world = self._training_parameters()
         metrics = keys.training_metrics("metrics")
         items = [

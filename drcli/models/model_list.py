@@ -8,6 +8,7 @@ from drcli.exchange.scores import Score
 from drcli.models.run_metadata import metric_of
 from drcli.store import keys, lease, race_keys
 from drcli.store.bucket import Bucket, ObjectInfo
+from drcli.store.model_kind import Kind, kind_of
 from drcli.store.notes import headline
 from drcli.store.repair import Model, readable_scores
 
@@ -87,6 +88,7 @@ class ModelEntry:
         training: Whether it is being trained now.
         damaged: Damage to its index; `best` and `last` are reconstructed then.
         note: Its description, else its newest note; empty without one.
+        kind: `tensorflow` for a model of DeepRacer-for-Cloud or a console, else `drcli`.
     """
 
     prefix: str
@@ -99,6 +101,7 @@ class ModelEntry:
     training: bool
     damaged: list[str] = field(default_factory=list)
     note: str = ""
+    kind: Kind = "drcli"
 
 
 @dataclass(frozen=True)
@@ -221,4 +224,5 @@ def _entry(bucket: Bucket, prefix: str, objects: list[ObjectInfo]) -> ModelEntry
         training=_is_trained(bucket, prefix),
         damaged=damaged,
         note=headline(bucket, prefix, {info.key: info for info in objects}),
+        kind=kind_of([info.key.removeprefix(keys.folder(prefix)) for info in objects]),
     )

@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 
+from drcli.base.errors import SettingsError
 from drcli.base.problems import Place, Problem, ProblemsError, refuse
 from drcli.config.bucket_config import PretrainedConfig
 from drcli.config.checkpoint_words import CheckpointChoice, parse_checkpoint
 from drcli.config.setting_problems import setting_problem
 from drcli.exchange.scores import Score
 from drcli.exchange.training_start import Pretrained
+from drcli.formats.stored_checkpoint import load_checkpoint
 from drcli.modelfiles.network_shape import Design, weight_problems
 from drcli.models.checkpoint_choice import (
     CheckpointGone,
@@ -16,10 +18,10 @@ from drcli.models.checkpoint_choice import (
     find_choice,
     sentence_about,
 )
-from drcli.models.checkpoint_files import import_command, needs_import
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import Checkpoint, CheckpointStore
+from drcli.store.model_kind import what_helps
 from drcli.store.model_prefix import contains
 from drcli.store.repair import Model, readable_scores
 
@@ -58,7 +60,7 @@ def find(
         raise _wrong(PREFIX, place, prefix, what, remedy)
     source, found = named_weights(config, bucket)
     try:
-        trained = Design.of_checkpoint(bucket, prefix, source.name)
+        trained = Design.of_model(bucket, prefix, found.record.counters.inputs)
     except ObjectMissing as e:
         remedy = "Restore that file from a copy, or choose another model."
         raise _wrong(PREFIX, place, prefix, f"that model is not complete: {e}", remedy) from e
@@ -100,23 +102,22 @@ def read_weights(
         if scores is None and pointed is not None:
             chosen = str(pointed)
         elif scores is None:
-            remedy = "Correct the prefix, or train that model first."
+            remedy = what_helps(bucket, prefix, setting=name)
             raise _wrong(name, place, prefix, f"there is no checkpoint at {folder}.", remedy)
         else:
             chosen = find_choice(model, checkpoint).name
-        found = store.load(chosen)
+        found = load_checkpoint(bucket, prefix, chosen)
     except (ObjectMissing, ObjectDamaged, CheckpointGone) as e:
-        if needs_import(bucket.list(keys.model_folder(prefix))):
-            what = f"the checkpoints at {folder} are TensorFlow's, from the reference simulator."
-            command = import_command(f"s3://{bucket.name}/{prefix}", local=True)
-            remedy = f"Make them a model here with `{command}`, and name that model."
-            raise _wrong(name, place, prefix, what, remedy) from e
         what = f"its {checkpoint} checkpoint cannot be used: {e}"
         if not isinstance(e, CheckpointGone):
             what += f" {ModelCheckpoints.read(model).summary}"
         other = "last" if checkpoint == "best" else "best"
         remedy = f"Set DR_LOCAL_S3_PRETRAINED_CHECKPOINT={other} or to another one of these, or "
         raise _wrong(name, place, prefix, what, f"{remedy}choose another model.") from e
+    except ProblemsError:
+        raise
+    except SettingsError as e:  # a TensorFlow checkpoint of another network
+        raise _wrong(name, place, prefix, str(e), e.remedy) from e
     metric = None if scores is None else scores.metric_of(chosen)
     sha256 = found.record.tensors.sha256
     return Pretrained(prefix, str(checkpoint), chosen, metric, sha256), found

@@ -15,6 +15,7 @@ from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.models.run_metadata import read_start
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket, ObjectDamaged
+from drcli.store.model_kind import model_kind
 from drcli.store.reconstruct import readable_records
 from drcli.store.repair import Model, find_damage, repair, set_aside
 
@@ -43,9 +44,14 @@ def repair_or_warn(
 def repair_all(model: Model, *, missing: bool = True) -> list[str]:
     """Put every damaged object of a model aside and reconstruct it; only while nobody trains it.
 
+    Nothing of a model of the reference: what is damaged in it cannot be reconstructed from its
+    TensorFlow checkpoints, and DeepRacer-for-Cloud may read it otherwise.
+
     Returns:
         For each, a sentence on what was damaged and how it was repaired.
     """
+    if model_kind(model.bucket, model.prefix) == "tensorflow":
+        return []
     return [*repair(model, missing=missing), *restore_parameters(model), *_repair_start(model)]
 
 

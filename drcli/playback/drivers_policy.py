@@ -63,7 +63,7 @@ def policy_of(
 def open_checkpoint(
     bucket: Bucket, config: ModelConfig, prefix: str, number: int
 ) -> "ExplainedPolicy":
-    """The policy of a checkpoint: its network, or for a model of the reference its frozen graph.
+    """The policy of a checkpoint: its network, or its frozen graph where only that is left.
 
     Raises:
         SettingsError: It is not there, or cannot be used.
@@ -77,7 +77,7 @@ def open_checkpoint(
     except SettingsError:
         if not bucket.exists(keys.checkpoint_graph(prefix, number)):
             raise
-    if name and bucket.exists(keys.checkpoint_tensors(prefix, name)):
+    if name:
         return open_policy(bucket, prefix, name)
     with tempfile.TemporaryDirectory(prefix="dr-policy-") as folder:
         graph, metadata = Path(folder, f"model_{number}.pb"), Path(folder, "model_metadata.json")
@@ -89,11 +89,7 @@ def open_checkpoint(
 def _available(bucket: Bucket, config: ModelConfig, prefix: str) -> list[int]:
     has = ModelCheckpoints.read(Model.of(config, bucket, prefix))
     there = {info.key for info in has.listed}
-    whole = {
-        name.number
-        for name in has.names
-        if keys.checkpoint_tensors(prefix, str(name)) in there and not has.missing_parts(str(name))
-    }
+    whole = {name.number for name in has.names if not has.missing_parts(str(name))}
     graphs = {
         name.number for name in has.names if keys.checkpoint_graph(prefix, name.number) in there
     }

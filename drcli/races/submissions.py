@@ -30,6 +30,7 @@ from drcli.races.standings import queue_of, state_of
 from drcli.races.stored_race import StoredRace, new_name, put, read_race, submission_id
 from drcli.store import keys, race_keys
 from drcli.store.bucket import Bucket
+from drcli.store.model_kind import what_helps
 from drcli.store.repair import Model
 
 _PARTS = (*OUR_PARTS, *keys.TENSORFLOW_PARTS)
@@ -263,7 +264,7 @@ def _check_model(bucket: Bucket, model: str, checkpoint: str, rules: RaceRules, 
     if data is None:
         raise SettingsError(
             f"{url} has no trained model: {keys.model_metadata(model)} is missing.",
-            remedy="Name one of those that `dr-list-models` shows.",
+            remedy=what_helps(bucket, model),
         )
     try:
         used = ModelMetadata.from_bytes(data, f"{url}/{checkpoint}: model_metadata.json").sensor

@@ -91,13 +91,16 @@ def _failures(
     failed = sum(each.times for each in result.failures if each.kind in _COUNTED)
     counts = tolerated > 0.0 and failed <= tolerated * result.counted
     for failure in result.failures:
-        severity: Severity = "warning" if counts and failure.kind in _COUNTED else "error"
+        counted = counts and failure.kind in _COUNTED
+        severity: Severity = "warning" if counted or failure.unusual else "error"
         rule, message = _RULES.get(failure.kind, "V-21"), failure.sentence
         if failure.params:
             message += f"\nThe parameters that it reads were {failure.params}."
         if failure.times and failure.kind in _COUNTED:
             message += f"\n{failure.times:,} of {result.counted:,} calls fail like this."
-        if severity == "warning":
+        if failure.unusual:
+            message += "\nIt does so only in states that few trainings meet."
+        if counted:
             message += "\nA training counts such calls and goes on (DR_REWARD_ON_ERROR)."
         remedy = _missing_module(source, failure, directory) or REMEDIES[failure.kind]
         if name := _parameter(source, failure):

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drcli.base import notices
 from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError
 from drcli.config.checkpoint_words import parse_checkpoint
@@ -23,6 +22,7 @@ from drcli.models.repair_model import repair_or_warn
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.model_kind import what_helps
 from drcli.store.repair import Model, readable_scores
 from drcli.store.write_probe import prove_writing
 
@@ -110,14 +110,14 @@ def prepare_evaluation(
         settings = _cloned(settings, bucket)
         on_progress(f"Cloning model into s3://{bucket.name}/{settings.model_prefix}")
     choice = settings.eval_checkpoint
-    checkpoints = [_driven(settings, bucket, settings.model_prefix, choice, own)]
+    checkpoints = [_driven(settings, bucket, settings.model_prefix, choice, own, on_progress)]
     if settings.race_type == "HEAD_TO_MODEL":
         theirs = settings.eval_opp_s3_model_prefix
         if sources[1].file is None:
             repair_or_warn(settings.model, bucket, theirs, missing=True)
             check_model(bucket, theirs, "DR_EVAL_OPP_S3_MODEL_PREFIX")
         choice = settings.eval_opp_checkpoint or choice
-        checkpoints.append(_driven(settings, bucket, theirs, choice, sources[1]))
+        checkpoints.append(_driven(settings, bucket, theirs, choice, sources[1], on_progress))
     on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
     sweep(directory, settings.run_id)
     stamp, folder = claim_stamp(settings, bucket, directory)
@@ -169,13 +169,18 @@ def checked_source(source: PolicySource) -> PolicySource:
 
 
 def _driven(
-    settings: Settings, bucket: Bucket, prefix: str, choice: str, source: PolicySource
+    settings: Settings,
+    bucket: Bucket,
+    prefix: str,
+    choice: str,
+    source: PolicySource,
+    on_progress: Callable[[str], None],
 ) -> str:
     """The name of the checkpoint or file that drives."""
     if source.file is not None:
         return source.file.name
     chosen = _found(settings, bucket, prefix, choice)
-    notices.show(sentence_about(Model.of(settings.model, bucket, prefix), chosen))
+    on_progress(sentence_about(Model.of(settings.model, bucket, prefix), chosen))
     return chosen.name
 
 
@@ -186,7 +191,7 @@ def check_model(bucket: Bucket, prefix: str, setting: str) -> None:
         if not bucket.exists(key):
             raise SettingsError(
                 f"s3://{bucket.name}/{prefix} has no trained model: {key} is missing.",
-                remedy=f"Train it with `dr-start-training`, or correct {setting}.",
+                remedy=what_helps(bucket, prefix, setting=setting),
             )
 
 
@@ -205,7 +210,7 @@ def _found(settings: Settings, bucket: Bucket, prefix: str, choice: str) -> Chos
     if scores is None:
         raise SettingsError(
             f"s3://{bucket.name}/{prefix} has no checkpoint yet.",
-            remedy="Wait for the first iteration; `dr-status` shows how far it is.",
+            remedy=what_helps(bucket, prefix),
         )
     return find_choice(model, parse_checkpoint(choice))
 

@@ -110,7 +110,7 @@ def plan_increment(
     if used and not wiping:
         raise SettingsError(
             f"s3://{bucket.name}/{after} already contains a model.",
-            remedy="Choose another name with -p, or delete that model with -w.",
+            remedy="Choose another name with -p; -w would delete that model.",
         )
     if used:
         lease.refuse_other_owner(bucket, after)

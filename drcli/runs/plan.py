@@ -20,6 +20,7 @@ from drcli.exchange.training_start import Pretrained, TrainingStart
 from drcli.modelfiles.custom_files import Inputs, find
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.network_shape import Design, model_files
+from drcli.models.continue_reference import plan_conversion
 from drcli.models.pretrained import sentence_of
 from drcli.models.repair_model import repair_all
 from drcli.models.run_metadata import describe_start, read_start
@@ -36,6 +37,7 @@ from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.last_outcome import read_outcome, write_outcome
+from drcli.store.model_kind import what_helps
 from drcli.store.model_prefix import is_aborted_start, is_used, newest_checkpoint, wipe
 from drcli.store.notes import describe
 from drcli.store.repair import Model
@@ -119,26 +121,34 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     if options.resume and newest is None:
         raise SettingsError(
             f"s3://{bucket.name}/{prefix} has no checkpoint to resume from.",
-            remedy=f"Start it {'with -w' if is_used(bucket, prefix) else 'without --resume'}.",
+            remedy=what_helps(bucket, prefix),
         )
     model = Model.of(settings.model, bucket, prefix)
-    repairs = repair_all(model) if options.resume else []
+    conversion = plan_conversion(bucket, prefix) if options.resume else None
+    repairs = repair_all(model) if options.resume and conversion is None else []
     for sentence in repairs:
         # Show these now: the plan's warnings are lost if the start is refused.
         notices.warn(sentence)
     before = read_start(bucket, prefix) if options.resume else None
-    resumes, damaged = _resumable(bucket, prefix) if options.resume else (None, [])
+    resumes, damaged = None, []
+    if conversion is not None:
+        resumes, damaged = conversion.name, [conversion.sentence]
+    elif options.resume:
+        resumes, damaged = _resumable(bucket, prefix)
     continues = options.resume or options.over_aborted
     previous = read_outcome(bucket, prefix) if continues else None
     began_at = first_start(previous, before)
     custom = settings.custom_files
     files = find(resumed_files(custom, prefix) if options.resume else custom, bucket)
+    if conversion is not None:
+        files |= conversion.own_files(files)
     staged = plan_stages(settings, files, bucket, resumes=options.resume)
     settings = staged.settings
     job = _job(settings, options, _seed(settings, options, before), began_at)
+    trained = Design.of_checkpoint(bucket, prefix, resumes) if resumes else None
     plans = Plans(
         wiping=options.wipe or options.over_aborted,
-        resumed=Design.of_checkpoint(bucket, prefix, resumes) if resumes else None,
+        resumed=trained if conversion is None else conversion.design,
     )
     examined = examine_stages(
         settings, staged.review, job, files, bucket, plans, first=staged.first
@@ -181,6 +191,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
             own = {name: job.inputs[name] for name in model_files(prefix)}
             counters = Counters(critic_warmup=transfer.critic_warmup, inputs=own)
             CheckpointStore(bucket, prefix).save(0, 0, transfer.tensors, counters=counters)
+        if conversion is not None:
+            conversion.write()
         if not options.resume:
             begin_logs(directory, prefix, settings.log_max_mb)
     job = replace(job, begun=begun, noted=noted, training=training)

@@ -8,14 +8,13 @@ from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
 
-from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_record import run_folder
 from drcli.exchange.stage import Stage
 from drcli.exchange.training_start import TrainingStart
-from drcli.workers.ray_extra import has_cluster, require_ray
+from drcli.workers.ray_extra import has_cluster
 
 
 def planned_job(
@@ -45,8 +44,6 @@ def planned_job(
     config = settings.run
     by_ray = settings.launcher == "ray"
     if by_ray:  # its workers join as those of other machines do
-        require_ray()
-        _refuse_no_cluster(settings)
         config = replace(config, train=config.train.replaced(workers=0))
     return Job(
         config=config,
@@ -63,16 +60,6 @@ def planned_job(
         ray_workers=settings.workers if by_ray else 0,
         ray_trainer=by_ray and settings.ray_trainer != "here" and has_cluster(settings),
     )
-
-
-def _refuse_no_cluster(settings: Settings) -> None:
-    wanted = settings.ray_trainer
-    if wanted in ("cluster", "gpu") and not has_cluster(settings):
-        raise SettingsError(
-            f"DR_RAY_TRAINER={wanted} in system.env: there is no cluster for the trainer, because "
-            "Ray starts on this machine alone.",
-            remedy="Write its address into DR_RAY_ADDRESS, or set DR_RAY_TRAINER=auto.",
-        )
 
 
 def first_start(previous: RunOutcome | None, start: TrainingStart | None) -> float:

@@ -111,6 +111,7 @@ class RunEnding:
         if not lost and not self._silent:
             self._save(outcome, ending)
             outcome = self._with_results(outcome)
+            ending = replace(ending, outcome=outcome)
         if not lost:
             self._logs.finish(self._logs_s(deadline_s), self._hurried)
         self._lease.stop(wait_s=1.0)  # or it might write the lease after its release

@@ -26,6 +26,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.model_kind import kind_of
 from drcli.store.model_traces import models_in
 from drcli.store.repair import Model
 
@@ -221,7 +222,9 @@ def _of_kind(
         objects = all_traces(settings, bucket, prefix).objects
         newest = max((info.modified.timestamp() for info in objects), default=0.0)
         recent = time.time() - newest < RECENT_S
-        return [] if recent else [_found(info) for info in objects]
+        if recent or _is_of_another_system(prefix, [info.key for info in objects]):
+            return []
+        return [_found(info) for info in objects]
     if kind == "damaged":
         folder = keys.damaged_folder(prefix)
         own = all_traces(settings, bucket, prefix).objects  # `a/damaged` may be a model, too
@@ -233,6 +236,18 @@ def _of_kind(
         own = all_traces(settings, bucket, prefix).objects  # and `a/1`, not only a worker of `a`
         return [_found(i) for i in own if _TRACE.fullmatch(i.key.removeprefix(start))]
     return _checkpoints(settings, bucket, prefix, rules) if kind == "checkpoints" else []
+
+
+def _is_of_another_system(prefix: str, listed: Sequence[str]) -> bool:
+    """Whether the objects without a pointer may be all that there is of somebody's model.
+
+    These are TensorFlow checkpoints, and everything that no start of drcli has written.
+    """
+    folder = keys.folder(prefix)
+    kind = kind_of([key.removeprefix(folder) for key in listed if key.startswith(folder)])
+    ours = (keys.run_folder(prefix), keys.rollouts_folder(prefix), keys.training_start(prefix))
+    begun_here = kind == "drcli" or any(key.startswith(ours) for key in listed)
+    return kind == "tensorflow" or not begun_here
 
 
 def _found(info: ObjectInfo) -> _Found:

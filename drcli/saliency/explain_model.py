@@ -193,8 +193,9 @@ def _explain(
     title: str, subject: ExplainedPolicy, settings: Settings, question: Question
 ) -> ExplainedEpisode:
     threads = usable_cores(settings.run.train)
-    torch.set_num_threads(threads)
+    torch.set_num_threads(1)  # as in an evaluation: more would round in another way
     episode = record_episode(subject, settings.run, seed=question.seed, threads=threads)
+    torch.set_num_threads(threads)
     chosen = _chosen(episode, question)
     try:
         return explain_episode(

@@ -77,7 +77,8 @@ def grad_cam(
             evidence = (weights * features.detach()).sum(dim=1)
             signed = target == "action" and heads.logits is not None
             total = total + (evidence.relu() if signed else evidence.abs())
-    maps: Float32s = _over_picture(network.body, total).float().numpy()
+    own = total[: len(seen.frames)]  # a body adds frames to a single one
+    maps: Float32s = _over_picture(network.body, own).float().numpy()
     return maps
 
 

@@ -7,11 +7,11 @@ from drcli.formats.build_network import build_policy, load_arrays, load_weights
 from drcli.formats.policy_file import PolicyFile, read_policy_file
 from drcli.formats.read_graph import read_graph
 from drcli.formats.runtimes import policy_of_file
+from drcli.formats.stored_checkpoint import driving_graph, load_checkpoint
 from drcli.learn.actor_critic import ActorCritic
 from drcli.modelfiles.network_shape import Design
 from drcli.saliency.policy_outputs import ExplainedPolicy
 from drcli.store.bucket import Bucket
-from drcli.store.checkpoints import CheckpointStore
 
 
 def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy:
@@ -28,11 +28,15 @@ def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy
         ProblemsError: A parameter file is wrong.
         SettingsError: The weights do not fit the parameter files.
     """
-    design = Design.of_checkpoint(bucket, prefix, checkpoint)
+    graph = driving_graph(bucket, prefix, checkpoint)
+    if graph is not None:
+        return ExplainedPolicy(policy_of_file(graph), graph.metadata, is_complete=False)
+    found = load_checkpoint(bucket, prefix, checkpoint)
+    design = Design.of_model(bucket, prefix, found.record.counters.inputs)
     model = build_policy(design.metadata, design.parameters)
-    found = CheckpointStore(bucket, prefix).load(checkpoint)
     load_weights(model, found.tensors, found.record.name)
-    return ExplainedPolicy(model, design.metadata)
+    fresh_critic = bool(found.record.counters.critic_warmup)
+    return ExplainedPolicy(model, design.metadata, is_complete=not fresh_critic)
 
 
 def open_policy_file(path: Path, metadata: Path | None = None) -> ExplainedPolicy:

@@ -8,6 +8,7 @@ from drcli.spot.aws_account import Account
 from drcli.spot.instance_types import Processor
 from drcli.store import keys, lease
 from drcli.store.last_outcome import read_outcome, write_outcome
+from drcli.store.model_kind import what_helps
 from drcli.store.model_prefix import is_used, newest_checkpoint
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.s3_errors import error_code
@@ -109,7 +110,7 @@ def model_state(bucket: S3Bucket, prefix: str) -> tuple[str, list[str]]:
         if is_used(bucket, prefix):
             raise SettingsError(
                 f"{model} holds objects, but no checkpoint to resume from.",
-                remedy="Choose another DR_LOCAL_S3_MODEL_PREFIX, or delete what is there.",
+                remedy=what_helps(bucket, prefix, setting="DR_LOCAL_S3_MODEL_PREFIX"),
             )
         return "", []
     notes = []

@@ -12,8 +12,9 @@ from drcli.spot.creation import forget_files
 from drcli.spot.machine_marks import ENDED, read_marks
 from drcli.spot.machines import Machine, machines_of
 from drcli.spot.stacks import Pause, Stack, delete_stack, our_stacks
-from drcli.store import lease
+from drcli.store import keys, lease
 from drcli.store.checkpoints import CheckpointStore
+from drcli.store.model_kind import is_tensorflow
 from drcli.store.model_prefix import newest_checkpoint
 from drcli.store.s3_errors import error_code
 
@@ -115,6 +116,9 @@ def verified_checkpoint(account: Account, stack: Stack) -> str:
     newest = newest_checkpoint(bucket, stack.model)
     if newest is None:
         return ""
+    listed = [info.key for info in bucket.list(keys.model_folder(stack.model))]
+    if is_tensorflow(listed, stack.model, str(newest)):
+        return str(newest)  # no machine has trained on it yet
     loaded = CheckpointStore(bucket, stack.model).load_latest()
     if loaded is None or loaded.record.name != str(newest):
         raise StorageError(

@@ -127,9 +127,10 @@ class CheckpointStore:
 
     def drop_newer(self, name: CheckpointName) -> None:
         """Delete the checkpoints after the one that the pointer names, which nobody uses."""
-        objects = checkpoint_objects(self._bucket, self._prefix)
+        objects, theirs = self._own(checkpoint_objects(self._bucket, self._prefix))
         newer = {key: each for key, each in objects.items() if each.number > name.number}
-        graphs = {keys.checkpoint_graph(self._prefix, each.number) for each in newer.values()}
+        numbers = {each.number for each in newer.values()} - theirs
+        graphs = {keys.checkpoint_graph(self._prefix, number) for number in numbers}
         self._bucket.delete([*newer, *sorted(graphs)])
 
     def attach_graph(self, number: int, graph: bytes) -> None:
@@ -207,7 +208,7 @@ class CheckpointStore:
     def record(self, name: str) -> CheckpointRecord:
         """Sizes, hashes and counters of a checkpoint; ObjectMissing or ObjectDamaged."""
         key = keys.checkpoint_record(self._prefix, name)
-        remedy = "Delete that checkpoint's files; an older one is used instead."
+        remedy = "Choose another checkpoint; `dr-start-training --resume` continues without it."
         decode = partial(CheckpointRecord.decode_of, name)
         # `attach_optimizer` writes it a second time, just when the workers read it.
         return read_record(self._bucket, key, decode, remedy, written=True)
@@ -251,7 +252,8 @@ class CheckpointStore:
         raise StorageError(
             f"{self._bucket.name}/{keys.model_folder(self._prefix)} has only damaged checkpoints: "
             + " ".join(damaged),
-            remedy="Restore one from a copy, or start over with `-w`.",
+            remedy="Restore one from a copy, or train a new model under another "
+            "DR_LOCAL_S3_MODEL_PREFIX.",
         )
 
     def best_name(self) -> str | None:
@@ -385,13 +387,24 @@ class CheckpointStore:
             found = {name for name in found if name <= newest}
         return [str(name) for name in sorted(found, reverse=True)]
 
+    def _own(
+        self, objects: dict[str, CheckpointName]
+    ) -> tuple[dict[str, CheckpointName], set[int]]:
+        """The objects without TensorFlow checkpoints, and the numbers of those.
+
+        They came with the model from another system and stay, and so do their frozen graphs.
+        """
+        theirs = {key for key in objects if keys.is_tensorflow_part(key)}
+        own = {key: name for key, name in objects.items() if key not in theirs}
+        return own, {objects[key].number for key in theirs}
+
     def _prune(self, newest: CheckpointRecord) -> None:
         """Delete all checkpoints that nothing keeps, and their evaluations.
 
         One with a higher number than the newest was never published, or was skipped as damaged.
         """
         listed = self._bucket.list(keys.model_folder(self._prefix))
-        objects = _of_checkpoints(self._prefix, [info.key for info in listed])
+        objects, theirs = self._own(_of_checkpoints(self._prefix, [info.key for info in listed]))
         names = set(objects.values())
         older = sorted(name for name in names if name.number < newest.number)
         always = {str(name) for name in older[-(self._keep - 1) :]} | {
@@ -413,7 +426,7 @@ class CheckpointStore:
         old = names - pinned - kept.names
         # The graph of the newest one is written later; what is there belongs to a lost checkpoint.
         gone = {name.number for name in old} - {name.number for name in names - old}
-        unused = {keys.checkpoint_graph(self._prefix, n) for n in (*gone, newest.number)}
+        unused = {keys.checkpoint_graph(self._prefix, n) for n in {*gone, newest.number} - theirs}
         results = [keys.evaluation_result(self._prefix, number) for number in sorted(gone)]
         self._bucket.delete(
             [key for key, name in objects.items() if name in old]

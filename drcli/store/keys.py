@@ -370,6 +370,11 @@ TENSORFLOW_PARTS = (".index", ".meta", ".data-00000-of-00001")
 """Files of a checkpoint of the reference; all three are needed."""
 
 
+def is_tensorflow_part(key: str) -> bool:
+    """Whether the object is a file of a checkpoint of the reference."""
+    return re.search(r"\.ckpt\.(index|meta|data-\d{5}-of-\d{5})$", key) is not None
+
+
 def checkpoint_part(prefix: str, name: str, part: str) -> str:
     """One of the files of a checkpoint, by the end of its name."""
     return f"{model_folder(prefix)}{name}{part}"

@@ -50,8 +50,9 @@ def wipe(bucket: Bucket, prefix: str, *, spared: Collection[str] = ()) -> None:
 
 
 def has_checkpoint(bucket: Bucket, prefix: str) -> bool:
-    """Whether there is a checkpoint that was written to its end, damaged or not."""
-    return any(key.endswith(".ckpt.json") for key in checkpoint_objects(bucket, prefix))
+    """Whether there is a checkpoint, ours or TensorFlow's, written to its end, damaged or not."""
+    ends = (".ckpt.json", ".ckpt.index")
+    return any(key.endswith(ends) for key in checkpoint_objects(bucket, prefix))
 
 
 def is_aborted_start(bucket: Bucket, prefix: str, parameter_files: Collection[str]) -> bool:
@@ -79,7 +80,10 @@ def is_aborted_start(bucket: Bucket, prefix: str, parameter_files: Collection[st
         keys.notes_folder(prefix),
     )
     unfinished = checkpoint_objects(bucket, prefix)
-    if any(name.number or key.endswith(".ckpt.json") for key, name in unfinished.items()):
+    if any(
+        name.number or key.endswith(".ckpt.json") or keys.is_tensorflow_part(key)
+        for key, name in unfinished.items()
+    ):
         return False
     listed = {info.key for info in bucket.list(keys.folder(prefix))}
     ours = keys.training_start(prefix) in listed or bucket.exists(keys.outcome(prefix))

@@ -57,8 +57,7 @@ def refuse_used_models(bucket: Bucket, trials: list[Trial]) -> None:
         if is_used(bucket, trial.name):
             raise SettingsError(
                 f"s3://{bucket.name}/{trial.name} exists, and is not of this sweep.",
-                remedy="Give the sweep another name, or delete the model with "
-                f"`dr-delete-model {trial.name}`.",
+                remedy="Give the sweep another name.",
             )
 
 

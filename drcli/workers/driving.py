@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from drcli.base.log import get_logger
-from drcli.exchange.trace import STEP_S, Phase, Row
+from drcli.exchange.trace import STEP_S, Row
 from drcli.learn.gpu_policy import GpuPolicy
 from drcli.learn.policy import Decision, Observation, Policy, PolicySpec, decide
 from drcli.workers import print_limit
@@ -195,7 +195,7 @@ class Driver:
             racer, cars = group[0].racer, [seat.car for seat in group]
             frames, seen = self._observe(group)
             noise = np.stack([next(seat.noise) for seat in group])
-            deterministic = np.full(len(group), group[0].plan.phase == "evaluation")
+            deterministic = np.array([seat.plan.phase == "evaluation" for seat in group])
             taken = self._on_device(racer.model, cars, seen)
             decision = decide(racer.model, taken, noise, deterministic, epsilon)
             steering[cars], speed[cars] = racer.actions.requests(decision.actions)
@@ -328,15 +328,10 @@ def _tell_of_unstable(seats: Iterable[_Seat]) -> None:
 
 
 def _groups(driving: Iterable[_Seat]) -> Iterable[list[_Seat]]:
-    """Cars that choose together: those of one racer and one phase.
-
-    The number of rows of a matrix product decides how each row is rounded. The clock decides
-    whether a checkpoint is evaluated, so evaluation episodes must not share a product with training
-    episodes: else equal seeds would not train equally.
-    """
-    groups: dict[tuple[int, Phase], list[_Seat]] = defaultdict(list)
+    """Cars that choose together: those of one racer."""
+    groups: dict[int, list[_Seat]] = defaultdict(list)
     for seat in driving:
-        groups[seat.plan.racer, seat.plan.phase].append(seat)
+        groups[seat.plan.racer].append(seat)
     return groups.values()
 
 

@@ -31,13 +31,13 @@ from drcli.exchange.trace import Episode, csv_text, log_lines, schedule
 from drcli.formats.build_network import build_policy, load_weights
 from drcli.formats.policy_file import read_policy_file
 from drcli.formats.runtimes import policy_of_file, policy_of_model
+from drcli.formats.stored_checkpoint import driving_graph, load_checkpoint
 from drcli.learn.policy import Policy
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.bucket import Bucket
-from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_bucket
 from drcli.tracking.open_sinks import sender_of_episodes
 from drcli.workers import reference_log, worker_process
@@ -266,11 +266,11 @@ def _recorded(episode: Episode, plan: Plan | None) -> TrialMetrics:
     record = TrialMetrics.of(episode)
     if plan is None:
         return record
-    return replace(
+    return replace(  # to the last digit, so that it can be driven again
         record,
-        start_position=round(plan.start_fraction, 5),
-        start_offset_m=round(plan.offset_m, 4),
-        start_angle_deg=round(plan.angle_deg, 3),
+        start_position=plan.start_fraction,
+        start_offset_m=plan.offset_m,
+        start_angle_deg=plan.angle_deg,
     )
 
 
@@ -314,11 +314,17 @@ def enter(bucket: Bucket, entry: Entry, config: RunConfig) -> tuple[Racer, Model
         _say_start(config, metadata, parameters)
         policy = policy_of_file(file, source.runtime, threads)
         return Racer(policy, actions_of(metadata)), metadata
-    design = Design.of_checkpoint(bucket, entry.prefix, entry.checkpoint)
+    graph = driving_graph(bucket, entry.prefix, entry.checkpoint)
+    if graph is not None:
+        metadata = graph.metadata
+        _say_start(config, metadata, Hyperparameters.from_bytes(b"{}"))
+        runtime = None if source.runtime == "torch" else source.runtime
+        return Racer(policy_of_file(graph, runtime, threads), actions_of(metadata)), metadata
+    checkpoint = load_checkpoint(bucket, entry.prefix, entry.checkpoint)
+    design = Design.of_model(bucket, entry.prefix, checkpoint.record.counters.inputs)
     metadata, parameters = design.metadata, design.parameters
     _say_start(config, metadata, parameters)
     model = build_policy(metadata, parameters)
-    checkpoint = CheckpointStore(bucket, entry.prefix).load(entry.checkpoint)
     load_weights(model, checkpoint.tensors, checkpoint.record.name)
     origin = f"{checkpoint.record.name} of {entry.prefix}"
     policy = policy_of_model(model, metadata, source.runtime or "torch", origin, threads)

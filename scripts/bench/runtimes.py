@@ -1,7 +1,7 @@
 """Compares exported policies with PyTorch on frames of real drives, for every network and head.
 
     python scripts/bench runtimes [--frames 1000] [--runtimes pb,onnx,openvino] [--network NAME]
-        [--all] [--json]
+        [--all] [--batches] [--json]
 
 Each head of each network is tried with one camera, and with two and a lidar; with --all in all four
 combinations.
@@ -9,13 +9,24 @@ combinations.
 Cars drive along `reinvent_base` with random steering. Each network has fresh weights, changed so
 that its actions differ. With --json the last line of stdout is one object: `frames`, and `cases`
 with `network`, `eyes`, `lidar`, `head`, `runtime`, `same_actions` and `greatest_difference`.
+
+With --batches every runtime is compared with itself instead: a frame must get the same bits in a
+batch of any size and at any place in it. `cases` then have `differing`, the sizes in which a frame
+got others than in a batch of 64, `before`, the same sizes for a network whose products have as
+many rows as there are cars, and `ratios`, the time that such a network takes for 1, 4, 20 and 64
+cars over that of ours, on one thread. Both are for PyTorch only, in each number format that cars
+are driven in here.
 """
 
 import argparse
+import copy
 import itertools
 import json
+import math
+import time
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from typing import get_args
+from typing import Any, cast, get_args
 
 import numpy as np
 import torch
@@ -23,15 +34,27 @@ from machine import print_json
 from numpy.typing import NDArray
 
 import drsim
+from drcli.exchange.policy_source import Runtime
 from drcli.formats.runtimes import EnginePolicy, policy_of_model
 from drcli.formats.write_form import Network, compare_outputs, torch_outputs
 from drcli.learn.actor_critic import ActorCritic
-from drcli.learn.policy import PolicySpec
+from drcli.learn.compute import bfloat16_units, driving_format
+from drcli.learn.encoders import compute_in
+from drcli.learn.policy import Observation, Policy, PolicySpec, decide
 from drcli.learn.sac_networks import SACAgent
 from drcli.modelfiles import model_metadata
 from drcli.modelfiles.model_metadata import ModelMetadata
 
 CARS = 20
+
+SIZES = (*range(1, 21), 24, 31, 32, 33, 48, 63, 64)
+"""Cars of the batches that are compared."""
+
+TIMED = (1, 4, 20, 64)
+"""Cars for which the time is measured."""
+
+ROUNDS = 15
+"""Measurements, in turns. The least counts, because other programs only make them longer."""
 
 HEADS = ("discrete", "continuous", "sac")
 
@@ -43,9 +66,11 @@ def main() -> None:
     parser.add_argument("--runtimes", default="pb,onnx,openvino")
     parser.add_argument("--network", help="only this one")
     parser.add_argument("--all", action="store_true")
+    parser.add_argument("--batches", action="store_true")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
 
+    torch.set_num_threads(1)
     frames, scans = real_inputs(arguments.frames)
     cases = []
     networks = [arguments.network] if arguments.network else get_args(model_metadata.Network)
@@ -57,20 +82,89 @@ def main() -> None:
         model = random_network(metadata)
         spec = model.spec
         seen = frames[:, : spec.eyes], scans[:, : spec.scan_dims]
+        case = {"network": network, "eyes": eyes, "lidar": lidar, "head": head}
+        about = f"{network:36} {eyes} {'lidar' if lidar else '-----'} {head:10}"
+        if arguments.batches:
+            for compared in compare_batches(model, metadata, *seen, arguments.runtimes.split(",")):
+                cases.append({**case, **compared})
+                print(about, *(f"{name} {value}" for name, value in compared.items()), flush=True)
+            continue
         ours = torch_outputs(model, *seen)
         for runtime in arguments.runtimes.split(","):
-            case = {"network": network, "eyes": eyes, "lidar": lidar, "head": head}
             policy = policy_of_model(model, metadata, runtime, "the network")
             assert isinstance(policy, EnginePolicy)
             compared = asdict(compare_outputs(ours, policy, *seen, continuous=spec.continuous))
             cases.append({**case, "runtime": runtime, **compared})
             print(
-                f"{network:36} {eyes} {'lidar' if lidar else '-----'} {head:10} {runtime:9}"
+                f"{about} {runtime:9}"
                 f"{compared['same_actions']:8.2%} {compared['greatest_difference']:9.1e}",
                 flush=True,
             )
     if arguments.json:
         print_json({"frames": len(frames), "cases": cases})
+
+
+def compare_batches(
+    model: Network,
+    metadata: ModelMetadata,
+    frames: NDArray[np.uint8],
+    scans: NDArray[np.float32],
+    runtimes: Sequence[str],
+) -> Iterator[dict[str, Any]]:
+    """What a network makes of frames in batches of every size, in PyTorch and in other engines."""
+    for number_format in ("fp32", "bf16") if bfloat16_units() else ("fp32",):
+        twin = copy.deepcopy(model)
+        compute_in(twin, driving_format(number_format))
+        now = differing(twin, frames, scans)
+        # In training mode a network is the same but for its products, which get all rows at once.
+        before = differing(copy.deepcopy(twin).train(), frames, scans)
+        ratios = {cars: round(time_ratio(twin, frames[:cars], scans[:cars]), 2) for cars in TIMED}
+        named = {"runtime": "torch", "format": number_format}
+        yield {**named, "differing": now, "before": before, "ratios": ratios}
+    for runtime in runtimes:
+        policy = policy_of_model(model, metadata, cast(Runtime, runtime), "the network")
+        yield {"runtime": runtime, "differing": differing(policy, frames, scans)}
+
+
+def differing(policy: Policy, frames: NDArray[np.uint8], scans: NDArray[np.float32]) -> list[int]:
+    """The sizes of batches in which a frame gets other bits than in a batch of all."""
+    most = max(SIZES)
+    wanted = chosen(policy, frames[:most], scans[:most])
+    random = np.random.default_rng(0)
+
+    def differs(rows: NDArray[np.int64]) -> bool:
+        return not np.array_equal(chosen(policy, frames[rows], scans[rows]), wanted[rows])
+
+    return [
+        cars
+        for cars in SIZES
+        if differs(np.arange(cars)) or differs(random.permutation(most)[:cars])
+    ]
+
+
+def chosen(
+    policy: Policy, frames: NDArray[np.uint8], scans: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """Actions, log-probabilities and values, side by side, float64. Shape (n, k)."""
+    cars = len(frames)
+    seen = Observation.of_arrays(frames, scans, np.empty((cars, 0), np.float32))
+    noise = np.zeros((cars, policy.spec.noise_dims), np.float32)
+    decision = decide(policy, seen, noise, np.ones(cars, np.bool_))
+    columns = decision.actions, decision.log_probs, decision.values
+    return np.column_stack([column.astype(np.float64) for column in columns])
+
+
+def time_ratio(model: Network, frames: NDArray[np.uint8], scans: NDArray[np.float32]) -> float:
+    """Time with products of all rows at once, over the time with products of one shape."""
+    least_s = {True: math.inf, False: math.inf}
+    for _ in range(ROUNDS):
+        for training in least_s:
+            model.train(training)
+            began_s = time.perf_counter()
+            chosen(model, frames, scans)
+            least_s[training] = min(least_s[training], time.perf_counter() - began_s)
+    model.eval()
+    return least_s[True] / least_s[False]
 
 
 def real_inputs(count: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:

@@ -245,7 +245,7 @@ EVALUATIONS = [
     Call("evaluate --json", "prefix world checkpoint trials simtrace metrics completed clean"),
     Call("evaluate --laps 3 --json", "clean clean_interval median_s p90_s slowest_s ends laps"),
 ]
-INTERRUPTED = Call("evaluate", "Error: The evaluation was stopped.", 143, LONG)
+INTERRUPTED = Call("evaluate", "The evaluation was stopped.", 143, LONG)
 INTERRUPTING = Call("stop-evaluation", "Stopped the evaluation of s3://bucket/model")
 IN_BACKGROUND = [
     Call("start-evaluation -q", "Evaluation of model s3://bucket/model starting.", 0, LONG),

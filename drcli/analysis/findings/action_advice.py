@@ -46,7 +46,7 @@ def no_exploration(evidence: Evidence) -> Advice | None:
     return Advice(
         "no-exploration",
         "The car no longer tries anything new",
-        f"It takes {_named(use, use.top)} in {100 * use.top_share:.0f} % of the steps.{seen} But "
+        f"It takes {named(use, use.top)} in {100 * use.top_share:.0f} % of the steps.{seen} But "
         f"it only gets {evidence.level:.0f} % of the lap, so it needs to find something better.",
         numbers,
         setting,
@@ -68,7 +68,7 @@ def dead_actions(evidence: Evidence) -> Advice | None:
     if use is None or not use.dead:
         return None
     one = len(use.dead) == 1
-    names = ", ".join(_named(use, number) for number in use.dead)
+    names = ", ".join(named(use, number) for number in use.dead)
     counts = sum(use.actions[number].count for number in use.dead)
     never = "never" if counts == 0 else f"in only {counts}"
     seen = (
@@ -91,7 +91,8 @@ def dead_actions(evidence: Evidence) -> Advice | None:
     )
 
 
-def _named(use: ActionUse, number: int) -> str:
+def named(use: ActionUse, number: int) -> str:
+    """An action with its values, such as "action 3 (10 degrees, 1.5 m/s)"."""
     action = use.actions[number]
     if use.continuous:
         return f"steering near {action.steering_deg:.0f} degrees at {action.speed_mps:.1f} m/s"

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from drcli.analysis.findings.action_use import ActionUse, action_use
 from drcli.analysis.findings.driven_steps import driven_steps
 from drcli.analysis.findings.learning_curve import LearningCurve
 from drcli.analysis.findings.steering_balance import SteeringBalance, steering_balance
@@ -60,6 +61,7 @@ class EvaluatedLaps:
         alone: Mean progress at the first violation or at the end, percent; None if unknown.
         place: Where most rules are broken; None if that is not known.
         balance: Whether it steers to both sides; None without steps.
+        actions: How it uses its actions; None without steps.
     """
 
     stamp: str
@@ -71,6 +73,7 @@ class EvaluatedLaps:
     alone: float | None
     place: BadPlace | None
     balance: SteeringBalance | None
+    actions: ActionUse | None
 
     @property
     def unclean(self) -> bool:
@@ -86,6 +89,7 @@ def evaluated_alone(run: Run) -> EvaluatedLaps | None:
     if _ended_s(newest.steps) < _ended_s(run.steps):
         return None
     alone = newest.trials["alone_progress"].dropna()
+    steps = driven_steps(newest.steps)
     known = newest.world is None or run.world is None or newest.world == run.world
     return EvaluatedLaps(
         stamp=newest.stamp,
@@ -96,7 +100,8 @@ def evaluated_alone(run: Run) -> EvaluatedLaps | None:
         crashed=int(newest.trials["crashed"].sum()),
         alone=float(alone.mean()) if len(alone) else None,
         place=_place(newest),
-        balance=steering_balance(driven_steps(newest.steps), run.track if known else None),
+        balance=steering_balance(steps, run.track if known else None),
+        actions=action_use(steps, steps, run.actions),
     )
 
 
@@ -125,6 +130,7 @@ def evaluated_in_training(run: Run, curve: LearningCurve) -> EvaluatedLaps | Non
         alone=float(newest["progress"].mean()),
         place=None,
         balance=None,
+        actions=None,
     )
 
 

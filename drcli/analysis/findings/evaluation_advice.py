@@ -2,7 +2,7 @@
 
 import shlex
 
-from drcli.analysis.findings.action_advice import LEARNED
+from drcli.analysis.findings.action_advice import LEARNED, TOP_SHARE, named
 from drcli.analysis.findings.advice_item import TRAIN_ON, Advice
 from drcli.analysis.findings.curve_trend import rise
 from drcli.analysis.findings.evaluated_laps import EvaluatedLaps
@@ -38,7 +38,7 @@ def _advice(evidence: Evidence, found: EvaluatedLaps) -> Advice:
     seen = [f"{_counted(found.off_track, 'time')} off the track"]
     if found.crashed:
         seen.append(f"{_counted(found.crashed, 'crash')}")
-    if found.stamp:
+    if found.resets:
         seen.append(_counted(found.resets, "reset"))
     evidence_ = f"In {what}{where}, {laps.clean} of {laps.driven} laps are clean: {', '.join(seen)}"
     if found.alone is not None and found.alone < 100.0:
@@ -53,10 +53,17 @@ def _advice(evidence: Evidence, found: EvaluatedLaps) -> Advice:
             f"{place.count} of {place.of} faults are between waypoints {place.first} and "
             f"{place.last}."
         )
+    title = "Many laps are not clean" if laps.clean else "The car does not get round without help"
+    use = found.actions
+    if use is not None and use.top_share >= TOP_SHARE and len(use.actions) > 1:
+        title = "The car takes one action only"
+        numbers["top_share"] = use.top_share
+        share = f"{100 * use.top_share:.0f} %"
+        sentences.append(f"It takes {named(use, use.top)} in {share} of the steps.")
     setting, command = _remedy(evidence, found, elsewhere=elsewhere)
     return Advice(
         "unclean-laps",
-        "The car does not get round without help" if laps.clean == 0 else "Many laps are not clean",
+        title,
         " ".join(sentences),
         numbers,
         setting,

@@ -1,6 +1,7 @@
 """Advice on how the car steers."""
 
 from drcli.analysis.findings.action_advice import TOP_SHARE
+from drcli.analysis.findings.action_use import ActionUse
 from drcli.analysis.findings.advice_item import TRAIN_ON, Advice, train_on
 from drcli.analysis.findings.evidence import Evidence
 from drcli.analysis.findings.reward_advice import REWARD_CHECK
@@ -44,13 +45,19 @@ beginner has to zigzag."""
 
 def one_sided(evidence: Evidence) -> Advice | None:
     """The car steers to one side only."""
-    if evidence.actions is not None and evidence.actions.top_share >= TOP_SHARE:
-        return None  # a single action has a single side: that is another fault
-    found = _one_sided(evidence, evidence.balance)
-    newest = evidence.evaluated
-    if found is None and newest is not None and newest.laps.clean < newest.laps.driven:
-        return _one_sided(evidence, newest.balance, evaluated=True)
-    return found
+    if _single(evidence.actions):
+        return None
+    found, newest = _one_sided(evidence, evidence.balance), evidence.evaluated
+    if found or newest is None or newest.laps.clean == newest.laps.driven:
+        return found
+    if _single(newest.actions):
+        return None
+    return _one_sided(evidence, newest.balance, evaluated=True)
+
+
+def _single(use: ActionUse | None) -> bool:
+    """Whether there is one action only. It has a single side, but that is another fault."""
+    return use is not None and use.top_share >= TOP_SHARE
 
 
 def _one_sided(

@@ -130,11 +130,6 @@ def download_model(
     console.say(f"Downloading {planned.source_url} to {planned.target_url}")
     if planned.used:
         console.warn(f"{planned.target_url} is not empty: {counted(planned.used, 'file')}.")
-    if planned.import_command:
-        console.warn(
-            "Its checkpoints are TensorFlow's, from the reference simulator: a copy of them cannot "
-            f"drive or train here. Make it a model here with `{planned.import_command}`."
-        )
     if not dry_run:
         prompts.agree("Are you sure?", yes=force)
     report = download(planned, loaded, partial(console.progress, unit="bytes"))
@@ -147,6 +142,4 @@ def download_model(
             (f"{model} dr-start-training --resume", "continue its training"),
             (f"dr-list-models {name}", "show its checkpoints"),
         ]
-        if planned.import_command:
-            driving = [(planned.import_command, "make it a model that drives here")]
         console.suggest(driving if report.checkpoint else [("dr-list-models", "list all models")])

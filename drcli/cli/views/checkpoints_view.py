@@ -53,4 +53,5 @@ def milestone_lines(milestones: "Iterable[MilestoneEntry]") -> list[str]:
 
 def _meaning(each: "ListedCheckpoint") -> str:
     words = [*each.words, *(["every n-th"] if each.every else [])]
+    words += ["TensorFlow"] if each.form == "tensorflow" else []
     return ", ".join(words) or "-"

@@ -98,7 +98,7 @@ def _winner(own: "EvaluationReport", other: "EvaluationReport") -> str:
     """The model with more finished laps wins, then the one with less time for all, as in races."""
     if own.completed != other.completed:
         first = own if own.completed > other.completed else other
-        return f"{_name(first)} wins with more laps."
+        return f"{_name(first)} wins with more finished laps."
     if own.total_s is None or other.total_s is None or own.total_s == other.total_s:
         return "Nobody wins."
     first, second = (own, other) if own.total_s < other.total_s else (other, own)

@@ -83,7 +83,11 @@ def models(columns: int, found: "ModelList") -> RenderableType:
     noted = any(model.note for model in found.models)
     rows: list[tuple[str | Text, ...]] = [
         (
-            Text.assemble(model.prefix, (" (training)" if model.training else "", "green")),
+            Text.assemble(
+                model.prefix,
+                (" (training)" if model.training else "", "green"),
+                " (TensorFlow)" if model.kind == "tensorflow" else "",
+            ),
             str(model.checkpoints),
             _checkpoint(model.best),
             _checkpoint(model.last),

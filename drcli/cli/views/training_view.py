@@ -74,7 +74,10 @@ def live(
 def run(columns: int, report: "RunReport") -> RenderableType:
     """The page of `dr status`."""
     if report.state == "none":
-        return Text("Nothing was started here yet. Start with `dr-start-training`.")
+        return Text(
+            "Nothing was started here yet. Start with `dr-start-training`, or continue a model "
+            "that exists with `dr-start-training --resume`."
+        )
     parts: list[RenderableType] = [Text.assemble(f"Run {report.run_id}: ", _head(report))]
     if report.message:
         parts.append(Text(report.message))

@@ -31,8 +31,8 @@ _STATES = (0, POSITIONS // 4, POSITIONS // 2, 3 * POSITIONS + POSITIONS // 4, PO
 track, at the finish. Source: the console's validator. The first is the first call of an episode, in
 which functions set up their variables."""
 
-LATE = -6
-"""Index of the sample in the last step of a very long episode, the first of the unusual ones."""
+FIRST_UNUSUAL = LATE = -6
+"""Index of the first of the unusual samples, in the last step of a very long episode."""
 
 _SPEED_MPS, _SLOWEST_MPS = 1.0, 0.5
 
@@ -99,7 +99,10 @@ def sample_params(track: Track, race: Race = TIME_TRIAL) -> list[RewardParams]:
 
 
 def _unusual(track: Track, samples: Sequence[RewardParams]) -> list[RewardParams]:
-    """A very long episode, a day of training, driving back, extreme actions, the wrong way."""
+    """A very long episode, a day of training, driving back, extreme actions, the wrong way.
+
+    Few trainings meet them, so what fails only there does not refuse a start.
+    """
     usual = samples[POSITIONS // 2]
     slow_lap_s = track.length_m / _SLOWEST_MPS
     longest = min(MAX_EPISODE_STEPS, math.ceil(SLACK * slow_lap_s * CONTROL_HZ))

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple, NoReturn, TextIO
 from drcli.base import signal_guard
 from drcli.base.problems import Problem
 from drcli.base.system_calls import limit_data
-from drcli.rewards.sandbox.sample_calls import sample_races, state_of
+from drcli.rewards.sandbox.sample_calls import FIRST_UNUSUAL, sample_races, state_of
 from drcli.rewards.sandbox.sandbox_records import (
     FAULTS_FILE,
     CallIndex,
@@ -259,10 +259,11 @@ class _Passes:
         )
         alike = "" if kind == "range" else returned
         key = (kind, type(cause).__name__ if cause else alike, error.line)
-        times = int(self._counting)
+        times, unusual = int(self._counting), where is not None and self._is_unusual(where)
         known = self._failures.get(key)
         if known is not None:
-            self._failures[key] = replace(known, times=known.times + times)
+            both = known.unusual and unusual
+            self._failures[key] = replace(known, times=known.times + times, unusual=both)
             return
         missing = cause.name if isinstance(cause, ImportError) else None
         self._failures[key] = Failure(
@@ -274,7 +275,12 @@ class _Passes:
             params=str(error.params) if error.params else "",
             missing=missing or "",
             times=times,
+            unusual=unusual,
         )
+
+    def _is_unusual(self, where: CallIndex) -> bool:
+        samples = where.sequence >= len(self._request.sequences)
+        return samples and where.index >= len(self._calls[where.sequence]) + FIRST_UNUSUAL
 
     def _state(self, where: CallIndex) -> str:
         """The state of the car in a call, with the race if samples of several are tried."""

@@ -101,6 +101,7 @@ class Failure:
         params: The parameters of that call which the file reads, in short form.
         missing: The module that cannot be imported, if that is the reason.
         times: How many of the `SandboxResult.counted` calls fail like this.
+        unusual: Whether only states that few trainings meet fail like this.
     """
 
     kind: FailureKind
@@ -111,6 +112,7 @@ class Failure:
     params: str = ""
     missing: str = ""
     times: int = 0
+    unusual: bool = False
 
     @property
     def sentence(self) -> str:

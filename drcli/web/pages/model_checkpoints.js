@@ -37,6 +37,13 @@ export function drawCheckpoints(element, found) {
               h("span", { class: "model-badge", title: `Checkpoint ${WORDS[word] ?? word}` }, word),
             ),
             each.every ? h("span", { class: "model-badge" }, "kept every n") : null,
+            each.form === "tensorflow"
+              ? h(
+                  "span",
+                  { class: "model-badge", title: "Of DeepRacer-for-Cloud or a console" },
+                  "TensorFlow",
+                )
+              : null,
           ]
             .flat()
             .reduce((cell, mark) => (mark && cell.append(mark, " "), cell), h("span")),

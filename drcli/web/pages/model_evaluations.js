@@ -15,7 +15,7 @@ const label = (each) =>
   ]
     .filter(Boolean)
     .join(" · ");
-/** Such as "0:12.800 = 0:07.800 driven + 5.0 s penalty". */
+/** Such as "00:12.800 = 00:07.800 driven + 5 s penalty". */
 const timeWithPenalty = (trial) =>
   trial.penalty_s
     ? `${lapTime(trial.lap_s)} = ${lapTime(trial.lap_s - trial.penalty_s)} driven + ${number(trial.penalty_s, 1, "s")} penalty`

@@ -243,6 +243,16 @@ function modelTable(found, data) {
                 h("a", { href: modelLink(model.prefix), "data-key": model.prefix }, model.prefix),
                 " ",
                 badges(model.prefix, data, model.training),
+                model.kind === "tensorflow"
+                  ? h(
+                      "span",
+                      {
+                        class: "model-badge",
+                        title: "Trained with DeepRacer-for-Cloud or a console",
+                      },
+                      "TensorFlow",
+                    )
+                  : null,
                 model.damaged.length
                   ? h(
                       "span",

@@ -200,11 +200,11 @@ export function startSteps({ unsaved, lead }, signal) {
       );
     else if (facts.checkpoint)
       texts.push(
-        `The bucket has a model of this name, with checkpoint ${facts.checkpoint}. Give the new model another name in step 1, resume this one, or delete it.`,
+        `The bucket has a model of this name, with checkpoint ${facts.checkpoint}. Resume this one, or give the new model another name in step 1.`,
       );
     else if (facts.used)
       texts.push(
-        "The bucket has files under this name, but no checkpoint. Give the new model another name in step 1, or delete them.",
+        "The bucket has files under this name, but no checkpoint. Give the new model another name in step 1.",
       );
     if (facts.fetch.length) texts.push(`${facts.fetch.join(", ")} will be downloaded first.`);
     if (facts.bucket_error) texts.push(`The bucket cannot be read now: ${facts.bucket_error}`);

@@ -2,6 +2,7 @@
 
 from drcli.checks import settings_rules
 from drcli.checks.config_check import check_alone, with_rules
+from drcli.checks.doctor import diagnose
 from drcli.config import settings_report
 from drcli.config.loading import load_settings
 
@@ -33,3 +34,17 @@ def test_an_unknown_track_is_told_beside_other_wrong_settings(folder):
         "DR_WORKERS=-1 is below 0",
     ]
     assert told == {f"{error.what}." for error in errors}
+
+
+def test_a_track_that_is_not_installed_is_an_error_in_every_check(folder, dr, monkeypatch):
+    folder.settings(DR_WORLD_NAME="LGSWide")
+    told = "DR_WORLD_NAME=LGSWide is a community track that is not installed yet"
+    monkeypatch.setattr(diagnose, "_on_this_machine", lambda *_: [])
+    monkeypatch.setattr(diagnose, "_buckets", lambda *_: [])
+
+    found = diagnose.diagnose(folder.path).findings
+
+    assert [error.what for error in check_alone(folder.path).errors] == [told]
+    assert [error.message for error in folder.report().errors] == [f"{told}."]
+    assert [(each.state, told in each.text) for each in found] == [("problem", True)]
+    assert [dr("update"), dr("validate"), dr("config", "check")] == [3, 3, 3]

@@ -101,6 +101,11 @@ def told(folder, sandbox_here, drive_once, monkeypatch, tmp_path):
         (function("return 1 / params['steering_angle']"), ["V-21"], ("{'steering_angle': 0.0}",)),
         (function("if not params['is_offtrack']:", "    return 1.0"), ["V-20"], ("off the track",)),
         (function("return 9.0 * params['steps'] ** 2"), ["V-20"], ("must lie between", "(step ")),
+        (
+            function("return math.sqrt(params['progress'])", before="import math"),
+            ["V-21"],
+            ("{'progress': -0.5}", "only in states that few trainings meet", "'warning'"),
+        ),
         (function("yield 1.0"), ["V-02"], ("contains `yield`",)),
         ("def reward(params):\n    return 1.0\n", ["V-20"], ("defines no function",)),
         ("def reward_function(a, b):\n    return 1.0\n", ["V-20"], ("exactly one argument",)),

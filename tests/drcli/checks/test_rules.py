@@ -199,7 +199,7 @@ CASES = (
         lambda f: f.bucket.put("model-10/reward_function.py", b""),
         lambda f: f.bucket.put("model-1/reward_function.py", b""),
         "note",
-        ("There is a model at s3://bucket/model-1.", "Replace it"),
+        ("s3://bucket/model-1 exists. It holds files, but no checkpoint.", "Choose another"),
     ),
     Case(
         "V-10",
@@ -242,6 +242,20 @@ CASES = (
         lambda f: spend(f, 3.0),
         "error",
         ("run.env line 3", "3.00 machine hours", "next day"),
+    ),
+    Case(
+        "V-12",
+        lambda f: f.settings(DR_LAUNCHER="local", DR_RAY_TRAINER="gpu"),
+        lambda f: f.settings(DR_LAUNCHER="ray", DR_RAY_TRAINER="gpu"),
+        "error",
+        ("run.env line", "Ray"),
+    ),
+    Case(
+        "V-50",
+        lambda f: (f.path / "data" / "logs").mkdir(parents=True),
+        lambda f: (f.path / "data").write_text(""),
+        "error",
+        ("logs cannot be written there",),
     ),
     Case(
         "V-12",
@@ -374,6 +388,20 @@ CASES = (
         lambda f: f.reward(reward("if params['x'] > 1:", "    pass", "else if True:", "    pass")),
         "error",
         ("line 4", "else if", "Write `elif`"),
+    ),
+    Case(
+        "V-25",
+        lambda f: f.reward(reward("return 1.0")),
+        lambda f: f.reward(reward("open('log.txt', 'a').close()", "return 1.0")),
+        "warning",
+        ("line 2", "writes or removes files in every call: log.txt"),
+    ),
+    Case(
+        "V-26",
+        lambda f: f.reward("import time\n\n\n" + reward("return time.time() * 1e-9")),
+        lambda f: f.reward("import time\n\n\n" + reward("time.sleep(1e-3)", "return 1.0")),
+        "warning",
+        ("line 4", "A call takes", "more than the simulation of the step itself"),
     ),
     Case(
         "V-30",

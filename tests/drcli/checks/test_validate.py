@@ -276,8 +276,9 @@ def test_the_start_warns_of_what_surprises_and_not_of_style(folder, monkeypatch)
 
     plan = prepare(load_settings(folder.path, environ={}), StartOptions())
 
-    [warning] = plan.warnings
-    assert "progress == 1" in warning
+    converted, progress = plan.warnings
+    assert "It returned int" in converted
+    assert "progress == 1" in progress
 
 
 def test_an_endless_loop_ends_at_the_deadline_and_is_named(folder, try_here):

@@ -11,6 +11,7 @@ import typer.main
 
 from drcli import __version__
 from drcli.base.errors import DrError, SettingsError, StorageError, TrainingFailed, WorkerDied
+from drcli.base.termination import Stopped
 from drcli.cli.app import main
 from drcli.cli.command_line import application
 from drcli.cli.command_table import COMMANDS, program_names
@@ -285,6 +286,14 @@ def test_an_explained_failure_is_a_sentence_a_remedy_and_a_code(dr, failing, cap
     assert ended == code
     assert printed.out == ""
     assert printed.err == "Error: It broke.\n  Try: Mend it.\n"
+
+
+def test_a_stop_that_somebody_wanted_is_no_error(dr, failing, capsys):
+    failing(Stopped("It was stopped.", remedy="Start it again."))
+
+    code = dr("stop-training")
+
+    assert (code, capsys.readouterr().err) == (143, "It was stopped. Start it again.\n")
 
 
 def test_wrong_settings_exit_3_before_anything_happens(dr, working_folder, capsys):

@@ -305,7 +305,10 @@ def test_more_laps_win_against_a_faster_time(evaluation_report):
         opponent=replace(evaluation_report, prefix="rival", trials=evaluation_report.trials[:1]),
     )
 
-    assert screen(evaluation_view.evaluation(race)).splitlines()[-1] == "model wins with more laps."
+    assert (
+        screen(evaluation_view.evaluation(race)).splitlines()[-1]
+        == "model wins with more finished laps."
+    )
 
 
 def test_nobody_wins_a_race_that_nobody_finished(evaluation_report):

@@ -89,8 +89,9 @@ def test_an_existing_file_stays_and_the_refusal_names_the_option(
     (working_folder / "system.env").write_text("")
     (working_folder / "reward.py").write_text("def reward_function(params):\n    return 1.0\n")
     (working_folder / "custom_files").mkdir()
-    metadata = model_file("model_metadata.json").read_bytes()
-    (working_folder / "custom_files" / "model_metadata.json").write_bytes(metadata)
+    for own in ("model_metadata.json", "reward_function.py"):
+        data = model_file(own).read_bytes()
+        (working_folder / "custom_files" / own).write_bytes(data)
     words = [word.format("old") for word in line.split()]
     [name] = (word for word in words if word.startswith("old"))
     (working_folder / name).write_bytes(OLD)

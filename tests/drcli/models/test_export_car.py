@@ -1,6 +1,7 @@
 """The checkpoint that is exported, and the archives that come out, in files and buckets."""
 
 import tarfile
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from drcli.models.export_model import ExportSource, Selection, read_export_sourc
 from drcli.store import keys
 from drcli.store.bucket import ObjectDamaged
 from memory_bucket import MemoryBucket
+from reference_model import LAST, reference_model
 from small_model import put_small_model
 
 from .conftest import no_bar
@@ -112,14 +114,26 @@ def test_damaged_weights_are_refused(here):
         source()
 
 
-def test_a_checkpoint_of_the_reference_has_to_be_imported_first(here):
-    here.delete([o.key for o in here.list("team/model.1/model/") if "5_Step" in o.key])
-    for part in keys.TENSORFLOW_PARTS:
-        here.put(f"team/model.1/model/5_Step-500.ckpt{part}", b"x")
+def test_the_frozen_graph_of_the_reference_is_packed_as_it_lies_there(here):
+    files = reference_model()
+    for name, data in files.items():
+        here.put(f"theirs/{name}", data)
 
-    with pytest.raises(SettingsError, match="TensorFlow checkpoint") as refused:
-        source(5)
-    assert "dr-import" in refused.value.remedy
+    found = exported(prefix="theirs")
+
+    assert found.report.checkpoint == LAST
+    with tarfile.open(fileobj=BytesIO(found.archive)) as archive:
+        member = archive.extractfile("agent/model.pb")
+        assert member is not None
+        assert member.read() == files["model/model_3.pb"]
+
+
+def test_without_its_frozen_graph_a_checkpoint_of_the_reference_gets_another(here):
+    for name, data in reference_model().items():
+        if not name.endswith(".pb"):
+            here.put(f"theirs/{name}", data)
+
+    assert exported(prefix="theirs").report.checkpoint == LAST
 
 
 def test_a_model_that_does_not_exist_is_refused(here):

@@ -7,6 +7,7 @@ import pytest
 from drcli.base.errors import SettingsError
 from drcli.exchange.checkpoint import Counters
 from drcli.store import keys
+from reference_model import METADATA
 
 CLONE = (
     "DR_LOCAL_S3_MODEL_PREFIX=model-2",
@@ -203,15 +204,15 @@ def test_a_damaged_checkpoint_is_refused_and_the_other_one_offered(trained):
     assert "DR_LOCAL_S3_PRETRAINED_CHECKPOINT=best" in caught.value.remedy
 
 
-def test_checkpoints_of_tensorflow_are_called_what_they_are(racer):
+def test_a_damaged_checkpoint_of_tensorflow_is_named(racer):
     racer.bucket.put("model-1/model/.coach_checkpoint", b"12_Step-7824.ckpt")
     racer.bucket.put("model-1/model/12_Step-7824.ckpt.index", b"")
+    racer.bucket.put(keys.model_metadata("model-1"), json.dumps(METADATA).encode())
+    racer.bucket.put(keys.hyperparameters("model-1"), b"{}")
     racer.run_env(*CLONE)
 
-    with pytest.raises(SettingsError, match="are TensorFlow's") as caught:
+    with pytest.raises(SettingsError, match=r"12_Step-7824\.ckpt\.index is not"):
         racer.start()
-
-    assert "`dr-import -L s3://bucket/model-1 -t NAME`" in caught.value.remedy
 
 
 def test_a_model_without_its_metadata_is_not_complete(trained):

@@ -10,6 +10,7 @@ import pytest
 from drcli.base.elapsed import elapsed_s
 from drcli.base.errors import SettingsError
 from drcli.base.log import add_handler, remove_handler
+from drcli.checks.start_rules import refuse_start
 from drcli.config.loading import load_settings
 from drcli.exchange.job import WorkerExit
 from drcli.exchange.log_places import json_log, log_file
@@ -232,7 +233,6 @@ def test_of_what_ray_prints_the_first_lines_are_logged(stage):
 def test_ray_places_the_trainer_where_there_is_a_cluster(
     lines, environ, expected, working_folder, monkeypatch
 ):
-    monkeypatch.setattr("drcli.runs.planned_job.require_ray", lambda: None)
     for name, value in environ.items():
         monkeypatch.setenv(name, value)
     (working_folder / "system.env").write_text(f"DR_LAUNCHER=ray\n{lines}")
@@ -243,8 +243,8 @@ def test_ray_places_the_trainer_where_there_is_a_cluster(
 
 
 def test_a_trainer_in_the_cluster_without_a_cluster_is_refused(working_folder, monkeypatch):
-    monkeypatch.setattr("drcli.runs.planned_job.require_ray", lambda: None)
+    monkeypatch.setattr("drcli.checks.start_rules.require_ray", lambda: None)
     (working_folder / "system.env").write_text("DR_LAUNCHER=ray\nDR_RAY_TRAINER=gpu\n")
 
     with pytest.raises(SettingsError, match=r"DR_RAY_TRAINER=gpu in system\.env: there is no"):
-        planned_job(load_settings(working_folder), seed=1, began_at=0.0)
+        refuse_start(load_settings(working_folder))

@@ -210,7 +210,7 @@ def test_files_of_somebody_else_are_in_the_way(again, racer):
     racer.bucket.put(f"{MODEL}/holiday.jpg", b"a picture")
     racer.bucket.put(keys.training_start(MODEL), b'{"seed": 1}')
 
-    with pytest.raises(SettingsError, match="Delete it, or use -w option"):
+    with pytest.raises(SettingsError, match="It holds files, but no checkpoint"):
         again()
 
     assert [info.key for info in racer.bucket.list("")] == [

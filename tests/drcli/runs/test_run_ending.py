@@ -74,6 +74,9 @@ class Ends(Duty):
     def left(self, ending):
         return self.names
 
+    def leave(self, ending):
+        self.at_the_end = ending.outcome
+
 
 @pytest.fixture
 def run(tmp_path, monkeypatch):
@@ -279,7 +282,9 @@ def test_work_at_the_end_is_told_when_it_is_done_and_an_error_when_it_failed(
     def at_the_end_of(end):
         duty = EndOfTraining(job, start=Commands(end))
         bucket = SlowBucket()
-        code, record, _ = run(bucket, duty, end_work=end_work, script=DONE)
+        last = Ends(None)
+        code, record, _ = run(bucket, duty, last, end_work=end_work, script=DONE)
+        assert (last.at_the_end.code, last.at_the_end.message) == (code, record.message)
         return code, record, read_outcome(bucket, "model")
 
     code, record, outcome = at_the_end_of(CommandEnd(0, {"site": "d.example.com", "model_id": "a"}))

@@ -37,6 +37,25 @@ def test_tidy_deletes_what_nobody_misses(bucket, settings, monkeypatch):
     assert find_surplus(settings(), TidyOptions(keep=["model-1/inner"])).items == []
 
 
+def test_tidy_leaves_models_of_other_systems_without_a_pointer_alone(bucket, settings, monkeypatch):
+    monkeypatch.setattr("drcli.runs.tidy.RECENT_S", -1.0)
+    theirs = [
+        "console/model/model_metadata.json",
+        "console/model/30_Step-9000.ckpt.index",
+        "console/model/30_Step-9000.ckpt.data-00000-of-00001",
+        "graph/model/model_metadata.json",
+        "graph/model/model_30.pb",
+        "traces/ip/hyperparameters.json",
+        "traces/training-simtrace/0-iteration.csv",
+    ]
+    for key in theirs:
+        bucket.put(key, b"theirs")
+
+    found = find_surplus(settings(), TidyOptions())
+
+    assert not {item.model for item in found.items} & {"console", "graph", "traces"}
+
+
 def test_tidy_leaves_a_model_that_trains_alone(bucket, settings):
     lease.take(bucket, "model-1", "session")
 

@@ -18,6 +18,7 @@ from drcli.saliency.explanation_pictures import decision, lidar_finding, still
 from drcli.saliency.maps import ExplainedPolicy, saliency_maps
 from drcli.saliency.question import Question
 from memory_bucket import MemoryBucket
+from reference_model import LAST, reference_model
 from small_model import put_small_model
 from small_policies import metadata_json, small_metadata, small_network
 
@@ -33,6 +34,8 @@ def home(tmp_path_factory):
     bucket = MemoryBucket()
     put_small_model(bucket, "model-1")
     put_small_model(bucket, "smooth", **json.loads(metadata_json("sac")))
+    for name, data in reference_model().items():
+        bucket.put(f"theirs/{name}", data)
     return folder, bucket
 
 
@@ -58,6 +61,13 @@ def test_an_episode_ends_with_the_picture_before_its_end(answer):
     assert explained.chosen[0] == 0
     assert explained.chosen[-1] == episode.steps - 1
     assert episode.last.steps == episode.rows[-1].steps + 1
+
+
+def test_a_checkpoint_of_the_reference_is_explained_from_its_weights(home):
+    explained, name = explain(home, prefix="theirs")
+
+    assert name == LAST
+    assert explained.episode.rows
 
 
 @pytest.mark.parametrize("prefix", ["model-1", "smooth"])

@@ -1,6 +1,7 @@
 """What the driver hands to the learner: every sensor, every step once, cuts with their rest."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,8 +9,11 @@ import torch
 
 from drcli.exchange.trace import STEP_S
 from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.compute import driving_format
 from drcli.learn.data_parallel import DataParallelPolicy
-from drcli.learn.policy import Observation, PolicySpec
+from drcli.learn.encoders import compute_in
+from drcli.learn.policy import Observation, Policy, PolicySpec
+from drcli.learn.sac_networks import SACAgent
 from drcli.workers import driving
 from drcli.workers.driven_episode import Driven, Plan
 from drcli.workers.driving import Driver, Racer
@@ -94,54 +98,87 @@ def test_an_episode_that_ends_by_its_rules_has_nothing_left():
     assert [episode.last_value for episode in episodes] == [0.0] * 3
 
 
-def test_an_episode_is_the_same_beside_other_ones():
-    spec = PolicySpec(3, network=COMPACT, stack=2)
-
-    alone = drive(spec, episodes=1)[0]
-    beside = drive(spec, episodes=3)[0]
-
-    assert alone.actions == beside.actions
-    np.testing.assert_array_equal(np.stack(alone.frames), np.stack(beside.frames))
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_evaluations_do_not_change_a_bit_of_the_training_episodes(threads):
-    """The clock decides whether a checkpoint is evaluated; equal seeds must train equally."""
-    alone, beside = (
-        trained_beside(trials, DataParallelPolicy(fresh(PolicySpec(3, network=COMPACT)), threads))
-        for trials in (0, 5)
-    )
-
-    assert [e.actions for e in alone] == [e.actions for e in beside]
-    assert [e.log_probs for e in alone] == [e.log_probs for e in beside]
-    assert [e.values for e in alone] == [e.values for e in beside]
+DEEP = "DEEP_CONVOLUTIONAL_NETWORK"
+SHALLOW, DEEPEST = f"{DEEP}_SHALLOW", f"{DEEP}_DEEP"
+POLICIES = {
+    "discrete": (PolicySpec(3, network=COMPACT), "fp32"),
+    "one action, bf16": (PolicySpec(1, network=COMPACT), "bf16"),
+    "many actions": (PolicySpec(21, network=SHALLOW), "bf16"),
+    "continuous": (PolicySpec(2, continuous=True, network=SHALLOW), "fp32"),
+    "stack and lidar": (PolicySpec(3, network=COMPACT, stack=3, scan_dims=8), "bf16"),
+    "two cameras": (PolicySpec(3, network=COMPACT, eyes=2, state_dims=PRIVILEGED_DIMS), "fp32"),
+    "deep": (PolicySpec(3, network=DEEP), "fp32"),
+    "deep, bf16": (PolicySpec(16, network=DEEP, scan_dims=64), "bf16"),
+    "deepest": (PolicySpec(3, network=DEEPEST), "fp32"),
+    "deepest, bf16": (PolicySpec(3, network=DEEPEST, eyes=2), "bf16"),
+    "SAC": (PolicySpec(2, continuous=True, network=COMPACT), "fp32"),
+    "SAC, bf16": (PolicySpec(2, True, SHALLOW, state_dims=PRIVILEGED_DIMS), "bf16"),
+}
 
 
-def fresh(spec: PolicySpec) -> ActorCritic:
-    """An untrained policy, whose critic expects something."""
-    torch.manual_seed(0)
-    policy = ActorCritic(spec).eval()
-    policy.returns.scale.fill_(1.0)
-    return policy
+@pytest.mark.parametrize("name", POLICIES)
+def test_an_episode_is_the_same_bit_by_bit_beside_any_number_of_cars(name):
+    """A lap depends on its start and its seed; so do trainings, whatever the clock lets run."""
+    spec, number_format = POLICIES[name]
+    policy = fresh(spec, SACAgent if name.startswith("SAC") else ActorCritic)
+    compute_in(policy, driving_format(number_format))
+
+    alone, *beside = (beside_others(policy, *batch) for batch in ((1, 1), (3, 1), (8, 2), (20, 2)))
+
+    assert alone["steps"] > 3
+    for other in beside:
+        for column, values in alone.items():
+            np.testing.assert_array_equal(values, other[column], err_msg=column)
 
 
-def trained_beside(trials: int, policy: DataParallelPolicy) -> list[Driven]:
-    """Twenty training episodes, beside so many of an evaluation."""
+def beside_others(policy: Policy, cars: int, threads: int) -> dict[str, object]:
+    """All of an episode that begins while others, which soon end, drive in the cars before it."""
     torch.set_num_threads(1)
+    spec = policy.spec
+    eyes = "STEREO_CAMERAS" if spec.eyes == 2 else "FRONT_FACING_CAMERA"
+    lidar = {0: (), 8: ("SECTOR_LIDAR",), 64: ("LIDAR",)}[spec.scan_dims]
     simulation = Simulation(
         load_track("reinvent_base"),
-        num_cars=20 + trials,
+        num_cars=cars,
         reward_function=centre_line_reward,
-        rules=EpisodeRules(max_steps=6),
-        num_threads=1,
+        rules=EpisodeRules(max_steps=7),
+        num_threads=threads,
+        sensors=Sensors((eyes, *lidar)),
     )
-    plans = [Plan(number, "training", 0.05 * number) for number in range(20)]
-    plans += [Plan(trial, "evaluation", 0.2 * trial) for trial in range(trials)]
+    actions = ContinuousActions((-30.0, 30.0), (0.5, 4.0)) if spec.continuous else STRAIGHT
+    if not spec.continuous:
+        turns = np.linspace(-25.0, 25.0, spec.num_actions).tolist()
+        actions = DiscreteActions(tuple((turn, 1.0) for turn in turns))
+    plans = [
+        Plan(9 + n, ("training", "evaluation")[n % 2], 0.07 * n, offset_m=0.5, angle_deg=70.0)
+        for n in range(cars - 1)
+    ]
+    plans.append(Plan(0, "training", 0.3))
+    plans += [Plan(90 + n, "evaluation", 0.07 * n) for n in range(cars - 1)]
     driven: list[Driven] = []
-    Driver(simulation, [Racer(policy, STRAIGHT)], 5).drive(plans, driven.append)
+    driver = Driver(simulation, [Racer(DataParallelPolicy(policy, threads), actions)], seed=5)
+    driver.drive(plans, driven.append)
     simulation.close()
-    training = [episode for episode in driven if episode.phase == "training"]
-    return sorted(training, key=lambda episode: episode.number)
+    [own] = [episode for episode in driven if episode.number == 0]
+    assert cars == 1 or min(episode.steps for episode in driven) < own.steps
+    names = ("frames", "scans", "states", "actions", "log_probs", "values", "last_value", "steps")
+    rows = [replace(row, reward_ms=0.0) for row in own.rows]
+    return {"rows": rows} | {name: getattr(own, name) for name in names}
+
+
+Network = ActorCritic | SACAgent
+
+
+def fresh(spec: PolicySpec, kind: type[Network] = ActorCritic) -> Network:
+    """An untrained policy, whose critic expects something."""
+    torch.manual_seed(0)
+    policy = kind(spec).eval()
+    policy.returns.scale.fill_(1.0)
+    with torch.no_grad():
+        for parameter in policy.parameters():
+            if parameter.dim() == 1:
+                parameter += 0.02 * torch.randn_like(parameter)
+    return policy
 
 
 def test_blind_actions_follow_the_schedule_of_the_steps_driven():
@@ -173,8 +210,7 @@ def test_what_was_seen_can_be_put_together_again_from_single_frames(stack):
     """The learner stacks frames itself; it must see what the policy saw."""
     spec = PolicySpec(3, network=COMPACT, stack=stack)
     episode = drive(spec, episodes=1)[0]
-    torch.manual_seed(0)
-    model = ActorCritic(spec).eval()
+    model = fresh(spec)
     frames = np.stack(episode.frames)
     rows = np.arange(len(frames))[:, None] - np.minimum(
         np.arange(stack - 1, -1, -1), np.arange(len(frames))[:, None]

@@ -20,6 +20,7 @@ from drcli.formats.frozen_graph import encode_policy
 from drcli.formats.runtimes import EnginePolicy
 from drcli.learn.policy import Observation, decide
 from drcli.workers.evaluator import enter, entries, evaluate
+from reference_model import NEWEST, reference_model
 from small_policies import metadata_json, small_metadata, small_network
 
 
@@ -53,9 +54,9 @@ def actions(racer, network):
     return decide(racer.model, seen, noise, np.ones(12, np.bool_)).actions.tolist()
 
 
-def entered(racer, source):
+def entered(racer, source, checkpoint="0_Step-0.ckpt"):
     config = racer.settings().run
-    [entry] = entries(config, "20260102030405", ["0_Step-0.ckpt"], [source])
+    [entry] = entries(config, "20260102030405", [checkpoint], [source])
     return enter(racer.bucket, entry, config)
 
 
@@ -73,6 +74,37 @@ def test_a_checkpoint_drives_alike_in_every_engine(model, network, runtime):
     wanted = write_form.torch_outputs(network, frames, scans).argmax(axis=1).tolist()
     assert actions(racer, network) == wanted
     assert len(set(wanted)) > 1
+
+
+def test_a_checkpoint_of_the_reference_drives_as_its_frozen_graph_does(racer, tmp_path):
+    files = reference_model()
+    for name, data in files.items():
+        racer.bucket.put(f"model-1/{name}", data)
+    graph = tmp_path / "model_4.pb"
+    graph.write_bytes(files["model/model_4.pb"])
+    (tmp_path / "model_metadata.json").write_bytes(files["model/model_metadata.json"])
+
+    found, metadata = entered(racer, PolicySource("torch"), NEWEST)
+
+    theirs, _ = entered(racer, PolicySource("pb", graph))
+    assert actions(found, found.model) == actions(theirs, found.model)
+    assert metadata.neural_network == "DEEP_CONVOLUTIONAL_NETWORK_DEEP"
+
+
+@pytest.mark.parametrize("runtime", ["torch", "pb"])
+def test_a_sac_checkpoint_of_the_reference_drives_with_its_frozen_graph(racer, runtime):
+    sac = small_network(small_metadata("sac"))
+    graph = encode_policy(weights_of(sac), sac.spec, ["FRONT_FACING_CAMERA"])
+    racer.bucket.put("model-1/model/model_metadata.json", metadata_json("sac"))
+    racer.bucket.put("model-1/ip/hyperparameters.json", b"{}")
+    racer.bucket.put("model-1/model/7_Step-700.ckpt.index", b"variables that ours do not have")
+    racer.bucket.put("model-1/model/model_7.pb", graph)
+
+    found, _ = entered(racer, PolicySource(runtime), "7_Step-700.ckpt")
+
+    frames, scans = write_form.sample_inputs(sac.spec, 12)
+    wanted = write_form.torch_outputs(sac, frames, scans)
+    np.testing.assert_allclose(actions(found, sac), wanted, atol=1e-5)
 
 
 def test_a_file_drives_without_a_model_in_the_bucket(racer, network, graph_file):

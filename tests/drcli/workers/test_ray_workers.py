@@ -139,7 +139,6 @@ def test_the_workers_join_through_the_bucket_of_the_training(working_folder, mon
         "DR_CLOUD=remote\nDR_REMOTE_MINIO_URL=http://far:9000\nDR_LOCAL_S3_BUCKET=bucket\n"
         "DR_LAUNCHER=ray\nDR_LOCAL_S3_PROFILE=racer\n"
     )
-    monkeypatch.setattr("drcli.runs.planned_job.require_ray", lambda: None)
 
     job = planned_job(load_settings(working_folder), seed=1, began_at=0.0)
 
@@ -161,7 +160,6 @@ def test_without_ray_the_extra_is_named(monkeypatch):
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "127.0.0.1:99999", "[::1]:1"])
 def test_an_address_where_nobody_listens_is_named_soon(address, working_folder, monkeypatch):
-    monkeypatch.setattr("drcli.runs.planned_job.require_ray", lambda: None)
     monkeypatch.setattr("drcli.workers.ray_cluster.require_ray", lambda: None)
     monkeypatch.setitem(sys.modules, "ray", object())
     (working_folder / "system.env").write_text(f"DR_LAUNCHER=ray\nDR_RAY_ADDRESS={address}\n")

@@ -368,23 +368,49 @@ def record(simulation: Simulation, steps: int, again=(), watched=slice(None)) ->
 
 
 @pytest.mark.parametrize("race", RACES.values(), ids=RACES)
-def test_the_same_seed_gives_the_same_bits_at_any_number_of_threads(simulate, race) -> None:
-    one, two = (
-        simulate(
-            4,
-            race=race,
-            num_threads=num_threads,
-            sensors=Sensors(("STEREO_CAMERAS", "LIDAR")),
-            realism=EXTRAS,
-            randomize="textures",
+def test_a_drive_is_the_same_bit_by_bit_beside_other_cars_and_on_more_threads(
+    simulate, race
+) -> None:
+    alone, *beside = (
+        beside_others(
+            simulate(
+                num_cars,
+                race=race,
+                num_threads=num_threads,
+                sensors=Sensors(("STEREO_CAMERAS", "LIDAR")),
+                realism=EXTRAS,
+                randomize="textures",
+            ),
+            race.racers,
         )
-        for num_threads in (1, 2)
+        for num_cars, num_threads in ((race.racers, 1), (4, 1), (20, 2))
     )
 
-    rows = zip(record(one, STEPS), record(two, STEPS), strict=True)
+    for others in beside:
+        for own, same in zip(alone, others, strict=True):
+            np.testing.assert_array_equal(own, same)
 
-    for mine, others in rows:
-        np.testing.assert_array_equal(mine, others)
+
+def beside_others(simulation: Simulation, racers: int, steps: int = 24) -> list[np.ndarray]:
+    """All that the cars of the last track see and get, while others drive and begin anew."""
+    everybody = np.arange(simulation.num_cars)
+    own, others = everybody[-racers:], everybody[:-racers]
+    random, noise = np.random.default_rng(len(others)), np.random.default_rng(5)
+    wild = random.uniform([-30.0, 0.5], [30.0, 4.0], (steps, len(others), 2))
+    seeds = np.append(random.integers(9, 99, len(others)), [3] * racers).astype(np.uint64)
+    row = simulation.reset(everybody, seeds % 10 / 10, seeds=seeds)
+    kept = []
+    for step, actions in enumerate(wild):
+        steering_deg = steered(row)[own] + noise.normal(0.0, 12.0, racers)
+        mine = np.column_stack([steering_deg, np.full(racers, 1.3)])
+        row = simulation.step(*np.concatenate([actions, mine]).T)
+        values = [value for name, value in vars(row).items() if name != "reward_time_s"]
+        seen = simulation.frames, simulation.scans, simulation.privileged(everybody)
+        kept += [value[own].copy() for value in (*seen, *values)]
+        if step % 6 == 5:
+            cars = everybody if step > steps // 2 else others
+            simulation.reset(cars, seeds[cars] % 7 / 7, seeds=seeds[cars])
+    return kept
 
 
 @pytest.mark.parametrize("extras", [{"randomize": "lights"}, {"realism": EXTRAS}, {}])

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 
 import synthetic_plans
+from drcli.analysis.findings.action_use import ActionShare, ActionUse
 from drcli.analysis.findings.advice import RULES, Advice, advice, advise
 from drcli.analysis.findings.episode_ends import EndsInPart, EpisodeEnds
 from drcli.analysis.findings.evaluated_laps import BadPlace, EvaluatedLaps
@@ -336,6 +337,7 @@ def evaluated(clean: int, laps: int, *, mean_deg: float = 5.0, world: str = "") 
         alone=40.0 if bad else 100.0,
         place=BadPlace(70, 75, bad, bad) if bad else None,
         balance=SteeringBalance(left, 1 - left, mean_deg, 5.0, 0.5, 0.1, side, 0.2),
+        actions=None,
     )
 
 
@@ -365,6 +367,20 @@ def test_a_training_that_has_converged_is_told_apart_from_one_that_gets_round_cl
 
     assert found.kind == "converged"
     assert ("0 of 3 are clean" in found.sentence) == told
+
+
+def test_an_evaluation_that_takes_one_action_only_says_which():
+    evidence = gather(made_healthy())
+    shares = tuple(ActionShare(n, 10.0 * n, 1.5, 100 * n, float(n), 0.5) for n in range(2))
+    use = ActionUse(False, 100, shares, (), (1,), 1.0, 0.0, None, 1)
+    newest = replace(evaluated(0, 3, mean_deg=-4.5), actions=use)
+
+    advised = {item.id: item for item in advise(replace(evidence, evaluated=newest))}
+
+    found = advised["unclean-laps"]
+    assert "one-sided-steering" not in advised  # a single action has a single side
+    assert found.title == "The car takes one action only"
+    assert "It takes action 1 (10 degrees, 1.5 m/s) in 100 % of the steps." in found.evidence
 
 
 def test_laps_that_fail_elsewhere_are_to_be_trained_there():

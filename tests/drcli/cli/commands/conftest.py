@@ -435,9 +435,7 @@ def _lay_down(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     topic = "the SNS topic arn:aws:sns:us-east-1:123456789012:a-topic-with-a-long-name"
     answer("remote.message_channels.try_channels", {topic: None})
     options = SimpleNamespace(prefix="model")
-    answer(
-        "models.download.plan_download", SimpleNamespace(**plan, options=options, import_command="")
-    )
+    answer("models.download.plan_download", SimpleNamespace(**plan, options=options))
     answer("models.download.download", DownloadReport(**source, target=URL, custom_files=files))
     imported = ImportedModel(
         **source,

@@ -152,6 +152,14 @@ def test_flags_change_the_settings_of_one_evaluation_only(dr, asked, working_fol
     assert "DR_EVAL" not in (working_folder / "run.env").read_text()
 
 
+def test_a_start_keeps_every_digit_so_that_a_lap_can_be_driven_again(dr, asked):
+    dr("evaluate", "--start", "-0.0472592937135556", "--start-position", "0.0981413752986491")
+
+    driven = SETTINGS["settings"]
+    assert float(driven.eval_start_offset) == -0.0472592937135556
+    assert driven.eval_start_position == 0.0981413752986491
+
+
 def test_a_start_that_had_to_be_moved_is_said(dr, asked, evaluation_report, monkeypatch, capsys):
     moved = replace(evaluation_report, notes=["The car starts 0.30 m to the left."])
     monkeypatch.setattr("drcli.runs.evaluation.evaluate", lambda *_, **__: moved)

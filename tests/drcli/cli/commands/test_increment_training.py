@@ -121,5 +121,5 @@ def test_a_refusal_exits_3_and_leaves_the_file_alone(dr, bucket, working_folder,
     code = dr("increment-training", "-f")
 
     assert code == 3
-    assert "Choose another name with -p, or delete that model with -w." in capsys.readouterr().err
+    assert "Choose another name with -p; -w would delete that model." in capsys.readouterr().err
     assert (working_folder / "run.env").read_bytes() == before

@@ -13,7 +13,7 @@ def test_status_before_the_first_start_says_how_to_start(dr, run, capsys):
 
     printed = capsys.readouterr()
     assert code == 0
-    assert printed.out == "Nothing was started here yet. Start with `dr-start-training`.\n"
+    assert printed.out.startswith("Nothing was started here yet. Start with `dr-start-training`,")
 
 
 def test_status_of_a_living_run_exits_0(dr, run, make_report, capsys):

@@ -1,0 +1,114 @@
+"""Lets a training go on from a TensorFlow checkpoint: it becomes one of ours beside it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from drcli.exchange.checkpoint import CheckpointName
+from drcli.exchange.scores import Score, Scores
+from drcli.formats.stored_checkpoint import load_checkpoint
+from drcli.modelfiles.custom_files import InputFile
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
+from drcli.modelfiles.network_shape import Design
+from drcli.models.checkpoint_choice import missing_parts
+from drcli.store import keys
+from drcli.store.best_checkpoint import read_scores, write_scores
+from drcli.store.bucket import Bucket, ObjectDamaged
+from drcli.store.checkpoints import Checkpoint, CheckpointStore
+from drcli.store.model_kind import is_tensorflow
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """The newest TensorFlow checkpoint of a model as one of ours; nothing is written yet.
+
+    Attributes:
+        best: The best checkpoint as DeepRacer-for-Cloud judged it; None if unknown or the same.
+    """
+
+    bucket: Bucket
+    prefix: str
+    checkpoint: Checkpoint
+    best: str | None
+
+    @property
+    def name(self) -> str:
+        """Of the checkpoint."""
+        return self.checkpoint.record.name
+
+    @property
+    def design(self) -> Design:
+        """What the policy in the checkpoint is, whatever the model's files say about it."""
+        inputs = self.checkpoint.record.counters.inputs
+        files = {name: text.encode() for name, text in inputs.items()}
+        metadata, parameters = keys.MODEL_METADATA_FILE, keys.HYPERPARAMETERS_FILE
+        return Design(
+            ModelMetadata.from_bytes(files[metadata], metadata),
+            Hyperparameters.from_bytes(files[parameters], parameters),
+            metadata,
+            parameters,
+            files,
+        )
+
+    def own_files(self, files: Mapping[str, InputFile]) -> dict[str, InputFile]:
+        """Those of the racer's files that are the model's own, as they describe its policy.
+
+        The reference ignores some of their values, such as `stack_size`.
+        """
+        own = {
+            keys.MODEL_METADATA_FILE: keys.model_metadata(self.prefix),
+            keys.HYPERPARAMETERS_FILE: keys.hyperparameters(self.prefix),
+        }
+        return {
+            name: replace(files[name], data=self.design.files[name])
+            for name, key in own.items()
+            if name in files and files[name].origin == f"{self.bucket.name}/{key}"
+        }
+
+    @property
+    def sentence(self) -> str:
+        """What the racer should know."""
+        best = ""
+        if self.best is not None:
+            best = (
+                f" The best one so far, {self.best}, was judged in another simulation: the next "
+                "checkpoint that is evaluated becomes the best."
+            )
+        return (
+            f"{self.name} is a TensorFlow checkpoint. The training continues from its weights, "
+            f"with a fresh optimizer; its files stay where they are.{best}"
+        )
+
+    def write(self) -> None:
+        """Write the checkpoint beside the files of the reference, which all stay."""
+        record = self.checkpoint.record
+        CheckpointStore(self.bucket, self.prefix).save(
+            record.number, record.steps, self.checkpoint.tensors, counters=record.counters
+        )
+        last = Score(record.name)
+        write_scores(self.bucket, self.prefix, Scores(last, last))
+
+
+def plan_conversion(bucket: Bucket, prefix: str) -> Conversion | None:
+    """Read the newest checkpoint of a model if it is TensorFlow's; None if it is ours, or missing.
+
+    The newest is the one that the pointer names or, as in the reference, the one of the highest
+    number if that is not complete.
+
+    Raises:
+        DrError: It cannot be read, or is not a policy that can be trained here.
+    """
+    listed = bucket.list(keys.model_folder(prefix))
+    names = {keys.checkpoint_of(prefix, info.key) for info in listed}
+    whole = {name for name in names if name and not missing_parts(listed, prefix, str(name))}
+    pointed = CheckpointStore(bucket, prefix).pointed()
+    newest: CheckpointName | None = pointed if pointed in whole else max(whole, default=None)
+    if newest is None or not is_tensorflow([info.key for info in listed], prefix, str(newest)):
+        return None
+    try:
+        scores = read_scores(bucket, prefix)
+    except ObjectDamaged:
+        scores = None
+    best = None if scores is None else scores.best_checkpoint.name
+    found = load_checkpoint(bucket, prefix, str(newest))
+    return Conversion(bucket, prefix, found, None if best == str(newest) else best)
