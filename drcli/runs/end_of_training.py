@@ -26,7 +26,6 @@ PATIENCE_S = 2700.0
 """Longest time for a piece: DeepRacer on AWS may take half an hour to check a model."""
 
 _WHAT = {"upload": "upload of the best checkpoint", "import": "import into DeepRacer on AWS"}
-_AGAIN = {"upload": "dr-upload-model -b", "import": "droa-import-model --best --once"}
 
 _IMPORT = "DR_IMPORT_MODEL_ON_COMPLETION"
 
@@ -91,7 +90,7 @@ class EndOfTraining(Duty):
                 self._left.remove(name)
         for name in self._left[sum(result.code != 0 for result in self._results) :]:
             text = f"There was no time for the {_WHAT[name]}."
-            self._results.append(Outcome(StorageError.code, text, _again(name)))
+            self._results.append(Outcome(StorageError.code, text, self._again(name)))
             _logger.warning("%s", text)
 
     def end_result(self) -> Outcome | None:
@@ -123,13 +122,21 @@ class EndOfTraining(Duty):
         options = ("--model-prefix", prefix, "--model-name", import_name(prefix), "--best")
         return "droa-import-model", *options, "--once", "--json"
 
+    def _again(self, name: str) -> str:
+        words = [word for word in self._command(name) if word != "--json"]
+        program = words[0] if words[0].startswith("droa-") else f"dr-{words[0]}"
+        return (
+            f"Repeat it with `{' '.join([program, *words[1:]])}`, or with "
+            "`dr-start-training --resume-or-start`."
+        )
+
     def _note(self, name: str, end: CommandEnd) -> bool:
         """Tell how a piece ended; whether it is done."""
         what = _WHAT[name]
         if not end.ok:
             text = f"The {what} failed: {end.reason}"
-            self._results.append(Outcome(_code(end), text, _again(name)))
-            text = f"{text} {_again(name)}"
+            self._results.append(Outcome(_code(end), text, self._again(name)))
+            text = f"{text} {self._again(name)}"
             _logger.warning("%s", text)
             if self._journal is not None:
                 self._journal.note("fault", text, event="upload", what=name)
@@ -142,10 +149,6 @@ class EndOfTraining(Duty):
         if self._journal is not None:
             self._journal.note("upload", text, what=name, seconds=round(end.seconds, 1))
         return True
-
-
-def _again(name: str) -> str:
-    return f"Repeat it with `{_AGAIN[name]}`, or with `dr-start-training --resume-or-start`."
 
 
 def _code(end: CommandEnd) -> int:

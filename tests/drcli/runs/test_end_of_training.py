@@ -69,7 +69,7 @@ def test_what_fails_stays_for_a_successor(tmp_path):
     kind, text = entries(run)[-1]
     assert kind == "fault"
     assert "It refused the model." in text
-    assert "droa-import-model --best --once" in text
+    assert "--model-prefix team/model --model-name team-model --best --once`" in text
 
 
 def test_a_successor_does_what_was_left_over_and_no_more(tmp_path):

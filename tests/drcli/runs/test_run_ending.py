@@ -294,7 +294,7 @@ def test_work_at_the_end_is_told_when_it_is_done_and_an_error_when_it_failed(
     code, record, outcome = at_the_end_of(CommandEnd(3, reason="It refused the model."))
     assert (code, record.exit_code, record.state) == (3, 3, "finished")
     assert record.message.endswith("The import into DeepRacer on AWS failed: It refused the model.")
-    assert "`droa-import-model --best --once`" in record.remedy
+    assert "--model-name team-model --best --once`, or with" in record.remedy
     # The training itself is complete: the next start tries only what is left.
     assert (outcome.state, outcome.code, outcome.left) == ("finished", 0, ("import",))
 
