@@ -94,7 +94,9 @@ class Dense(nn.Linear):
         if self.training or x.is_cuda:
             return functional.linear(x, weight, bias)
         if x.dim() > 2:  # the pixels of one frame are rows enough
-            return torch.cat([functional.linear(frame, weight, bias) for frame in torch.split(x, 1)])
+            return torch.cat(
+                [functional.linear(frame, weight, bias) for frame in torch.split(x, 1)]
+            )
         is_large = self.in_features * self.out_features >= LARGE_WEIGHTS
         rows = LARGE_ROWS if is_large else ROWS[weight.dtype]
 

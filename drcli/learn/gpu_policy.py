@@ -69,7 +69,9 @@ class GpuPolicy:
         if epsilon is not None:
             self._epsilon.fill_(epsilon)
         step = self._drawn if epsilon is None else self._greedy
-        calls = zip(*(torch.split(each, ROWS) for each in (*seen, noise, deterministic)), strict=True)
+        calls = zip(
+            *(torch.split(each, ROWS) for each in (*seen, noise, deterministic)), strict=True
+        )
         # A graph gives its next result in the same memory.
         numbers = torch.cat([step(*self._filled(call))[: len(call[0])].cpu() for call in calls])
         actions = numbers[:, :-2]
