@@ -97,6 +97,7 @@ class EndCommand(Duty):
             "LAST_CHECKPOINT": last.name if last is not None else "",
             "BEST_CHECKPOINT": best.name if best is not None else "",
             "BEST_METRIC": "" if metric is None else metric,
+            "BEST_LAPS": "" if best is None or best.episodes is None else best.episodes.laps,
             "SECONDS_LEFT": "" if left_s == float("inf") else int(left_s),
             **{name.upper(): value for name, value in self._facts().items()},
         }
