@@ -78,11 +78,11 @@ class EvaluationBudget:
         self._share = share
         self._clock = clock
         self._began_s = clock()
-        self._spent_s = 0.0
+        self._spent_s = self._last_s = 0.0
 
     def allows_another(self) -> bool:
-        """Whether the evaluations so far took no more than their share."""
-        return self._spent_s <= self._share * (self._clock() - self._began_s)
+        """Whether one more that takes as long as the last one stays within the share."""
+        return self._spent_s + self._last_s <= self._share * (self._clock() - self._began_s)
 
     def __str__(self) -> str:
         """Such as "4.1 s, 3.2 % of the time"."""
@@ -92,3 +92,4 @@ class EvaluationBudget:
     def spend(self, seconds: float) -> None:
         """Count the time of an evaluation."""
         self._spent_s += seconds
+        self._last_s = seconds
