@@ -119,6 +119,18 @@ def _laps(progress: Sequence[float], lap_s: Sequence[float]) -> Laps | None:
 HISTORY_HEAD, HISTORY_END = b'{"iterations": [', b"]}"
 """What is before and after the records in the file `history.json`."""
 
+EVALUATION_FIELDS = (
+    "evaluation_progress",
+    "evaluation_lap_s",
+    "evaluation_steering_per_m",
+    "confirmation_progress",
+    "confirmation_lap_s",
+    "second_world",
+    "second_progress",
+    "second_lap_s",
+)
+"""Fields that come after an iteration is learned from."""
+
 LEFT_OUT_IF_EMPTY = (
     "confirmation_progress",
     "confirmation_lap_s",

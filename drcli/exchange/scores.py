@@ -101,11 +101,13 @@ class EvaluationResult(JsonRecord):
         return EvaluationEpisodes(self.progress, self.reward, self.lap_s)
 
     def on(self, world: JudgedWorld) -> EvaluationEpisodes:
-        """All episodes on these tracks, as if there were one track."""
-        own = self.first.and_again(self.confirmation)
+        """All episodes on these tracks, as if there were one track.
+
+        Of both, as many on each: what was driven again on the training track does not count.
+        """
         if self.second is None or world == "training":
-            return own
-        return self.second if world == "evaluation" else own.and_again(self.second)
+            return self.first.and_again(self.confirmation)
+        return self.second if world == "evaluation" else self.first.and_again(self.second)
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,10 @@ It is what a goal asks for: 20 laps of an evaluation, and then 38 of 40. Without
 checkpoint with one clean lap more could be replaced by luck only.
 """
 
+PRESUMED = share_interval(5, 5)[0]
+"""The same bound of a checkpoint of which only a mean is known, if that is of five clean laps, as
+evaluations of version 0.1.0 and of DeepRacer-for-Cloud had."""
+
 
 def metric_of(metric: str, episodes: EvaluationEpisodes) -> float:
     """An evaluation by DR_TRAIN_BEST_MODEL_METRIC: percent, reward or milliseconds."""
@@ -41,47 +45,45 @@ def score_of(
 
 
 def with_evaluation(
-    scores: Scores, score: Score, metric: str, most_s: float | None = None
+    scores: Scores, score: Score, metric: str, *, reaches_goal: bool = False
 ) -> Scores:
-    """The scores after the evaluation of a checkpoint; for `most_s` see `is_better`."""
+    """The scores after the evaluation of a checkpoint; one that reaches a goal is the best."""
     best, last = scores.best_checkpoint, scores.last_checkpoint
-    is_best = score.name == best.name or is_better(score, best, metric, most_s)
+    is_best = reaches_goal or score.name == best.name or is_better(score, best, metric)
     return Scores(
         best_checkpoint=score if is_best else best,
         last_checkpoint=score if score.name == last.name else last,
     )
 
 
-def is_better(score: Score, best: Score, metric: str, most_s: float | None = None) -> bool:
+def is_better(score: Score, best: Score, metric: str) -> bool:
     """Whether a checkpoint that is evaluated later is better than the best one so far.
 
     With DR_TRAIN_BEST_MODEL_METRIC "reward", the higher mean reward is better. Otherwise, and
     between equal rewards: the higher lower bound of the share of clean laps, up to `RELIABLE`;
-    then the same of laps within `most_s`; then the lower median time of clean laps, or without any
-    the higher mean progress. Where everything is equal, the later one is better. One that was never
-    evaluated is the worst.
+    then the lower median time of clean laps, or without any the higher mean progress. Where
+    everything is equal, the later one is better. One that was never evaluated is the worst.
 
     Args:
         score: Of the later one.
         best: Of the other.
         metric: DR_TRAIN_BEST_MODEL_METRIC.
-        most_s: The lap time of --until-lap-time, if there is one, simulated seconds: the checkpoint
-            that reaches it is the best.
     """
     if best.avg_eval_metric is None or score.avg_eval_metric is None:
         return best.avg_eval_metric is None
-    if score.episodes is None or best.episodes is None:  # of version 0.1.0
+    if score.episodes is None or best.episodes is None:  # of version 0.1.0, or of other programs
+        own_laps = None if score.episodes is None else score.episodes.laps
+        if own_laps is not None and metric != "reward" and own_laps.interval[0] >= PRESUMED:
+            return True
         if metric == "laptime":
             return score.avg_eval_metric <= best.avg_eval_metric
         return score.avg_eval_metric >= best.avg_eval_metric
     mean = metric == "reward"
-    own = (mean * score.avg_eval_metric, *_rank(score.episodes, most_s))
-    return own >= (mean * best.avg_eval_metric, *_rank(best.episodes, most_s))
+    own = (mean * score.avg_eval_metric, *_rank(score.episodes))
+    return own >= (mean * best.avg_eval_metric, *_rank(best.episodes))
 
 
-def is_hopeful(
-    scores: Scores | None, result: EvaluationResult, metric: str, most_s: float | None = None
-) -> bool:
+def is_hopeful(scores: Scores | None, result: EvaluationResult, metric: str) -> bool:
     """Whether a checkpoint would be the best if it drove as well again as in this evaluation.
 
     One that completed no lap need not drive again: how far such checkpoints get varies little.
@@ -90,15 +92,15 @@ def is_hopeful(
         return False
     twice = score_of(result.checkpoint, result.first.and_again(result.first), metric, 0.0)
     best = scores.best_checkpoint
-    return twice.name == best.name or is_better(twice, best, metric, most_s)
+    return twice.name == best.name or is_better(twice, best, metric)
 
 
-def _rank(episodes: EvaluationEpisodes, most_s: float | None) -> tuple[float, ...]:
+def _rank(episodes: EvaluationEpisodes) -> tuple[float, float]:
     """What is compared of two checkpoints, the higher the better."""
     laps = episodes.laps
-    bounds = [min(RELIABLE, each.interval[0]) for each in (laps, laps.within(most_s))]
     median_s = laps.median_s
-    return *bounds, episodes.mean_progress if median_s is None else -median_s
+    bound = min(RELIABLE, laps.interval[0])
+    return bound, episodes.mean_progress if median_s is None else -median_s
 
 
 def read_scores(bucket: Bucket, prefix: str) -> Scores | None:

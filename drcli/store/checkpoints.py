@@ -266,7 +266,8 @@ class CheckpointStore:
         result: EvaluationResult,
         metric: str,
         world: JudgedWorld = "training",
-        most_s: float | None = None,
+        *,
+        reaches_goal: bool = False,
     ) -> bool:
         """Record the evaluation of a checkpoint; True if it is now the best.
 
@@ -276,7 +277,7 @@ class CheckpointStore:
             result: Of its evaluation.
             metric: DR_TRAIN_BEST_MODEL_METRIC.
             world: DR_TRAIN_BEST_MODEL_WORLD; milestones are of the training track in any case.
-            most_s: The lap time of --until-lap-time; see `best_checkpoint.is_better`.
+            reaches_goal: Whether it ends a training or a stage, and so is the best.
         """
         scores = read_scores(self._bucket, self._prefix)
         try:
@@ -288,7 +289,7 @@ class CheckpointStore:
             return False
         episodes = result.on(world)
         score = best_checkpoint.score_of(result.checkpoint, episodes, metric, time_stamp)
-        after = best_checkpoint.with_evaluation(scores, score, metric, most_s)
+        after = best_checkpoint.with_evaluation(scores, score, metric, reaches_goal=reaches_goal)
         write_scores(self._bucket, self._prefix, after)
         return after.best_checkpoint == score
 

@@ -89,25 +89,7 @@ class History:
         """Add the evaluation of the checkpoint of this number, and publish."""
         for at in reversed(range(len(self.records))):
             if self.records[at].iteration == iteration:
-                changed = replace(
-                    self.records[at],
-                    evaluation_progress=result.progress,
-                    evaluation_lap_s=result.lap_s,
-                    evaluation_steering_per_m=result.steering_per_m,
-                )
-                if (again := result.confirmation) is not None:
-                    changed = replace(
-                        changed,
-                        confirmation_progress=again.progress,
-                        confirmation_lap_s=again.lap_s,
-                    )
-                if (second := result.second) is not None:
-                    changed = replace(
-                        changed,
-                        second_world=second.world,
-                        second_progress=second.progress,
-                        second_lap_s=second.lap_s,
-                    )
+                changed = with_evaluation(self.records[at], result)
                 self.records[at] = changed
                 self._file.put(iteration, encode_iteration(changed))
                 break
@@ -134,6 +116,22 @@ class History:
         self._steps.append(record.steps)
         self._fall.add(record)
         self._file.put(record.iteration, encode_iteration(record))
+
+
+def with_evaluation(record: IterationRecord, result: EvaluationResult) -> IterationRecord:
+    """The record of an iteration with the evaluation of its checkpoint."""
+    again, second = result.confirmation, result.second
+    return replace(
+        record,
+        evaluation_progress=result.progress,
+        evaluation_lap_s=result.lap_s,
+        evaluation_steering_per_m=result.steering_per_m,
+        confirmation_progress=[] if again is None else again.progress,
+        confirmation_lap_s=[] if again is None else again.lap_s,
+        second_world="" if second is None else second.world,
+        second_progress=[] if second is None else second.progress,
+        second_lap_s=[] if second is None else second.lap_s,
+    )
 
 
 class HistoryReader:

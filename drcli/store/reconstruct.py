@@ -14,7 +14,7 @@ from drcli.base.fingerprint import Fingerprint
 from drcli.base.json_record import from_json
 from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord, Counters
 from drcli.exchange.episode_metrics import EpisodeMetrics
-from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.iteration import EVALUATION_FIELDS, IterationRecord
 from drcli.exchange.milestone_record import Milestone, Milestones
 from drcli.exchange.scores import EvaluationResult, Score, Scores
 from drcli.exchange.trace import read_csv
@@ -29,6 +29,7 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import KEEP, CheckpointStore, checkpoint_objects
 from drcli.store.complete_files import combined_history
 from drcli.store.growing_file import list_parts
+from drcli.store.history import with_evaluation as evaluated_record
 from drcli.store.milestones import NO_MILESTONES, with_history, with_results
 from drcli.store.rollbacks import read_rollbacks
 
@@ -113,18 +114,11 @@ def reconstruct_history(
     known |= {r.iteration: r for r in _traced_history(bucket, prefix, stated)}
     for record in learned:
         before = known.get(record.iteration, record)
-        known[record.iteration] = replace(
-            record,
-            evaluation_progress=before.evaluation_progress,
-            evaluation_lap_s=before.evaluation_lap_s,
-        )
+        evaluated = {name: getattr(before, name) for name in EVALUATION_FIELDS}
+        known[record.iteration] = replace(record, **evaluated)
     for number, result in readable_evaluations(bucket, prefix).items():
         if number in known:
-            known[number] = replace(
-                known[number],
-                evaluation_progress=result.progress,
-                evaluation_lap_s=result.lap_s,
-            )
+            known[number] = evaluated_record(known[number], result)
     newest = max((r.number for r in records), default=None)
     return [known[n] for n in sorted(known) if newest is None or n < newest]
 

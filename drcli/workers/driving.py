@@ -137,6 +137,7 @@ class Driver:
         on_episode: Callable[[Driven], None],
         should_stop: Callable[[], bool] = lambda: False,
         epsilon: Callable[[int], float] | None = None,
+        cars: range | None = None,
     ) -> None:
         """Drive all planned episodes, as many at a time as there are cars.
 
@@ -147,15 +148,17 @@ class Driver:
             should_stop: Asked at every step.
             epsilon: For e-greedy: the share of actions drawn uniformly, by the training steps
                 driven in this call. None to draw from the policy.
+            cars: Which cars drive; None for all.
 
         Raises:
             StopRequested: `should_stop` returned True.
         """
+        cars = range(self._simulation.num_cars) if cars is None else cars
         trained = 0
         waiting = deque(plans)
         seats: dict[int, _Seat] = {}
         while waiting or seats:
-            self._fill(seats, waiting)
+            self._fill(seats, waiting, cars)
             if should_stop():
                 raise StopRequested
             driving = [seats[car] for car in sorted(seats)]
@@ -166,9 +169,9 @@ class Driver:
                 on_episode(episode)
             trained += sum(seat.plan.phase == "training" for seat in driving)
 
-    def _fill(self, seats: dict[int, _Seat], waiting: deque[Plan]) -> None:
-        """Put waiting episodes into free cars."""
-        free = [car for car in range(self._simulation.num_cars) if car not in seats]
+    def _fill(self, seats: dict[int, _Seat], waiting: deque[Plan], cars: range) -> None:
+        """Put waiting episodes into those of these cars that are free."""
+        free = [car for car in cars if car not in seats]
         plans = [waiting.popleft() for _ in free[: len(waiting)]]
         if not plans:
             return

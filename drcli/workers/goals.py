@@ -58,6 +58,23 @@ class Target:
         clean = self.laps is None or fast >= CONFIRMING_CLEAN
         return bool(progress) and clean and self._averages_hold(progress, lap_s)
 
+    def _reached_by(self, records: Sequence[IterationRecord]) -> IterationRecord | None:
+        """The iteration whose checkpoint has reached it.
+
+        If one evaluation is enough, any will do: a worse one may have arrived after it.
+        """
+        if self.evaluations == 1:
+            runs = [[r] for r in reversed(records) if r.confirmation_progress]
+        else:
+            runs = [[r for r in records if r.evaluation_progress][-self.evaluations :]]
+        for run in runs:
+            shown = (self.shown_by(r.evaluation_progress, r.evaluation_lap_s) for r in run)
+            if len(run) == self.evaluations and all(shown):
+                last = run[-1]
+                if self.confirmed_by(last.confirmation_progress, last.confirmation_lap_s):
+                    return last
+        return None
+
     def _averages_hold(self, progress: Sequence[float], lap_s: Sequence[float]) -> bool:
         if self.mean_s is not None and (not lap_s or fmean(lap_s) > self.mean_s):
             return False
@@ -69,19 +86,16 @@ class Target:
         Args:
             records: Iterations, oldest first; older ones may be missing.
         """
-        newest = [record for record in records if record.evaluation_progress][-self.evaluations :]
-        if len(newest) < self.evaluations or not all(
-            self.shown_by(r.evaluation_progress, r.evaluation_lap_s) for r in newest
-        ):
-            return None
-        last = newest[-1]
-        if not self.confirmed_by(last.confirmation_progress, last.confirmation_lap_s):
+        last = self._reached_by(records)
+        if last is None:
             return None
         laps = Laps(len(last.confirmation_progress), last.confirmation_lap_s)
         words = f"checkpoint {last.iteration} drove {laps}"
         within = laps.within(self.most_s).clean
         if within < laps.clean:
             words += f", {within} of them in {self.most_s:g} s or less"
+        if self.mean_s is not None:
+            words += f", {fmean(laps.clean_s):.2f} s on average"
         if self.laps is None:
             words += f", {fmean(last.confirmation_progress):.1f} % of the lap on average"
         return f"{words}, from starts that it had not driven before ({self.name})"

@@ -17,6 +17,7 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History
 from drcli.store.repair import set_aside
+from drcli.workers.goals import Target
 
 _logger = get_logger(__name__)
 
@@ -32,10 +33,10 @@ class Scoring:
     """The evaluations of a model that are still expected.
 
     Scores go to `checkpoints`, compared by `metric` (DR_TRAIN_BEST_MODEL_METRIC) on the track that
-    `world` means (DR_TRAIN_BEST_MODEL_WORLD) and with the lap time `most_s` that is asked for, and
-    to `history`. With `second`, checkpoints are evaluated on DR_TRAIN_EVAL_WORLD too. Those of
-    checkpoints that were given up in one of the `rollbacks` do not count. `lag` is by how many
-    iterations driving may be ahead of learning.
+    `world` means (DR_TRAIN_BEST_MODEL_WORLD), and to `history`. A checkpoint that reaches one of
+    the `targets` is the best. With `second`, checkpoints are evaluated on DR_TRAIN_EVAL_WORLD too.
+    Those of checkpoints that were given up in one of the `rollbacks` do not count. `lag` is by how
+    many iterations driving may be ahead of learning.
     """
 
     def __init__(
@@ -48,7 +49,7 @@ class Scoring:
         world: JudgedWorld = "training",
         *,
         second: bool = False,
-        most_s: float | None = None,
+        targets: Callable[[], Iterable[Target]] = lambda: (),
         rollbacks: Rollbacks = NO_ROLLBACKS,
         lag: int = 1,
     ) -> None:
@@ -61,7 +62,7 @@ class Scoring:
         self._metric = metric
         self._world = world
         self._second = second
-        self._most_s = most_s
+        self._targets = targets
         self._since = 0
         self._expected: set[int] = set()
         self._ahead: int | None = None
@@ -102,7 +103,9 @@ class Scoring:
             result = self._result(iteration)
             late = last or iteration <= newest.number - self._remembered
             if result is not None and (late or self._is_complete(result)):
-                self._expected.discard(iteration)
+                # A worker may still drive the rest after its trainer has started again.
+                if self._is_complete(result) or not last:
+                    self._expected.discard(iteration)
                 self._history.add_evaluation(iteration, result)
                 driven = result.on("training")
                 _logger.info(
@@ -171,7 +174,15 @@ class Scoring:
         """Record how good a checkpoint is, and log which one is the best now."""
         if checkpoint_name(result.checkpoint).number < self._since:
             return
-        self._checkpoints.record_evaluation(result, self._metric, self._world, self._most_s)
+        again = result.confirmation
+        reaches_goal = again is not None and any(
+            target.shown_by(result.progress, result.lap_s)
+            and target.confirmed_by(again.progress, again.lap_s)
+            for target in self._targets()
+        )
+        self._checkpoints.record_evaluation(
+            result, self._metric, self._world, reaches_goal=reaches_goal
+        )
         best = CheckpointName.parse(self._checkpoints.best_name() or "")
         if best is not None:
             plain.info(

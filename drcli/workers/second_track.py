@@ -26,6 +26,7 @@ class SecondTrack:
         reward: The racer's reward function for each car.
         num_threads: For motion and cameras.
         seed: Of the worker.
+        start_seed: Of the starts, the same for all workers.
         on_reward_error: What to do when the reward function fails, as in `Simulation`.
         onlooker: May look at the driving.
 
@@ -42,11 +43,12 @@ class SecondTrack:
         *,
         num_threads: int,
         seed: int,
+        start_seed: int,
         on_reward_error: Callable[[RewardError, int], float] | None = None,
         onlooker: Onlooker | None = None,
     ) -> None:
         self.world = race.world_name
-        self._seed = seed
+        self._start_seed = start_seed
         self._track = track = directed(load_world(race), reverse=race.train_reverse_direction)
         self._simulation = build_simulation(
             race,
@@ -71,7 +73,7 @@ class SecondTrack:
             StopRequested: `should_stop` returned True.
         """
         episodes: list[Driven] = []
-        plans = fresh_starts(self._track, trials, self._seed)
+        plans = fresh_starts(self._track, trials, self._start_seed)
         self._driver.drive(plans, episodes.append, should_stop)
         episodes.sort(key=lambda episode: episode.number)
         sound = [episode for episode in episodes if not episode.discarded] or episodes

@@ -353,15 +353,17 @@ class SimWorker:
         if evaluation:
             steps = sum(len(e.rows) for e in evaluation)
             share = steps / (steps + sum(len(e.rows) for e in training))
-            took_s, alone_s = driven_s(), 0.0
+            took_s = driven_s()
             self._results.publish_evaluation(iteration, name, evaluation, numbers.stop, begin)
-            self._failures.count_calls(simulation.reward_calls)
-            self._failures.save()  # with the failures of evaluation episodes that ended later
-            if self._result is not None:
-                self._evaluate_further(self._result, name.number)
-                alone_s = driven_s() - took_s
-            if self._drives > 1:  # the first drive may include compilation
-                self._budget.spend(share * took_s + alone_s)
+            try:
+                if self._result is not None:
+                    self._evaluate_further(self._result, name.number)
+            finally:  # with the failures of evaluation episodes that ended later
+                self._failures.count_calls(simulation.reward_calls)
+                self._failures.save()
+            # The first drive may include compilation.
+            share *= self._drives > 1
+            self._budget.spend(share * took_s + driven_s() - took_s)
 
     def _give(self, result: EvaluationResult) -> None:
         """Give the trainer the evaluation of a checkpoint as far as it is driven."""
@@ -381,8 +383,7 @@ class SimWorker:
             scores = read_scores(self._bucket, self._prefix)
         except ObjectDamaged:  # which the trainer repairs
             return 0
-        most_s = self._job.until_lap_time_s
-        return simulation.trials * is_hopeful(scores, result, config.model.metric, most_s)
+        return simulation.trials * is_hopeful(scores, result, config.model.metric)
 
     def _evaluate_further(self, result: EvaluationResult, number: int) -> None:
         """Let a checkpoint drive again, and on the second track, as far as that is wanted."""
@@ -391,7 +392,7 @@ class SimWorker:
             self._activity.say(f"lets checkpoint {number} drive again from other starts")
             again: list[Driven] = []
             plans = simulation.confirmation_plans(number, result.confirms)
-            simulation.drive(plans, again.append, self._lifeline.step_done, 0)
+            simulation.drive_again(plans, again.append, self._lifeline.step_done)
             again.sort(key=lambda episode: episode.number)
             sound = [episode for episode in again if not episode.discarded]
             confirmation = EvaluationEpisodes(*columns_of(sound)) if sound else None
@@ -403,8 +404,8 @@ class SimWorker:
                 )
         if simulation.second is not None:
             self._activity.say(f"evaluates checkpoint {number} on {simulation.second.world}")
-            # Where they decide which checkpoint is the best, it drives as many as a confirmed one.
-            laps = simulation.trials * (1 if self._judged == "training" else 2)
+            # Where they alone decide which checkpoint is the best, as many as if it drove again.
+            laps = simulation.trials * (2 if self._judged == "evaluation" else 1)
             second = simulation.second.evaluate(laps, self._lifeline.step_done)
             self._give(replace(result, second=second))
             _logger.info("Checkpoint %d %s", number, sentence_of(second))

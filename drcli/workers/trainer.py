@@ -39,7 +39,7 @@ from drcli.workers.build_learner import learner_of_training
 from drcli.workers.checkpoint_publisher import CheckpointPublisher
 from drcli.workers.collect_rollouts import Collected, Collector
 from drcli.workers.cores import max_lag
-from drcli.workers.goals import Goals
+from drcli.workers.goals import Goals, targets_of
 from drcli.workers.learner_group import LearnerGroup, learner_died, learner_group
 from drcli.workers.learner_metrics import LearnerMetrics, Row, line_of, row_of, with_losses
 from drcli.workers.learning_alarms import LearningAlarms
@@ -118,7 +118,7 @@ class Trainer:
             model.metric,
             train.train_best_model_world if train.train_eval_world else "training",
             second=bool(train.train_eval_world),
-            most_s=job.until_lap_time_s,
+            targets=lambda: targets_of(job, self._stages.stage),
             rollbacks=self._rollbacks.known,
             lag=self._lag,
         )

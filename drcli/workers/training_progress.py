@@ -73,7 +73,7 @@ class TrainingProgress:
 
     def reached(self, goals: Goals, *newest: IterationRecord) -> str | None:
         """Why the training is complete, with iterations that the history does not have yet."""
-        history, records = self._history, [*self._history.records, *newest]
+        history, records = self._history, self._of_track(*newest)
         reached = goals.reached(
             records,
             history.count + len(newest),
@@ -86,10 +86,15 @@ class TrainingProgress:
                 return f"Training is complete: its last stage, {self.stages.name}, is over: {over}."
         return reached
 
+    def _of_track(self, *newest: IterationRecord) -> list[IterationRecord]:
+        """The iterations that the present track can be judged by, with some that are new."""
+        records = (*self._history.records, *newest)
+        return [record for record in records if record.world in ("", self.world)]
+
     def stage_over(self, record: IterationRecord) -> str | None:
         """Why the next stage begins instead of an update with this iteration; None if not."""
         return self.stages.over(
-            [*self._history.records, record],
+            self._of_track(record),
             Counted(
                 record.iteration + 1,
                 record.total_steps,

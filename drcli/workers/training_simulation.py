@@ -139,6 +139,7 @@ class TrainingSimulation:
                 load_reward(bucket, prefix, folder, -(-trials // divisor), stage, job.inputs),
                 num_threads=threads,
                 seed=seed,
+                start_seed=job.seed,
                 # Counted apart: its calls are none of the training.
                 on_reward_error=RewardFailures(train, worker).handle,
                 onlooker=onlooker,
@@ -173,6 +174,24 @@ class TrainingSimulation:
         """
         self._driver.drive(plans, on_end, should_stop, self._epsilon(policy_steps))
 
+    def drive_again(
+        self,
+        plans: list[Plan],
+        on_end: Callable[[Driven], None],
+        should_stop: Callable[[], bool],
+    ) -> None:
+        """Drive further evaluation episodes, with the cars of evaluations if there are enough.
+
+        Each car has variables of the reward function, and training episodes must not find those of
+        an episode that only the clock has decided on.
+
+        Raises:
+            StopRequested: `should_stop` returned True.
+        """
+        cars = self._simulation.num_cars
+        own = range(max(0, cars - self.trials), cars)
+        self._driver.drive(plans, on_end, should_stop, cars=own)
+
     def plans(self, numbers: range, trials: int, attempt: int = 0) -> list[Plan]:
         """The training episodes of an iteration, and the evaluation episodes of its checkpoint."""
         race = self._race
@@ -196,7 +215,7 @@ class TrainingSimulation:
 
         They have other numbers, and so other random numbers, than those of any evaluation.
         """
-        first = self.trials + number * CONFIRMING_LAPS
+        first = self.trials + number * max(CONFIRMING_LAPS, self.trials)
         plans = fresh_starts(
             self._track, count, self._job.seed + CONFIRMATION_STRIDE * (number + 1)
         )

@@ -96,14 +96,16 @@ class CarPlacement:
         on_line = np.ones(len(cars), np.bool_)
         if self._traffic is not None:
             on_line = self._traffic.start_lane(cars) == CENTER
-        poses = self._poses(cars)
-        for k in np.flatnonzero((offset_m != 0.0) | (angle_deg != 0.0)):
+        # Only these: reading a pose and placing the car there again may change its last bit.
+        moved = np.flatnonzero((offset_m != 0.0) | (angle_deg != 0.0))
+        poses = self._poses(cars[moved])
+        for row, k in enumerate(moved):
             if on_line[k]:
                 track = self._placing.tracks[self._placing.backward[cars[k]]]
-                poses[k] = start_pose(track, fraction[k], offset_m[k], angle_deg[k]).pose
+                poses[row] = start_pose(track, fraction[k], offset_m[k], angle_deg[k]).pose
             else:
-                poses[k, 2] += np.radians(angle_deg[k])
-        self._cars.place(cars, poses)
+                poses[row, 2] += np.radians(angle_deg[k])
+        self._cars.place(cars[moved], poses)
         self._follow()
 
     def _poses(self, cars: Ints) -> Floats:

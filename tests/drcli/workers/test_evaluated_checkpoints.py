@@ -41,7 +41,7 @@ def test_a_checkpoint_that_completes_its_laps_by_luck_does_not_end_the_training(
         driving.append(name.number)
         iterate(worker, iteration, name)
 
-    def lucky(driver, plans, on_episode, *args):
+    def lucky(driver, plans, on_episode, *args, **options):
         laps = clean.get(driving[-1], 0)
         if all(plan.phase == "evaluation" for plan in plans):
             laps = clean_again.get(driving[-1], 0)
@@ -54,7 +54,7 @@ def test_a_checkpoint_that_completes_its_laps_by_luck_does_not_end_the_training(
                 episode.rows[-1] = replace(episode.rows[-1], status="lap_complete", progress=100.0)
             on_episode(episode)
 
-        drive(driver, plans, end, *args)
+        drive(driver, plans, end, *args, **options)
 
     monkeypatch.setattr(sim.EvaluationBudget, "allows_another", lambda self: True)
     monkeypatch.setattr(SimWorker, "_iterate", noted)

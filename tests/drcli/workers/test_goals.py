@@ -256,7 +256,15 @@ def test_a_mean_lap_time_ends_the_training_once_every_lap_is_complete(goals):
     assert after(9.0, of=2) is None
     assert after(11.0, 14.0) is None
     assert after(11.0, 12.0, again=12.1) is None
-    assert "38 of 40 laps clean, median 12.00 s" in after(11.0, 13.0)
+    assert "slowest 12.00 s, 12.00 s on average, from starts" in after(11.0, 13.0)
+
+
+def test_a_worse_evaluation_that_arrives_later_does_not_hide_the_goal(goals):
+    limited = goals(until_laps=1)
+    worse = driven(2, 12.0, of=2)
+
+    assert limited.reached([driven(1, 12.0, again=[12.0] * 40), worse]) is not None
+    assert limited.reached([worse]) is None
 
 
 def test_how_well_the_car_drives_is_judged_by_the_last_stage_only(goals):

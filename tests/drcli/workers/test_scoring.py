@@ -10,6 +10,7 @@ from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History
 from drcli.workers import scoring
+from drcli.workers.goals import Target
 from drcli.workers.scoring import Scoring
 from iterations import iteration_record
 from memory_bucket import MemoryBucket
@@ -160,6 +161,30 @@ def test_a_checkpoint_that_drives_again_is_waited_for_but_not_for_ever(model):
     model.scoring.expect(2, 2)
     model.scoring.score(model.newest)
     assert str(model.history.records[2].confirmation).startswith("39 of 40 laps clean")
+
+
+def test_what_a_worker_still_drives_counts_after_its_trainer_has_started_again(model):
+    model.scoring.expect(2, 2)
+    model.evaluate(2, 100.0, confirms=2)
+    model.scoring.score_all(model.newest)
+    assert model.progress_of(2) == [100.0] * 5
+
+    model.evaluate(2, 100.0, confirmation=EvaluationEpisodes([100.0] * 2, [1.0] * 2, [10.0]))
+    model.scoring.score(model.newest)
+
+    assert str(model.history.records[2].all_laps).startswith("6 of 7 laps clean")
+
+
+def test_a_checkpoint_that_reaches_a_target_is_the_best(model):
+    model.scoring = model.new_scoring(targets=lambda: [Target("--until-laps 5", 5)])
+    again = EvaluationEpisodes([100.0] * 40, [1.0] * 40, [10.0] * 38)
+    whole = EvaluationEpisodes([100.0] * 55, [1.0] * 55, [9.0] * 55)
+    for number, confirmation in ((1, whole), (2, again)):
+        model.scoring.expect(number, number)
+        model.evaluate(number, 100.0, confirmation=confirmation)
+        model.scoring.score(model.newest)
+
+    assert model.best.startswith("2_")
 
 
 @pytest.mark.parametrize(

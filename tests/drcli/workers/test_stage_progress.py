@@ -68,8 +68,8 @@ def test_all_targets_must_be_reached_by_evaluations_of_the_stage(stages):
     first, second = (evaluated(n, 100.0, 100.0, **good) for n in (10, 12))
     assert over(before, first) is None
     assert over(first, iteration_record(11), second) == (
-        "checkpoint 12 drove 40 of 40 laps clean, median 11.50 s, slowest 12.00 s, from starts "
-        "that it had not driven before (goal of stage s1)"
+        "checkpoint 12 drove 40 of 40 laps clean, median 11.50 s, slowest 12.00 s, 11.50 s on "
+        "average, from starts that it had not driven before (goal of stage s1)"
     )
     assert over(first, replace(second, confirmation_progress=[], confirmation_lap_s=[])) is None
     assert over(first, evaluated(11, 100.0, 90.0, laps=(11.0,)), second) is None

@@ -56,6 +56,20 @@ def test_a_stage_is_over_with_the_iteration_that_was_just_driven(history, now):
     assert progress.stage_over(iteration_record(0, total_steps=100)) == "100 steps are done"
 
 
+def test_laps_of_another_track_reach_no_goal(history, now):
+    judged = []
+
+    def goals(*_, **options):
+        judged.extend(options["judged"])
+
+    for number, world in enumerate(("", "Vegas_track", "reinvent_base")):
+        history.add(iteration_record(number, world=world))
+    progress = TrainingProgress(job(), None, history, 0.0)
+
+    assert progress.reached(SimpleNamespace(reached=goals)) is None
+    assert [record.iteration for record in judged] == [0, 2]
+
+
 def test_the_end_of_the_last_stage_is_that_of_the_training(history, now):
     goals = StageGoal(steps=100), StageGoal(iterations=1)
     progress = TrainingProgress(job(*goals), None, history, 0.0)

@@ -384,6 +384,18 @@ def test_the_same_actions_give_the_same_bits_again_and_at_any_thread_count(simul
         np.testing.assert_array_equal(rewards, runs[0][1])
 
 
+def test_a_car_that_starts_beside_the_line_does_not_move_the_others(simulate):
+    starts = np.linspace(0.0, 0.95, 60)
+    poses = []
+    for offset_m in (None, np.eye(61)[60] / 50.0):
+        simulation = simulate(num_cars=61)
+        simulation.reset(np.arange(61), np.append(starts, 0.5), offset_m=offset_m)
+        rows = straight(simulation, 30)
+        poses.append([(row.x[:60], row.y[:60], row.yaw_deg[:60]) for row in rows])
+
+    np.testing.assert_array_equal(*poses)
+
+
 def test_a_failing_reward_function_ends_the_step_with_its_line(simulate):
     def faulty(params):
         return 1.0 / (params["steps"] - 3.0)
