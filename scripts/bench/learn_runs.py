@@ -43,7 +43,7 @@ SHIPPED_FILES = PROJECT / "defaults"
 
 FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
 
-FEWEST_EVALUATIONS = {"DR_TRAIN_MIN_EVAL_TRIALS": "1", "DR_TRAIN_EVAL_SHARE": "0.001"}
+FEWEST_EVALUATIONS = {"DR_TRAIN_EVAL_LAPS": "1", "DR_TRAIN_EVAL_SHARE": "0.001"}
 """One evaluation episode, and that with the first checkpoint only: workers always drive one."""
 
 

@@ -61,11 +61,11 @@ class KilledNodes:
 
 
 def main() -> None:
-    """Train until five laps are fast, and tell what was lost."""
+    """Train until laps are fast, and tell what was lost."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--nodes", type=int, default=3)
     parser.add_argument("--every", type=float, default=20.0, help="seconds between two kills")
-    parser.add_argument("--lap-time", type=float, default=8.0, help="of five evaluation laps")
+    parser.add_argument("--lap-time", type=float, default=8.0, help="of evaluation laps")
     parser.add_argument("--minutes", type=float, default=12.0, help="the most to train")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", action="store_true")
