@@ -264,7 +264,7 @@ def test_a_complete_training_is_finished_although_work_at_its_end_failed(cloud, 
     for name, record in {
         "0": '{"exit_code": null, "message": "", "remedy": ""}',
         "1": "{",
-        "2": '{"exit_code": 10, "message": "It is over. The upload failed.", "remedy": "Repeat it."}',
+        "2": '{"exit_code": 10, "message": "Over. The upload failed.", "remedy": "Repeat it."}',
     }.items():
         (runs / name).mkdir(parents=True)
         (runs / name / "run.json").write_text(record)
@@ -273,11 +273,11 @@ def test_a_complete_training_is_finished_although_work_at_its_end_failed(cloud, 
 
     assert (again, cloud.wanted, cloud.mark().state) == (False, 0, "finished")
     assert cloud.messages() == ["Training finished: run"]
-    assert cloud.mark().text.endswith("It is over. The upload failed. Repeat it.")
+    assert cloud.mark().text.endswith("Over. The upload failed. Repeat it.")
 
 
 def test_the_boot_program_knows_the_exit_codes_of_the_command():
-    assert boot.END_WORK_FAILED == EndWorkFailed.code
+    assert EndWorkFailed.code == boot.END_WORK_FAILED
     assert set(boot.FINAL) <= set(EXIT_CODES)
 
 
