@@ -72,6 +72,13 @@ class TrainedElsewhere(DrError):
     final = True
 
 
+class EndWorkFailed(DrError):
+    """The training is complete, but the upload or import at its end failed."""
+
+    code = 10
+    final = True
+
+
 class BudgetUsedUp(DrError):
     """The budget of the day is used up. Source of the code: EX_TEMPFAIL of sysexits.h."""
 

@@ -34,6 +34,7 @@ Exit codes:
     7  not available in this version, or not installed
     8  another machine has taken over the model
     9  another machine trains the model (--no-wait)
+   10  the training is complete, but upload or import at its end failed
    75  interrupted, can be resumed
   130  interrupted (Ctrl-C)
   143  stopped (SIGTERM)

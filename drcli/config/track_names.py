@@ -29,6 +29,9 @@ Spain_track Spain_track_f1 Straight_track thunder_hill_open Tokyo_Training_track
 Virtual_May19_Train_track
 """
 
+ASKED = "answer yes when a start asks on a terminal"
+"""In the remedy of a community track that is not installed, with DR_TRACKS_FETCH=ask."""
+
 COMMUNITY = frozenset(
     [*_ALL_WAYS.split(), *_PLAIN_ONLY.split()]
     + [
@@ -117,8 +120,9 @@ def remedy(race: RaceConfig) -> str:
         add = f"Without a network add its file with `dr-tracks add {name}.npy`."
         if race.tracks_fetch == "always":
             return f"The next start fetches it (DR_TRACKS_FETCH=always). {add}"
+        asked = f", {ASKED}" if race.tracks_fetch == "ask" else ""
         return (
-            f"Fetch it with `dr-tracks fetch {name}`, or let a start fetch it with "
+            f"Fetch it with `dr-tracks fetch {name}`{asked}, or let a start fetch it with "
             f"DR_TRACKS_FETCH=always. {add}"
         )
     likely = closest(race.world_name, [*_known(race), *COMMUNITY])

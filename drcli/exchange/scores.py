@@ -110,6 +110,10 @@ class EvaluationResult(JsonRecord):
         return self.second if world == "evaluation" else self.first.and_again(self.second)
 
 
+NOT_EVALUATED = -1.0
+"""What files of older tools have in place of a metric before an evaluation."""
+
+
 @dataclass(frozen=True)
 class Score:
     """How well a checkpoint drives; older tools leave out values that they do not know.
@@ -157,16 +161,25 @@ class Scores:
         for score in (scores.best_checkpoint, scores.last_checkpoint):
             checkpoint_name(score.name)
         episodes = from_json(_OwnKeys, file).best_episodes
-        return replace(scores, best_checkpoint=replace(scores.best_checkpoint, episodes=episodes))
+        best = replace(scores.best_checkpoint, episodes=episodes)
+        return Scores(_known_metric(best), _known_metric(scores.last_checkpoint))
+
+
+def _known_metric(score: Score) -> Score:
+    """Without the number that stands for no metric, unless the episodes show that it is one."""
+    if score.avg_eval_metric == NOT_EVALUATED and score.episodes is None:
+        return replace(score, avg_eval_metric=None)
+    return score
 
 
 def encode_single(score: Score) -> bytes:
     """The file of a model with a single checkpoint, as after an upload: the last one comes first.
 
-    Older tools call the metric `avg_comp_pct`, and write -1 before an evaluation.
+    Older tools call the metric `avg_comp_pct`, and have a number before an evaluation too.
     """
     entry = _entry(score)
-    entry["avg_comp_pct"] = -1.0 if score.avg_eval_metric is None else score.avg_eval_metric
+    metric = score.avg_eval_metric
+    entry["avg_comp_pct"] = NOT_EVALUATED if metric is None else metric
     return _file({"last_checkpoint": entry, "best_checkpoint": entry}, score)
 
 

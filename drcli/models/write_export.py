@@ -12,7 +12,7 @@ from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.base.problems import shown
 from drcli.config.settings import Settings
-from drcli.exchange.scores import Score, encode_single
+from drcli.exchange.scores import NOT_EVALUATED, Score, encode_single
 from drcli.models.checkpoint_files import Item
 from drcli.models.put_model import POINTERS, Delivery, Progress
 from drcli.models.transfer_buckets import (
@@ -118,8 +118,8 @@ def pointer_items(score: Score) -> list[Item]:
 
 
 def reference_score(score: Score) -> Score:
-    """A score with numbers only: the reference writes -1 before an evaluation."""
-    metric = -1.0 if score.avg_eval_metric is None else score.avg_eval_metric
+    """A score with numbers only, as the reference writes them."""
+    metric = NOT_EVALUATED if score.avg_eval_metric is None else score.avg_eval_metric
     return replace(score, avg_eval_metric=metric, episodes=None)
 
 

@@ -7,7 +7,7 @@ complete what this one had no time for.
 import re
 from typing import Literal, get_args
 
-from drcli.base.errors import NotAvailable, SettingsError, StorageError
+from drcli.base.errors import EndWorkFailed
 from drcli.base.log import get_logger
 from drcli.config import secret_environment
 from drcli.exchange.job import Job
@@ -90,7 +90,7 @@ class EndOfTraining(Duty):
                 self._left.remove(name)
         for name in self._left[sum(result.code != 0 for result in self._results) :]:
             text = f"There was no time for the {_WHAT[name]}."
-            self._results.append(Outcome(StorageError.code, text, self._again(name)))
+            self._results.append(Outcome(EndWorkFailed.code, text, self._again(name)))
             _logger.warning("%s", text)
 
     def end_result(self) -> Outcome | None:
@@ -135,7 +135,7 @@ class EndOfTraining(Duty):
         what = _WHAT[name]
         if not end.ok:
             text = f"The {what} failed: {end.reason}"
-            self._results.append(Outcome(_code(end), text, self._again(name)))
+            self._results.append(Outcome(EndWorkFailed.code, text, self._again(name)))
             text = f"{text} {self._again(name)}"
             _logger.warning("%s", text)
             if self._journal is not None:
@@ -149,12 +149,6 @@ class EndOfTraining(Duty):
         if self._journal is not None:
             self._journal.note("upload", text, what=name, seconds=round(end.seconds, 1))
         return True
-
-
-def _code(end: CommandEnd) -> int:
-    """The exit code of a command that failed, if it has a meaning for a training too."""
-    known = (SettingsError.code, StorageError.code, NotAvailable.code)
-    return end.code if end.code in known else StorageError.code
 
 
 def import_name(prefix: str) -> str:

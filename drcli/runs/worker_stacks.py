@@ -15,8 +15,7 @@ ANSWER_S = 4.0
 """How long a worker may take to write its stacks."""
 
 REWARD_REMEDY = (
-    "Correct reward_function.py, then continue with `dr-start-training --resume`, or start over "
-    "with `-w`."
+    "Correct reward_function.py, then continue with `dr-start-training --resume-or-start`."
 )
 """What to do when a worker was stuck inside the reward function."""
 

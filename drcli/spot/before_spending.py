@@ -1,6 +1,7 @@
 """What is asked for, and the checks of it that need no machine: bucket, model, limits."""
 
 from dataclasses import dataclass, replace
+from shlex import quote
 from typing import Literal
 
 from drcli.base.errors import SettingsError
@@ -110,7 +111,9 @@ def model_state(bucket: S3Bucket, prefix: str) -> tuple[str, list[str]]:
         if is_used(bucket, prefix):
             raise SettingsError(
                 f"{model} holds objects, but no checkpoint to resume from.",
-                remedy=what_helps(bucket, prefix, setting="DR_LOCAL_S3_MODEL_PREFIX"),
+                remedy=what_helps(
+                    bucket, prefix, setting="DR_LOCAL_S3_MODEL_PREFIX", variables=_settings(bucket)
+                ),
             )
         return "", []
     notes = []
@@ -123,6 +126,17 @@ def model_state(bucket: S3Bucket, prefix: str) -> tuple[str, list[str]]:
     if outcome is not None and outcome.stays_ended:
         notes.append(f"The training of {model} was stopped before; it is continued now.")
     return str(newest), notes
+
+
+def _settings(bucket: S3Bucket) -> str:
+    """Variables with which a command on this machine uses a bucket of the account."""
+    values = {
+        "DR_CLOUD": "aws",
+        "DR_LOCAL_S3_BUCKET": bucket.name,
+        "DR_LOCAL_S3_PROFILE": bucket.endpoint.profile or "default",
+        "DR_AWS_APP_REGION": bucket.endpoint.region,
+    }
+    return "".join(f"{name}={quote(value)} " for name, value in values.items())
 
 
 def continue_stopped(bucket: S3Bucket, prefix: str) -> None:

@@ -37,6 +37,7 @@ TORCH = "https://download.pytorch.org/whl/cpu"
 
 FINAL = {
     0: "finished",
+    10: "finished",  # complete, but the upload or import at its end failed
     143: "stopped",
     2: "failed",
     3: "failed",
@@ -45,6 +46,7 @@ FINAL = {
 }
 """Exit codes after which starting again is pointless, with the state that the machine reports."""
 INTERRUPTED, ELSEWHERE, LOST = 75, 9, 8
+END_WORK_FAILED = 10
 MOST_FAILURES, FAILURE_WINDOW_S = 5, 3600.0
 BOOT_ATTEMPTS, BOOT_PAUSE_S = 3, 60.0
 LAST_MINUTES = 5
@@ -430,6 +432,8 @@ def ended() -> int:
     machine = Machine()
     plan = read_plan(machine)
     said = f"The training ended with code {status}."
+    if code == END_WORK_FAILED:
+        said = f"{said} {failed_end_work()}"
     if code in FINAL:
         machine.leave(FINAL[code], said)
     elif code == INTERRUPTED and (why := machine.going()):
@@ -447,6 +451,18 @@ def ended() -> int:
         else:
             machine.mark("restarting", f"{said} It is started again.")
     return 0
+
+
+def failed_end_work() -> str:
+    """What failed at the end of a complete training, and how to repeat it: of its own record."""
+    for path in at(RACER).glob("data/runs/*/run.json"):
+        try:
+            record = json.loads(path.read_text())
+            if record["exit_code"] == END_WORK_FAILED:
+                return f"{record['message']} {record['remedy']}"
+        except (OSError, ValueError, KeyError) as error:
+            log(f"{path} says nothing: {error}")  # a machine must end without it too
+    return "It is complete, but the upload or import at its end failed."
 
 
 def failures() -> list[float]:

@@ -100,7 +100,9 @@ def stop_training_there(
 
 
 def verified_checkpoint(account: Account, stack: Stack) -> str:
-    """The newest checkpoint of a stack's model; empty if there is none.
+    """The newest checkpoint of a stack's model if its files are whole.
+
+    Empty if there is none, or only one of the reference's, whose files are not checked.
 
     Raises:
         StorageError: The model in the bucket is not whole, or is still being written.
@@ -118,7 +120,7 @@ def verified_checkpoint(account: Account, stack: Stack) -> str:
         return ""
     listed = [info.key for info in bucket.list(keys.model_folder(stack.model))]
     if is_tensorflow(listed, stack.model, str(newest)):
-        return str(newest)  # no machine has trained on it yet
+        return ""  # no machine has trained on it yet
     loaded = CheckpointStore(bucket, stack.model).load_latest()
     if loaded is None or loaded.record.name != str(newest):
         raise StorageError(

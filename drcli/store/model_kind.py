@@ -66,27 +66,32 @@ KIND_WORDS: dict[Kind, str] = {
 }
 
 
-def what_helps(bucket: Bucket, prefix: str, *, setting: str = "") -> str:
+def what_helps(bucket: Bucket, prefix: str, *, setting: str = "", variables: str = "") -> str:
     """The advice for a command that misses a checkpoint or a file of a model: one that works.
 
-    `setting` names the model; empty for the prefix itself.
+    Args:
+        bucket: With the model.
+        prefix: Of the model.
+        setting: Names the model; empty for the prefix itself.
+        variables: What a shell needs before a command, each with a space behind it, if the bucket
+            is not that of the settings.
     """
     kind = model_kind(bucket, prefix)
     url = f"s3://{bucket.name}/{prefix}"
     if kind == "drcli":
-        return "Restore it from a copy; `dr-start-training --resume` reconstructs what it can."
-    if kind == "tensorflow":
-        command = import_command(bucket, prefix, local=True)
-        return f"Restore it from a copy, or make a model of what is there with `{command}`."
-    if kind == "upload":
-        command = import_command(bucket, prefix, local=True)
+        resume = f"{variables}dr-start-training --resume"
+        return f"Restore it from a copy; `{resume}` reconstructs what it can."
+    if kind in ("tensorflow", "upload"):
+        command = f"{variables}{import_command(bucket, prefix, local=True)}"
+        if kind == "tensorflow":
+            return f"Restore it from a copy, or make a model of what is there with `{command}`."
         return f"{url} holds {KIND_WORDS[kind]}: make it a model with `{command}`."
     if kind == "traces":
-        return f"{url} holds {KIND_WORDS[kind]}: `dr-analyze {prefix}` shows them."
-    other = f"correct {setting or 'its name'}; `dr-list-models` lists all models."
+        return f"{url} holds {KIND_WORDS[kind]}: `{variables}dr-analyze {prefix}` shows them."
+    other = f"correct {setting or 'its name'}; `{variables}dr-list-models` lists all models."
     if kind == "files":
         return f"If it is being trained, wait for its first iteration; otherwise {other}"
-    return f"There is nothing at {url}: train it with `dr-start-training`, or {other}"
+    return f"There is nothing at {url}: train it with `{variables}dr-start-training`, or {other}"
 
 
 def import_command(bucket: Bucket, prefix: str, *, local: bool) -> str:

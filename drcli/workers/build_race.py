@@ -246,7 +246,7 @@ def reward_failure(error: RewardError) -> SettingsError:
     return SettingsError(
         f"Reward function error: {text}",
         remedy=f"Correct {name} and run the command again; a training continues with "
-        "`dr-start-training --resume`, or starts over with `-w`.",
+        "`dr-start-training --resume-or-start`.",
     )
 
 

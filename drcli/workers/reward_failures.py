@@ -105,8 +105,8 @@ class RewardFailures:
                 f"{len(self._failed_at):,} of the last {WINDOW_CALLS:,} calls of the reward "
                 f"function failed, and DR_REWARD_MAX_ERROR_SHARE is {share:g}. The newest failure: "
                 f"{message}",
-                remedy=f"Correct {name} and continue with `dr-start-training --resume`, "
-                "or start over with `-w`. DR_REWARD_MAX_ERROR_SHARE is the limit.",
+                remedy=f"Correct {name} and continue with `dr-start-training --resume-or-start`. "
+                "DR_REWARD_MAX_ERROR_SHARE is the limit.",
             )
         return self._settings.reward_fallback
 

@@ -19,7 +19,7 @@ import yaml
 
 FOLDER = Path(__file__).resolve().parents[2] / "scripts" / "launchers"
 COMMAND = "dr-start-training --resume-or-start --foreground"
-INTERRUPTED, STOPPED, WRONG_SETTING = 75, 143, 3
+INTERRUPTED, STOPPED, WRONG_SETTING, END_WORK_FAILED = 75, 143, 3, 10
 UNITS = ["dr-training.service", "dr-training-system.service"]
 SCRIPTS = ["slurm.sh", "cloud-boot.sh"]
 
@@ -162,7 +162,7 @@ def test_a_job_replaces_interrupted_pods_and_ends_for_good_on_failures(job):
 
     assert rules[0]["onPodConditions"][0]["type"] == "DisruptionTarget"
     assert codes["Ignore"] == [INTERRUPTED]
-    assert {WRONG_SETTING, STOPPED} <= set(codes["FailJob"])
+    assert {WRONG_SETTING, STOPPED, END_WORK_FAILED} <= set(codes["FailJob"])
     assert INTERRUPTED not in codes["FailJob"]
     assert pod["restartPolicy"] == "Never"  # podFailurePolicy requires it
     assert pod["terminationGracePeriodSeconds"] >= 60
@@ -290,7 +290,7 @@ def test_slurm_reads_its_options():
 
 @pytest.mark.parametrize(
     ("code", "requeued"),
-    [(0, False), (INTERRUPTED, True), (STOPPED, False), (3, False), (9, False)],
+    [(0, False), (INTERRUPTED, True), (STOPPED, False), (3, False), (9, False), (10, False)],
 )
 def test_slurm_queues_an_interrupted_job_again(fake_root, code, requeued):
     fake_root.training(f"exit {code}")

@@ -55,10 +55,15 @@ def stop_training(as_json: AsJson = False) -> None:
         )
     stopped = stopping.Stopped("training", report.run_id, model, report.pid or 0)
     last = report.last
-    newest = f"its last checkpoint is {last.name}" if last else "it has no checkpoint yet"
+    if last is not None:
+        newest = f"its last checkpoint is {last.name}"
+    elif report.unreachable:  # so it may well have one
+        newest = f"whether it has a checkpoint is unknown: {report.unreachable.rstrip('.')}"
+    else:
+        newest = "it has no checkpoint yet"
     said = f"Stopped the training of {model}; {newest}."
     console.emit(stopping.StopReport([stopped, *waiting]), said, as_json=as_json)
-    console.suggest(AFTERWARDS if last else AFTER_NOTHING)
+    console.suggest(AFTERWARDS if last or report.unreachable else AFTER_NOTHING)
 
 
 def stop_evaluation(as_json: AsJson = False) -> None:

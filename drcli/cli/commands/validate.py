@@ -59,20 +59,22 @@ def update(
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Check whether the settings are right, and their tracks are installed.
+    """Check whether the settings are right.
 
     Every command reads run.env and system.env itself, so there is nothing to reload. Exits 3 when
-    a setting is wrong.
+    a setting is wrong; a track that must be fetched before a start is a warning.
 
     Example: dr-update
     """
     from drcli.base.problems import refuse
+    from drcli.config.settings_report import warnings_of
     from drcli.config.track_names import track_problems
 
     loaded = settings()
-    refuse(track_problems(loaded.races))
+    tracks = track_problems(loaded.races, known_suffices=True)
+    refuse(tracks)
     names = {place.file for place in loaded.sources.values() if place.line is not None}
-    report = Checked(sorted(names), len(loaded.sources), list(loaded.warnings))
+    report = Checked(sorted(names), len(loaded.sources), [*loaded.warnings, *warnings_of(tracks)])
     if not quiet:
         console.warn(*report.warnings)
         files = " and ".join(report.files)

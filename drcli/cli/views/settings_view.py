@@ -144,9 +144,13 @@ def _problem(item: "Problem") -> list[RenderableType]:
 
 
 def _sum(found: "Report") -> str:
+    from drcli.config.track_names import ASKED
+
     counts = f"{counted(len(found.errors), 'error')}, {counted(len(found.warnings), 'warning')}."
     if not found.ok and all(item.rule == "V-13" for item in found.errors):
         return f"{counts} A training can start when the present one has ended."
+    if not found.ok and all(ASKED in item.remedy for item in found.errors):
+        return f"{counts} A training would not start, except on a terminal, where it asks first."
     if not found.ok:
         return f"{counts} A training would not start."
     if found.notes:

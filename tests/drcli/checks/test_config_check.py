@@ -36,7 +36,7 @@ def test_an_unknown_track_is_told_beside_other_wrong_settings(folder):
     assert told == {f"{error.what}." for error in errors}
 
 
-def test_a_track_that_is_not_installed_is_an_error_in_every_check(folder, dr, monkeypatch):
+def test_a_track_that_is_not_installed_is_an_error_in_every_check(folder, dr, monkeypatch, capsys):
     folder.settings(DR_WORLD_NAME="LGSWide")
     told = "DR_WORLD_NAME=LGSWide is a community track that is not installed yet"
     monkeypatch.setattr(diagnose, "_on_this_machine", lambda *_: [])
@@ -47,4 +47,27 @@ def test_a_track_that_is_not_installed_is_an_error_in_every_check(folder, dr, mo
     assert [error.what for error in check_alone(folder.path).errors] == [told]
     assert [error.message for error in folder.report().errors] == [f"{told}."]
     assert [(each.state, told in each.text) for each in found] == [("problem", True)]
-    assert [dr("update"), dr("validate"), dr("config", "check")] == [3, 3, 3]
+    capsys.readouterr()
+    assert [dr("validate"), dr("config", "check")] == [3, 3]
+    assert "would not start, except on a terminal, where it asks first." in capsys.readouterr().out
+
+
+def test_a_track_that_a_start_never_fetches_starts_nowhere(folder, dr, capsys):
+    folder.settings(DR_WORLD_NAME="LGSWide", DR_TRACKS_FETCH="never")
+
+    assert dr("validate") == 3
+    assert "A training would not start.\n" in capsys.readouterr().out
+
+
+def test_an_update_warns_of_a_track_that_can_be_fetched_and_refuses_an_unknown_one(
+    folder, dr, capsys
+):
+    folder.settings(DR_WORLD_NAME="LGSWide")
+    assert dr("update") == 0
+    printed = " ".join(capsys.readouterr().err.split())
+    assert "Warning:" in printed
+    assert "LGSWide is a community track that is not installed yet." in printed
+    assert "`dr-tracks fetch LGSWide`, answer yes when a start asks on a terminal, or" in printed
+
+    folder.settings(DR_WORLD_NAME="nowhere")
+    assert dr("update") == 3

@@ -291,8 +291,9 @@ def test_work_at_the_end_is_told_when_it_is_done_and_an_error_when_it_failed(
     assert (code, record.state, outcome.left) == (0, "finished", ())
     assert record.message.endswith("The import into DeepRacer on AWS is done: d.example.com (a).")
 
-    code, record, outcome = at_the_end_of(CommandEnd(3, reason="It refused the model."))
-    assert (code, record.exit_code, record.state) == (3, 3, "finished")
+    # Not the code of the command, by which a scheduler takes the training for a failed one.
+    code, record, outcome = at_the_end_of(CommandEnd(4, reason="It refused the model."))
+    assert (code, record.exit_code, record.state) == (10, 10, "finished")
     assert record.message.endswith("The import into DeepRacer on AWS failed: It refused the model.")
     assert "--model-name team-model --best --once`, or with" in record.remedy
     # The training itself is complete: the next start tries only what is left.

@@ -12,6 +12,8 @@ from botocore.auth import S3SigV4Auth
 from botocore.awsrequest import AWSRequest
 from botocore.credentials import Credentials
 
+from drcli.base.errors import EndWorkFailed
+from drcli.explain.exit_code_texts import EXIT_CODES
 from drcli.spot import boot
 from drcli.spot.install_source import InstallSource
 from drcli.spot.machine_marks import MachineMark
@@ -253,6 +255,30 @@ def test_the_machine_leaves_when_the_training_has_ended(cloud, machine, code, st
     assert cloud.mark().state == state
     assert cloud.wanted == 0
     assert cloud.messages() == [f"Training {state}: run"]
+
+
+def test_a_complete_training_is_finished_although_work_at_its_end_failed(cloud, machine):
+    ours = machine()
+    ours.boot()
+    runs = ours.root / "opt/drcli/racer/data/runs"
+    for name, record in {
+        "0": '{"exit_code": null, "message": "", "remedy": ""}',
+        "1": "{",
+        "2": '{"exit_code": 10, "message": "Over. The upload failed.", "remedy": "Repeat it."}',
+    }.items():
+        (runs / name).mkdir(parents=True)
+        (runs / name / "run.json").write_text(record)
+
+    again = ours.after_service(boot.END_WORK_FAILED)
+
+    assert (again, cloud.wanted, cloud.mark().state) == (False, 0, "finished")
+    assert cloud.messages() == ["Training finished: run"]
+    assert cloud.mark().text.endswith("Over. The upload failed. Repeat it.")
+
+
+def test_the_boot_program_knows_the_exit_codes_of_the_command():
+    assert EndWorkFailed.code == boot.END_WORK_FAILED
+    assert set(boot.FINAL) <= set(EXIT_CODES)
 
 
 @pytest.mark.parametrize("code", [75, 9, 8])

@@ -1,6 +1,7 @@
 """A training is started on machines of Amazon, and removed, with moto in this process."""
 
 import json
+import re
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -9,9 +10,11 @@ import boto3
 import pytest
 
 from drcli.base.errors import SettingsError, StorageError
+from drcli.cli.views import spot_view
 from drcli.config.loading import load_settings
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_state import Lease
+from drcli.models.transfer_buckets import parse_url, source_bucket
 from drcli.spot import creation, network, stack_end
 from drcli.spot.before_spending import Wishes
 from drcli.spot.install_source import InstallSource
@@ -288,6 +291,41 @@ def test_a_damaged_model_keeps_its_stack(amazon, stack):
 
     with pytest.raises(StorageError):
         stack_end.verified_checkpoint(amazon, stack)
+
+
+def test_a_checkpoint_of_the_reference_is_not_said_to_be_whole(amazon, stack, monkeypatch):
+    monkeypatch.setattr(stack_end, "delete_stack", lambda *_: None)
+    monkeypatch.setattr(stack_end, "end_groups", lambda *_: None)
+    bucket = amazon.bucket("models")
+    for end in (".index", ".data-00000-of-00001", ".meta"):
+        bucket.put(keys.checkpoint_part(stack.model, "3_Step-30.ckpt", end), b"")
+
+    report = stack_end.remove_training(amazon, stack, stack_end.verified_checkpoint(amazon, stack))
+
+    assert (report.checkpoint, report.whole) == ("3_Step-30.ckpt", False)
+    assert "checkpoint, 3_Step-30.ckpt, was not checked." in str(spot_view.stopped(report))
+
+
+def test_a_policy_in_the_bucket_gets_the_command_that_makes_it_a_model_there(
+    amazon, settings, wishes
+):
+    amazon.bucket("models").put(f"{settings.model_prefix}/model_3.pb", b"graph")
+
+    with pytest.raises(SettingsError, match="no checkpoint to resume from") as refused:
+        creation.prepare(amazon, settings, wishes, WHEEL)
+
+    [command] = re.findall("`(.*)`", refused.value.remedy)
+    *variables, program, flag, url, option, name = command.split()
+    assert (program, flag, option) == ("dr-import", "-L", "-t")
+    assert name == f"{settings.model_prefix}-imported"
+    environ = dict(each.split("=", 1) for each in variables)
+    there = load_settings(settings.directory, environ=environ)
+    bucket, prefix = parse_url(url)
+    source = source_bucket(there.transfer, bucket, local=True, patience_s=1.0)
+    assert [info.key for info in source.list(keys.folder(prefix))] == [
+        f"{settings.model_prefix}/model_3.pb"
+    ]
+    assert there.storage.bucket == "models"  # the model is written there too
 
 
 def test_one_address_is_let_in(amazon, stack):

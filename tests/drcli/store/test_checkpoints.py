@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from drcli.base.errors import StorageError
 from drcli.exchange.checkpoint import CheckpointName, Counters
-from drcli.exchange.scores import EvaluationEpisodes, EvaluationResult, Score, Scores
+from drcli.exchange.scores import EvaluationEpisodes, EvaluationResult, Score, Scores, encode_single
 from drcli.store import keys
 from drcli.store.best_checkpoint import forget_scores, is_better, is_hopeful, score_of
 from drcli.store.bucket import ObjectDamaged, ObjectMissing
@@ -377,6 +377,18 @@ def test_the_laps_of_the_best_are_still_known_to_the_next_trainer_and_stand_behi
     assert list(written) == ["best_checkpoint", "last_checkpoint", "best_episodes"]
     fields = ["name", "avg_eval_metric", "time_stamp"]
     assert list(written["best_checkpoint"]) == list(written["last_checkpoint"]) == fields
+
+
+def test_minus_one_in_a_file_of_older_tools_is_no_evaluation():
+    name = "3_Step-30.ckpt"
+    theirs = encode_single(Score(name, -1.0))
+
+    read = Scores.decode(theirs)
+
+    assert (read.best_checkpoint, read.last_checkpoint) == (Score(name), Score(name))
+    # A mean reward of our own, whose episodes are known, may have that value.
+    own = Score(name, -1.0, episodes=EvaluationEpisodes([50.0], [-1.0], []))
+    assert Scores.decode(Scores(own, Score(name, -0.5)).encode()) == Scores(own, Score(name, -0.5))
 
 
 def test_what_a_checkpoint_drove_again_counts_with_its_evaluation(store, memory):

@@ -29,6 +29,23 @@ def test_before_the_first_checkpoint_there_is_nothing_to_go_on_with(dr, run, mak
     assert "--resume" not in printed.err
 
 
+def test_a_bucket_that_does_not_answer_is_not_a_model_without_a_checkpoint(
+    dr, run, make_report, capsys
+):
+    silent = "The local S3 server does not run."
+    run.looks = [make_report("stopped", 0, exit_code=143, unreachable=silent)]
+
+    dr("stop-training")
+
+    printed = capsys.readouterr()
+    assert printed.out == (
+        "Stopped the training of s3://bucket/model; whether it has a checkpoint is unknown: "
+        "The local S3 server does not run.\n"
+    )
+    assert "dr-start-training --resume" in printed.err
+    assert "-w" not in printed.err
+
+
 def test_programs_get_what_was_stopped_as_from_the_other_stops(dr, run, make_report, capsys):
     run.looks = [make_report("stopped", 3, exit_code=143)]
 
