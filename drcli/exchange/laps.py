@@ -1,6 +1,6 @@
 """What a sample of laps says about a checkpoint: how many are clean, and how fast they are.
 
-A *clean lap* is completed without a reset and without a penalty. Evaluations during a training end
+A *clean lap* is completed without a violation, a reset and a penalty. Evaluations during a training end
 an episode at the first violation, so each completed lap of them is clean. A *finished lap* is
 completed too, but the car may have been put back on the track, which the reference counts.
 """
@@ -80,6 +80,16 @@ class Laps:
         if self.clean:
             words += f", median {self.median_s:.2f} s, slowest {self.slowest_s:.2f} s"
         return words
+
+
+def is_clean_lap(finished: bool, *faults: float | None) -> bool:
+    """Whether a lap is clean: it is finished, and none of these happened to it.
+
+    Args:
+        finished: Whether it was completed.
+        faults: Counts of violations and resets, and its penalty; None for what nobody recorded.
+    """
+    return finished and not any(faults)
 
 
 def laps_summary(laps: Laps, *, resets: int, finished: int, best: str) -> str:
