@@ -88,7 +88,9 @@ class ModelEntry:
         training: Whether it is being trained now.
         damaged: Damage to its index; `best` and `last` are reconstructed then.
         note: Its description, else its newest note; empty without one.
-        kind: `tensorflow` for a model of DeepRacer-for-Cloud or a console, else `drcli`.
+        kind: drcli for a model of ours, tensorflow for one of DeepRacer-for-Cloud or a console,
+            upload for the file of a policy, traces for traces or metrics without a checkpoint,
+            files for anything else.
     """
 
     prefix: str

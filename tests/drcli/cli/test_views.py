@@ -147,9 +147,9 @@ def test_what_comes_next_depends_on_whether_a_lap_is_clean(make_report):
     def commands(state="finished", *lap_s):
         laps = CheckpointLaps.of(8, Laps(20, lap_s))
         report = make_report(state, 9, best_laps=laps)
-        return [command for command, _ in training_view.next_commands(report)]
+        return [command for command, _ in training_view.next_commands(report, "model")]
 
-    assert commands("finished", 7.6)[0] == "dr-evaluate --laps 40"
+    assert commands("finished", 7.6)[0] == "dr-evaluate --checkpoint best --laps 40"
     assert commands("stopped", 7.6)[-1] == "dr-export car --best"
     assert commands()[0] == "dr-analyze"
     assert commands()[-1] == "dr-start-training --resume"
