@@ -31,6 +31,7 @@ class TrialReport:
         immobilized: How often the car stood still for too long.
         reversed: How often it drove in the wrong direction.
         clean: Whether the lap was completed without violation, reset and penalty.
+        time_text: Such as "7.80 s" or "12.80 s = 7.80 driven + 5.00 penalty, 1 reset".
     """
 
     trial: int
@@ -48,22 +49,20 @@ class TrialReport:
     immobilized: int = 0
     reversed: int = 0
     clean: bool = field(init=False)
+    time_text: str = field(init=False)
 
     def __post_init__(self) -> None:
-        """Decide whether the lap is clean."""
+        """Decide whether the lap is clean, and put its time into words."""
         violations = self.off_track, self.crashes, self.immobilized, self.reversed
         clean = is_clean_lap(self.finished, *violations, self.resets, self.penalty_s)
         object.__setattr__(self, "clean", clean)
+        text = lap_time(self.lap_s, self.penalty_s, self.resets)
+        object.__setattr__(self, "time_text", text)
 
     @property
     def finished(self) -> bool:
         """Whether the lap was completed, with or without resets, as the reference counts it."""
         return self.status == COMPLETE
-
-    @property
-    def time(self) -> str:
-        """Such as "7.80 s" or "12.80 s = 7.80 driven + 5.00 penalty, 1 reset"."""
-        return lap_time(self.lap_s, self.penalty_s, self.resets)
 
 
 @dataclass(frozen=True)
@@ -175,7 +174,7 @@ def summary(trials: Sequence[TrialReport]) -> str:
         laps_of(trials),
         resets=sum(trial.resets for trial in trials),
         finished=sum(trial.finished for trial in trials),
-        best="" if best is None else best.time,
+        best="" if best is None else best.time_text,
     )
 
 

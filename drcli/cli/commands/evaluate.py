@@ -238,8 +238,8 @@ def evaluate(
     console.emit(report, evaluation_view.evaluation(report), as_json=as_json)
     if not quiet:
         resume = [] if stopping.is_running(loaded.run) else [RESUME]
-        laps = _more_laps(loaded.race_type, own, checkpoint)
-        console.suggest([*laps, LOG, *resume, STATUS])
+        more_laps = _more_laps(loaded.race_type, own, checkpoint)
+        console.suggest([*more_laps, LOG, *resume, STATUS])
 
 
 def _more_laps(race_type: str, own: PolicySource, checkpoint: str | None) -> list[tuple[str, str]]:

@@ -379,8 +379,8 @@ def _driven(report: "RunReport") -> str:
     assert report.best is not None
     laps = report.best_laps
     if laps is None:
-        return report.best.told
-    return replace(report.best, laps=laps.text, clean=laps.clean).told
+        return report.best.text
+    return replace(report.best, laps=laps.text, clean=laps.clean).text
 
 
 def _newest(report: "RunReport") -> str:
