@@ -17,6 +17,7 @@ from drcli.analysis.run import StoredEvaluation
 from drcli.analysis.spans import spans
 from drcli.base.errors import DrError
 from drcli.exchange.episode_metrics import is_clean
+from drcli.exchange.laps import is_clean_lap
 from drcli.exchange.trace import VIOLATIONS
 
 if TYPE_CHECKING:
@@ -127,13 +128,14 @@ def trials_of(steps: "pd.DataFrame") -> "pd.DataFrame":
     broken = np.isin(status, VIOLATIONS)
     waited_s = np.where(status == "pause", np.diff(steps["tstamp"], prepend=math.nan), 0.0)
     progress = steps["progress"].to_numpy(float)
-    resets, penalty_s, alone = [], [], []
+    resets, penalty_s, alone, clean = [], [], [], []
     for begin, end, lap in zip(first, last, complete, strict=True):
         faults = begin + np.flatnonzero(broken[begin : end + 1])
         # The fault that ended the trial did not put the car back.
         resets.append(len(faults) - int(done[end] and not lap and broken[end]))
         penalty_s.append(float(np.nansum(waited_s[begin : end + 1])))
         alone.append(float(progress[faults[0] if len(faults) else end]))
+        clean.append(is_clean_lap(bool(lap), len(faults), penalty_s[-1]))
     time_s = found["time"].to_numpy(float)
     return pd.DataFrame(
         {
@@ -144,7 +146,7 @@ def trials_of(steps: "pd.DataFrame") -> "pd.DataFrame":
             "crashed": found["crashed"].astype(int),
             "off_track": found["off_track"].astype(int),
             "resets": resets,
-            "clean": complete & (np.array(resets) == 0) & (np.array(penalty_s) == 0.0),
+            "clean": clean,
             "penalty_s": penalty_s,
             "driven_s": time_s - penalty_s,
             "alone_progress": alone,
@@ -186,7 +188,7 @@ def _trial(number: int, record: Any) -> tuple[Any, ...]:
         int(record.get("crash_count", 0)),
         int(record.get("off_track_count", 0)),
         resets,
-        progress >= 100.0 and is_clean(record),
+        is_clean(record, finished=progress >= 100.0),
         penalty_s,
         time_s - penalty_s,
         math.nan if resets else progress,

@@ -25,6 +25,9 @@ AsJson = Annotated[
 ]
 Force = Annotated[bool, typer.Option("-f", "--force", "--yes", help="Do not ask; answer yes.")]
 Replace = Annotated[bool, typer.Option("-f", "--force", help="Replace a file that exists.")]
+ReplaceOrYes = Annotated[
+    bool, typer.Option("-f", "--force", "-y", "--yes", help="Replace a file that exists.")
+]
 DryRun = Annotated[bool, typer.Option("-d", "--dry-run", help="Only print what would be done.")]
 Keep = Annotated[
     str | None,

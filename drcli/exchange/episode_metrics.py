@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drcli.base.json_record import JsonRecord, RecordError, parse_json
+from drcli.exchange.laps import is_clean_lap
 from drcli.exchange.trace import (
     STATUS_LABELS,
     STEP_S,
@@ -194,9 +195,8 @@ class TrialMetrics(JsonRecord):
 
     @property
     def clean(self) -> bool:
-        """Whether the lap was completed without reset and penalty."""
-        finished = self.episode_status == STATUS_LABELS["lap_complete"]
-        return finished and not self.reset_count and not self.penalty_in_milliseconds
+        """Whether it is a clean lap."""
+        return is_clean(vars(self), finished=self.episode_status == STATUS_LABELS["lap_complete"])
 
     def to_json(self) -> dict[str, Any]:
         """The record as a JSON object, without what is not known."""
@@ -204,12 +204,12 @@ class TrialMetrics(JsonRecord):
         return {name: value for name, value in fields.items() if value is not None}
 
 
-def is_clean(trial: Mapping[str, Any]) -> bool:
-    """Whether a completed lap of a metrics file, maybe of another program, is a clean one."""
-    return not any(trial.get(key) for key in _NOT_CLEAN)
+def is_clean(trial: Mapping[str, Any], *, finished: bool) -> bool:
+    """Whether a lap of a metrics file, maybe of another program, is a clean one."""
+    return is_clean_lap(finished, *(trial.get(key) for key in _FAULTS))
 
 
-_NOT_CLEAN = (
+_FAULTS = (
     "reset_count",
     "off_track_count",
     "crash_count",

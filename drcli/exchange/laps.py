@@ -1,13 +1,13 @@
 """What a sample of laps says about a checkpoint: how many are clean, and how fast they are.
 
-A *clean lap* is completed without a reset and without a penalty. Evaluations during a training end
-an episode at the first violation, so each completed lap of them is clean. A *finished lap* is
+A *clean lap* is completed without a violation, a reset and a penalty. Evaluations during a training
+end an episode at the first violation, so each completed lap of them is clean. A *finished lap* is
 completed too, but the car may have been put back on the track, which the reference counts.
 """
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
@@ -82,6 +82,16 @@ class Laps:
         return words
 
 
+def is_clean_lap(finished: bool, *faults: float | None) -> bool:
+    """Whether a lap is clean: it is finished, and none of these happened to it.
+
+    Args:
+        finished: Whether it was completed.
+        faults: Counts of violations and resets, and its penalty; None for what nobody recorded.
+    """
+    return finished and not any(faults)
+
+
 def laps_summary(laps: Laps, *, resets: int, finished: int, best: str) -> str:
     """Such as "2 of 3 laps clean (1 reset), 3 finished, best 7.73 s".
 
@@ -102,17 +112,25 @@ def laps_summary(laps: Laps, *, resets: int, finished: int, best: str) -> str:
     return words
 
 
-def lap_time(lap_s: float, penalty_s: float | None, resets: int) -> str:
+def lap_time(
+    lap_s: float,
+    penalty_s: float | None,
+    resets: int,
+    clock: Callable[[float], str] | None = None,
+) -> str:
     """Such as "7.80 s", or "12.80 s = 7.80 driven + 5.00 penalty, 1 reset".
 
     Args:
         lap_s: Simulated seconds, penalties included.
         penalty_s: The penalties among them; None if nobody recorded them.
         resets: How often the car was put back on the track.
+        clock: Writes times otherwise than in seconds, such as "0:12.800".
     """
-    words = f"{lap_s:.2f} s"
+    words = f"{lap_s:.2f} s" if clock is None else clock(lap_s)
     if penalty_s:
-        words += f" = {lap_s - penalty_s:.2f} driven + {penalty_s:.2f} penalty"
+        driven_s = lap_s - penalty_s
+        driven = f"{driven_s:.2f}" if clock is None else clock(driven_s)
+        words += f" = {driven} driven + {penalty_s:.2f} penalty"
     return f"{words}, {counted_resets(resets)}" if resets else words
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from drcli.base.json_record import JsonRecord, RecordError
+from drcli.exchange.laps import is_clean_lap
 from drcli.exchange.trace import STATUS_LABELS
 
 
@@ -55,6 +56,8 @@ class DrivenLap:
         crashes: How often it crashed.
         resets: How often it was put back on the track.
         penalty_s: Penalties in the time; None if nobody recorded them.
+        immobilized: How often the car stood still for too long.
+        reversed: How often it drove in the wrong direction.
     """
 
     lap_s: float
@@ -64,6 +67,8 @@ class DrivenLap:
     crashes: int = 0
     resets: int = 0
     penalty_s: float | None = None
+    immobilized: int = 0
+    reversed: int = 0
 
     @property
     def complete(self) -> bool:
@@ -72,9 +77,9 @@ class DrivenLap:
 
     @property
     def clean(self) -> bool:
-        """Whether it was completed without reset and penalty."""
-        broken = self.off_track or self.crashes or self.resets or self.penalty_s
-        return self.complete and not broken
+        """Whether it is a clean lap."""
+        violations = self.off_track, self.crashes, self.immobilized, self.reversed
+        return is_clean_lap(self.complete, *violations, self.resets, self.penalty_s)
 
 
 @dataclass(frozen=True)

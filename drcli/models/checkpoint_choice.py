@@ -144,7 +144,7 @@ def take_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> 
     return chosen
 
 
-def sentence_about(model: Model, chosen: Chosen) -> str:
+def sentence_about(model: Model, chosen: Chosen, option: str = "--checkpoint") -> str:
     """Which checkpoint was chosen, how its evaluation went, and the option for the other one.
 
     Such as "Takes checkpoint 77 of m-1, the last: never evaluated. --checkpoint best takes 76: 20
@@ -165,7 +165,7 @@ def sentence_about(model: Model, chosen: Chosen) -> str:
         words = "the best and the last" if driven(other) != NEVER_EVALUATED else "the last"
         return f"Takes checkpoint {of}, {words}: {driven(chosen.score)}."
     return (
-        f"Takes checkpoint {of}, the {chosen.choice}: {driven(chosen.score)}. --checkpoint "
+        f"Takes checkpoint {of}, the {chosen.choice}: {driven(chosen.score)}. {option} "
         f"{word} takes {checkpoint_name(other.name).number}: {driven(other)}."
     )
 

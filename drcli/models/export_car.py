@@ -297,7 +297,8 @@ def upload_archive(
     deleted = delete_surplus_archives(
         there,
         target.prefix,
-        _NUMBERED.sub(END, numbered),
+        # Version 0.1.0 named archives after the last part of the prefix.
+        {_NUMBERED.sub(END, numbered), car_file_name(report.source.rpartition("/")[2])},
         target.retention,
         export.best,
         0 if number is None else number.number,

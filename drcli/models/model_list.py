@@ -26,6 +26,7 @@ class CheckpointEntry:
         score: The same with its unit: percent, seconds or reward; empty without one.
         laps: Its evaluation laps in words; empty if they are unknown.
         clean: How many of them are clean; 0 if that is unknown.
+        text: Its number, and how it drives: its laps, and what these do not tell of its score.
     """
 
     name: str
@@ -33,6 +34,14 @@ class CheckpointEntry:
     score: str = ""
     laps: str = ""
     clean: int = 0
+    text: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Put it into words."""
+        text = self.name.partition("_")[0]
+        if self.score and not (self.clean and self.score.endswith((" %", " s"))):
+            text += f" ({self.score})"
+        object.__setattr__(self, "text", f"{text}: {self.laps}" if self.laps else text)
 
     @staticmethod
     def of(score: Score, metric: str) -> "CheckpointEntry":
@@ -46,15 +55,6 @@ class CheckpointEntry:
             "" if laps is None else str(laps),
             0 if laps is None else laps.clean,
         )
-
-    @property
-    def told(self) -> str:
-        """Its number, and how it drives: its laps and what these do not tell of its score."""
-        number = self.name.partition("_")[0]
-        score = "" if self.clean and self.score.endswith((" %", " s")) else self.score
-        if self.laps:
-            return f"{number}{f' ({score})' if score else ''}: {self.laps}"
-        return f"{number} ({score})" if score else number
 
 
 def score_text(metric: str, value: float | None) -> str:
@@ -88,7 +88,9 @@ class ModelEntry:
         training: Whether it is being trained now.
         damaged: Damage to its index; `best` and `last` are reconstructed then.
         note: Its description, else its newest note; empty without one.
-        kind: `tensorflow` for a model of DeepRacer-for-Cloud or a console, else `drcli`.
+        kind: drcli for a model of ours, tensorflow for one of DeepRacer-for-Cloud or a console,
+            upload for the file of a policy, traces for traces or metrics without a checkpoint,
+            files for anything else.
     """
 
     prefix: str

@@ -221,7 +221,7 @@ def _trials(model: Model, key: str) -> _Trials:
         metrics = file.get("metrics") if isinstance(file, dict) else None
         trials = [trial for trial in metrics or [] if isinstance(trial, dict)]
         finished = [(trial, lap_s) for trial in trials if (lap_s := _lap_s(trial)) is not None]
-        clean = min((lap_s for trial, lap_s in finished if is_clean(trial)), default=None)
+        clean = min((s for trial, s in finished if is_clean(trial, finished=True)), default=None)
         world = "" if clean is None else _world_of(model, key)
         return _Trials(len(trials), [lap_s for _, lap_s in finished], clean, world)
     return _Trials()

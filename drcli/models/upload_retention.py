@@ -5,6 +5,7 @@ named after the model and a checkpoint. What the pointers name always stays.
 """
 
 import re
+from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -117,7 +118,7 @@ def delete_surplus_checkpoints(
 def delete_surplus_archives(
     bucket: Bucket,
     prefix: str,
-    plain: str,
+    plain: Collection[str],
     retention: Retention,
     best: str | None,
     newest: int,
@@ -129,7 +130,7 @@ def delete_surplus_archives(
     Args:
         bucket: Holds them.
         prefix: Their folder.
-        plain: The archive without a number, such as `NAME.tar.gz`, which always stays.
+        plain: Names of the archive without a number, such as `NAME.tar.gz`, which always stays.
         retention: What stays.
         best: Name of the best checkpoint of the model.
         newest: Number of the archive that was just uploaded, which always stays.
@@ -138,22 +139,26 @@ def delete_surplus_archives(
     Returns:
         Names of the deleted archives.
     """
-    pattern = re.compile(re.escape(plain.removesuffix(END)) + r"-chk(\d{1,9})" + re.escape(END))
+    names = "|".join(re.escape(name.removesuffix(END)) for name in plain)
+    pattern = re.compile(rf"(?:{names})-chk(\d{{1,9}}){re.escape(END)}")
     folder = keys.folder(prefix)
-    archives, sizes = {}, {}
+    archives: defaultdict[CheckpointName, list[str]] = defaultdict(list)
+    sizes: Counter[CheckpointName] = Counter()
     for info in bucket.list(folder):
         found = pattern.fullmatch(info.key.removeprefix(folder))
         if found is not None:
             name = CheckpointName(int(found[1]), 0)
-            archives[name], sizes[name] = info.key, info.size_bytes
+            archives[name].append(info.key)
+            sizes[name] += info.size_bytes
     parsed = CheckpointName.parse(best or "")
     best_archive = None if parsed is None else CheckpointName(parsed.number, 0)
     doomed = surplus(sizes, retention, best_archive, [CheckpointName(newest, 0)])
     left = sum(sizes.values()) - sum(sizes[name] for name in doomed)
     _warn_of_size(left, retention, f"s3://{bucket.name}/{prefix}")
+    deleted = [key for name in doomed for key in archives[name]]
     if not dry_run:
-        bucket.delete([archives[name] for name in doomed])
-    return [archives[name].removeprefix(folder) for name in doomed]
+        bucket.delete(deleted)
+    return [key.removeprefix(folder) for key in deleted]
 
 
 def _kept(

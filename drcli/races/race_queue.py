@@ -21,6 +21,7 @@ from drcli.races.stored_race import StoredRace, put, read_race, read_rules, subm
 from drcli.races.submissions import video_names
 from drcli.runs.evaluation import run_evaluation
 from drcli.runs.evaluation_plan import prepare_evaluation
+from drcli.runs.evaluation_report import TrialReport
 from drcli.store import race_keys
 from drcli.store.bucket import Bucket
 
@@ -193,18 +194,7 @@ def _evaluated(
     cars = [
         DrivenCar(
             submission=name,
-            laps=[
-                DrivenLap(
-                    trial.lap_s,
-                    trial.progress,
-                    trial.status,
-                    trial.off_track,
-                    trial.crashes,
-                    trial.resets,
-                    trial.penalty_s,
-                )
-                for trial in each.trials
-            ],
+            laps=[lap_driven(trial) for trial in each.trials],
             simtrace=each.simtrace,
             metrics=each.metrics,
             video=video,
@@ -223,3 +213,18 @@ def _outcome(result: RaceResult) -> str:
         best = f", best {words.time_of(figures.best)}" if figures.best else ""
         texts.append(f"{words.laps_of(figures)}{best}")
     return "; ".join(texts) + "."
+
+
+def lap_driven(trial: TrialReport) -> DrivenLap:
+    """A lap as the records of a race have it."""
+    return DrivenLap(
+        trial.lap_s,
+        trial.progress,
+        trial.status,
+        trial.off_track,
+        trial.crashes,
+        trial.resets,
+        trial.penalty_s,
+        trial.immobilized,
+        trial.reversed,
+    )

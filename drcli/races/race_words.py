@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 from drcli.exchange.laps import counted_resets
+from drcli.exchange.laps import lap_time as time_with_penalty
 from drcli.exchange.race_rules import RaceRules
 from drcli.exchange.race_submission import DrivenLap
 from drcli.races.lap_ranking import LapFigures
@@ -31,7 +32,7 @@ def lap_time(seconds: float | None) -> str:
 
 
 def time_of(laps: Sequence[DrivenLap], average_laps: int = 1) -> str:
-    """Time of some laps, and what of it is no driving: 0:12.800 = 0:07.800 driven + 5.000 penalty.
+    """Time of some laps, and what of it is no driving: 0:12.800 = 0:07.800 driven + 5.00 penalty.
 
     Args:
         laps: Those that the time consists of.
@@ -41,11 +42,8 @@ def time_of(laps: Sequence[DrivenLap], average_laps: int = 1) -> str:
         return NONE
     seconds = math.fsum(lap.lap_s for lap in laps) / average_laps
     penalty_s = math.fsum(lap.penalty_s or 0.0 for lap in laps) / average_laps
-    text = lap_time(seconds)
-    if penalty_s:
-        text += f" = {lap_time(seconds - penalty_s)} driven + {penalty_s:.3f} penalty"
     resets = sum(lap.resets for lap in laps)
-    return f"{text}, {counted_resets(resets)}" if resets else text
+    return time_with_penalty(seconds, penalty_s, resets, lap_time)
 
 
 def laps_of(figures: LapFigures) -> str:

@@ -150,7 +150,8 @@ def means_of(files: list[bytes]) -> list[PhaseMeans]:
             if progress is None:
                 continue
             phase = str(entry.get("phase") or "evaluation")
-            found = _Episode(reward or 0.0, progress, elapsed_ms or math.nan, is_clean(entry))
+            clean = is_clean(entry, finished=progress >= 100.0)
+            found = _Episode(reward or 0.0, progress, elapsed_ms or math.nan, clean)
             by_phase.setdefault(phase, []).append(found)
     return [_means(phase, episodes) for phase, episodes in sorted(by_phase.items(), reverse=True)]
 
@@ -187,7 +188,7 @@ class _Episode(NamedTuple):
 
 def _means(phase: str, episodes: list[_Episode]) -> PhaseMeans:
     finished = [each for each in episodes if each.progress >= 100]
-    clean = [each.elapsed_ms / 1000 for each in finished if each.clean]
+    clean = [each.elapsed_ms / 1000 for each in episodes if each.clean]
     number = len(episodes)
     return PhaseMeans(
         phase,

@@ -110,14 +110,17 @@ def prepare_evaluation(
         settings = _cloned(settings, bucket)
         on_progress(f"Cloning model into s3://{bucket.name}/{settings.model_prefix}")
     choice = settings.eval_checkpoint
-    checkpoints = [_driven(settings, bucket, settings.model_prefix, choice, own, on_progress)]
+    prefix = settings.model_prefix
+    checkpoints = [_driven(settings, bucket, prefix, choice, own, "--checkpoint", on_progress)]
     if settings.race_type == "HEAD_TO_MODEL":
         theirs = settings.eval_opp_s3_model_prefix
         if sources[1].file is None:
             repair_or_warn(settings.model, bucket, theirs, missing=True)
             check_model(bucket, theirs, "DR_EVAL_OPP_S3_MODEL_PREFIX")
         choice = settings.eval_opp_checkpoint or choice
-        checkpoints.append(_driven(settings, bucket, theirs, choice, sources[1], on_progress))
+        option = "--opp-checkpoint"
+        found = _driven(settings, bucket, theirs, choice, sources[1], option, on_progress)
+        checkpoints.append(found)
     on_progress(f"Evaluating {' against '.join(checkpoints)} on {settings.world_name} ...")
     sweep(directory, settings.run_id)
     stamp, folder = claim_stamp(settings, bucket, directory)
@@ -174,13 +177,14 @@ def _driven(
     prefix: str,
     choice: str,
     source: PolicySource,
+    option: str,
     on_progress: Callable[[str], None],
 ) -> str:
-    """The name of the checkpoint or file that drives."""
+    """The name of the checkpoint or file that drives; `option` chooses another checkpoint."""
     if source.file is not None:
         return source.file.name
     chosen = _found(settings, bucket, prefix, choice)
-    on_progress(sentence_about(Model.of(settings.model, bucket, prefix), chosen))
+    on_progress(sentence_about(Model.of(settings.model, bucket, prefix), chosen, option))
     return chosen.name
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from drcli.exchange.episode_metrics import TrialMetrics
-from drcli.exchange.laps import Laps, lap_time, laps_summary
+from drcli.exchange.laps import Laps, is_clean_lap, lap_time, laps_summary
 from drcli.exchange.trace import STATUS_LABELS
 
 COMPLETE = STATUS_LABELS["lap_complete"]
@@ -28,7 +28,10 @@ class TrialReport:
         start_offset_m: How far to the left of the centre line it began; None if unknown.
         start_angle_deg: How far the car was turned to the left; None if unknown.
         end_waypoint: Waypoint closest to its end; None if unknown.
-        clean: Whether the lap was completed without reset and penalty.
+        immobilized: How often the car stood still for too long.
+        reversed: How often it drove in the wrong direction.
+        clean: Whether the lap was completed without violation, reset and penalty.
+        time_text: Such as "7.80 s" or "12.80 s = 7.80 driven + 5.00 penalty, 1 reset".
     """
 
     trial: int
@@ -43,22 +46,23 @@ class TrialReport:
     start_offset_m: float | None = None
     start_angle_deg: float | None = None
     end_waypoint: int | None = None
+    immobilized: int = 0
+    reversed: int = 0
     clean: bool = field(init=False)
+    time_text: str = field(init=False)
 
     def __post_init__(self) -> None:
-        """Decide whether the lap is clean."""
-        clean = self.finished and not self.resets and not self.penalty_s
+        """Decide whether the lap is clean, and put its time into words."""
+        violations = self.off_track, self.crashes, self.immobilized, self.reversed
+        clean = is_clean_lap(self.finished, *violations, self.resets, self.penalty_s)
         object.__setattr__(self, "clean", clean)
+        text = lap_time(self.lap_s, self.penalty_s, self.resets)
+        object.__setattr__(self, "time_text", text)
 
     @property
     def finished(self) -> bool:
         """Whether the lap was completed, with or without resets, as the reference counts it."""
         return self.status == COMPLETE
-
-    @property
-    def time(self) -> str:
-        """Such as "7.80 s" or "12.80 s = 7.80 driven + 5.00 penalty, 1 reset"."""
-        return lap_time(self.lap_s, self.penalty_s, self.resets)
 
 
 @dataclass(frozen=True)
@@ -170,7 +174,7 @@ def summary(trials: Sequence[TrialReport]) -> str:
         laps_of(trials),
         resets=sum(trial.resets for trial in trials),
         finished=sum(trial.finished for trial in trials),
-        best="" if best is None else best.time,
+        best="" if best is None else best.time_text,
     )
 
 
@@ -190,6 +194,8 @@ def trial_reports(records: Sequence[TrialMetrics]) -> list[TrialReport]:
             start_offset_m=record.start_offset_m,
             start_angle_deg=record.start_angle_deg,
             end_waypoint=record.end_waypoint,
+            immobilized=record.immobilized_count,
+            reversed=record.reversed_count,
         )
         for record in records
     ]

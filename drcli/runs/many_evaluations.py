@@ -122,8 +122,9 @@ def run_many(plan: ManyPlan, on_progress: Callable[[str], None] = lambda text: N
     """
     job = plan.job
     try:
-        with until_stopped():
-            _drive(plan, on_progress)
+        if job.tasks:
+            with until_stopped():
+                _drive(plan, on_progress)
         outcomes = [_outcome(plan, task) for task in job.tasks]
     finally:
         shutil.rmtree(job.folder, ignore_errors=True)

@@ -118,7 +118,7 @@ def prepare_many(
         on_progress: Shows a short sentence on each step.
 
     Raises:
-        SettingsError: A track does not exist, no model fits, or none of them can be evaluated.
+        SettingsError: A track does not exist, no model fits, or the only one cannot be evaluated.
     """
     if settings.race_type == "HEAD_TO_MODEL":
         raise SettingsError(
@@ -147,8 +147,6 @@ def prepare_many(
             if not models:
                 raise
             refused.append(Refused(prefix, str(error), error.remedy))
-    if not chosen:
-        raise SettingsError(refused[0].reason, remedy=refused[0].remedy)
     entrants = [
         (prefix, chosen[prefix], world, index, source)
         for index, world in enumerate(worlds)
@@ -175,7 +173,8 @@ def prepare_many(
         )
         for number, (prefix, checkpoint, world, index, driver) in enumerate(entrants)
     ]
-    on_progress(_announced(tasks, worlds))
+    if tasks:
+        on_progress(_announced(tasks, worlds))
     job = replace(evaluation_job(settings, folder, seed), tasks=tuple(tasks))
     return ManyPlan(job, stamp, worlds, refused, compares=rival is not None)
 

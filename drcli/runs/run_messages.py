@@ -100,8 +100,8 @@ class Messages(Duty):
             self._best = best.name
         elif now_s - self._best_s >= BEST_EVERY_S:
             self._best, self._best_s = best.name, now_s
-            told = CheckpointEntry.of(best, self._job.config.model.metric).told
-            self.tell("best", f"New best checkpoint {told}.", checkpoint=best.name)
+            text = CheckpointEntry.of(best, self._job.config.model.metric).text
+            self.tell("best", f"New best checkpoint {text}.", checkpoint=best.name)
         return None
 
     def finish(self, ending: Ending) -> None:
@@ -122,7 +122,7 @@ class Messages(Duty):
         text = f"{outcome.message} {outcome.remedy}".strip()
         if event == "end" and self._watch.best is not None:
             entry = CheckpointEntry.of(self._watch.best, self._job.config.model.metric)
-            text += f" Best checkpoint {entry.told}."
+            text += f" Best checkpoint {entry.text}."
         self.tell(event, text, **facts, **self._facts())
         self._queue.put(None)
         if self._thread.is_alive():

@@ -138,7 +138,7 @@ def explain_file(
 
 
 def write_page(path: Path, explained: ExplainedEpisode) -> None:
-    """Write an explained episode as an HTML file; an older page is replaced.
+    """Write an explained episode as an HTML file. Callers check whether it may replace one.
 
     Raises:
         SettingsError: The file cannot be written.

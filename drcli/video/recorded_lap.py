@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drcli.base.errors import SettingsError
-from drcli.exchange.laps import counted_resets, lap_time
+from drcli.exchange.laps import counted_resets, is_clean_lap, lap_time
 from drcli.exchange.race_recording import RaceRecording
 from drcli.exchange.trace import STATUS_LABELS, VIOLATIONS
 from drsim.car.car import REFERENCE_POINT_AHEAD_M
@@ -96,7 +96,7 @@ class RecordedLap:
     @property
     def clean(self) -> bool:
         """Whether the lap was completed without reset and penalty."""
-        return self.completed and not self.resets[-1] and not self.penalty_s
+        return is_clean_lap(self.completed, self.resets[-1], self.penalty_s)
 
     @property
     def told(self) -> str:

@@ -38,7 +38,7 @@ def write_comparison(report: Comparison, path: Path) -> int:
 
     Args:
         report: What was found.
-        path: The file; an older page is replaced.
+        path: The file. Callers check whether it may replace one.
 
     Returns:
         Its size in bytes.

@@ -32,7 +32,7 @@ def write_html(analysis: Analysis, path: Path, pictures: Sequence[Picture] = ())
 
     Args:
         analysis: What was found.
-        path: The file; an older report is replaced.
+        path: The file. Callers check whether it may replace one.
         pictures: Pictures that show what moves the action.
 
     Returns:

@@ -12,6 +12,7 @@ from drcli.cli.droa_options import Connection, connected
 from drcli.cli.options import (
     AsJson,
     DryRun,
+    ReplaceOrYes,
     best_option,
     checkpoint_choice,
     checkpoint_option,
@@ -22,9 +23,6 @@ from drcli.cli.working_folder import settings
 
 _Model = Annotated[
     str, typer.Argument(metavar="MODEL", help="Id of the model, or its name if only one has it.")
-]
-_Replace = Annotated[
-    bool, typer.Option("-f", "--force", "-y", "--yes", help="Replace a file that exists.")
 ]
 _Yes = Annotated[bool, typer.Option("-f", "--force", "-y", "--yes", help="Do not ask; answer yes.")]
 _Kind = Literal["TRAINING_LOGS", "EVALUATION_LOGS", "PHYSICAL_CAR_MODEL", "VIRTUAL_MODEL", "VIDEOS"]
@@ -212,7 +210,7 @@ def droa_download_logs(
     summary: Annotated[
         bool, typer.Option("--summary", help="Also show means of the metrics in the logs.")
     ] = False,
-    force: _Replace = False,
+    force: ReplaceOrYes = False,
     as_json: AsJson = False,
 ) -> None:
     """Download logs of a model, or the model itself, from DeepRacer on AWS.

@@ -22,7 +22,6 @@ STARTER = "start-evaluation"
 ENGINES = ", ".join(get_args(Runtime))
 KINDS = ".pb, .onnx, .xml, .tflite or a car's .tar.gz"
 
-LAPS = ("dr-evaluate --laps 40", "see how it drives from other starts")
 LOG = ("dr-logs evaluation -a", "show its whole log")
 RESUME = ("dr-start-training --resume", "continue training")
 STATUS = ("dr-status", "show how the training went")
@@ -239,7 +238,17 @@ def evaluate(
     console.emit(report, evaluation_view.evaluation(report), as_json=as_json)
     if not quiet:
         resume = [] if stopping.is_running(loaded.run) else [RESUME]
-        console.suggest([LAPS, LOG, *resume, STATUS])
+        more_laps = _more_laps(loaded.race_type, own, checkpoint)
+        console.suggest([*more_laps, LOG, *resume, STATUS])
+
+
+def _more_laps(race_type: str, own: PolicySource, checkpoint: str | None) -> list[tuple[str, str]]:
+    """The command that drives more laps with what was evaluated, where there is one."""
+    if race_type == "HEAD_TO_MODEL" or own.file is not None:
+        return []
+    options = {"--checkpoint": checkpoint, "--runtime": own.runtime}
+    given = "".join(f"{name} {value} " for name, value in options.items() if value is not None)
+    return [(f"dr-evaluate {given}--laps 40", "see how it drives from other starts")]
 
 
 def _check_modes(

@@ -271,7 +271,7 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
     if foreground:
         with watch_training.meanwhile(loaded.run, display):
             training.supervise_job(planned.job)
-        code = _end(inspect(loaded.run), as_json=as_json)
+        code = _end(inspect(loaded.run), loaded.model_prefix, as_json=as_json)
     else:
         with console.waiting("Starting the workers ...", only_live=True):
             pid = training.launch(planned)
@@ -290,7 +290,7 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
             console.say("Detached; the training continues.")
             console.suggest(watch_training.NEXT)
             return 130
-        code = _end(report, as_json=as_json)
+        code = _end(report, loaded.model_prefix, as_json=as_json)
     return code
 
 
@@ -310,12 +310,12 @@ def _followed(
     return ["trainer"] * trainer + [f"sim-{worker or 0}"] * sim
 
 
-def _end(report: "RunReport", *, as_json: bool) -> int:
-    """Say how the training ended, and return its exit code."""
+def _end(report: "RunReport", prefix: str, *, as_json: bool) -> int:
+    """Say how the training of the model of the settings ended, and return its exit code."""
     console.emit(report, None, as_json=as_json)
     if report.state in ("stopped", "interrupted") or report.exit_code == 0:
         console.say(views.end_text(report))
-        if commands := views.next_commands(report):
+        if commands := views.next_commands(report, prefix):
             console.suggest(commands)
     else:
         console.fail(report.message, report.remedy)

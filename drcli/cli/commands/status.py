@@ -18,12 +18,13 @@ def status(as_json: AsJson = False) -> None:
     """
     from drcli.runs.status import inspect, notes_of_run
 
-    config = settings().run
+    loaded = settings()
+    config = loaded.run
     report = inspect(config)
     report = replace(report, notes=notes_of_run(config, report))
     console.warn(*report.damaged)
     console.emit(report, training_view.run(report), as_json=as_json)
-    if commands := training_view.next_commands(report):
+    if commands := training_view.next_commands(report, loaded.model_prefix):
         console.suggest(commands)
     if report.state == "lost" or report.dead:
         raise WorkerDied(

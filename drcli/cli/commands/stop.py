@@ -10,7 +10,7 @@ from drcli.cli.working_folder import settings, working_folder
 
 AFTERWARDS = [
     ("dr-start-training --resume", "continue training"),
-    ("dr-evaluate", "drive laps with the best checkpoint"),
+    ("dr-evaluate --checkpoint best", "drive laps with the best checkpoint"),
     ("dr-status", "show how the training went"),
 ]
 AFTER_NOTHING = [("dr-start-training -w", "start again")]

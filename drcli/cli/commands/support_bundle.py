@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from drcli.cli import console
-from drcli.cli.options import AsJson, Replace
+from drcli.cli.options import AsJson, ReplaceOrYes
 from drcli.cli.views import doctor_view
 from drcli.cli.working_folder import current_folder, working_folder
 
@@ -22,7 +22,7 @@ def support_bundle(
         bool,
         typer.Option("--without-files", help="Leave out your reward function and its two files."),
     ] = False,
-    force: Replace = False,
+    force: ReplaceOrYes = False,
     as_json: AsJson = False,
 ) -> None:
     """Pack what helps others to help you, without secrets.

@@ -134,7 +134,7 @@ def _bucket_rows(bucket: "BucketState", prefix: str) -> Rows:
         ("server", Text(bucket.endpoint or "not started yet")),
         ("state", states[bucket.state]),
         ("model", model[bucket.model]),
-        *([("best", Text(bucket.best.told))] if bucket.best is not None else []),
+        *([("best", Text(bucket.best.text))] if bucket.best is not None else []),
     ]
 
 

@@ -30,7 +30,7 @@ def sweep(report: "SweepReport") -> RenderableType:
         f"{report.most:,.12g} {report.resource if report.most != 1 else report.resource[:-1]} each",
     )
     varied = list(dict.fromkeys(key for trial in report.trials for key in trial.varied))
-    results = ("clean laps", "progress", "mean lap")
+    results = ("clean laps", "progress", "median clean lap")
     names = ["", "training", *varied, "state", report.resource, *results]
     rows: list[list[str | Text]] = [
         [

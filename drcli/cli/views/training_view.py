@@ -255,13 +255,20 @@ def end_text(report: "RunReport") -> str:
     return f"{report.message}{best} {report.remedy}".strip()
 
 
-def next_commands(report: "RunReport") -> list[tuple[str, str]]:
-    """What a racer wants after a training, with the purpose of each command."""
-    if report.best is None or report.state not in ("finished", "stopped"):
+def next_commands(report: "RunReport", prefix: str) -> list[tuple[str, str]]:
+    """What a racer wants after a training, with the purpose of each command.
+
+    They work on the model of the settings, `prefix`: there are none if another one was trained.
+    """
+    ended = report.state in ("finished", "stopped")
+    if report.best is None or not ended or report.prefix != prefix:
         return []
     if report.best_laps is not None and report.best_laps.clean:
         return [
-            ("dr-evaluate --laps 40", "see how many of 40 laps the best checkpoint drives clean"),
+            (
+                "dr-evaluate --checkpoint best --laps 40",
+                "see how many laps the best checkpoint drives clean",
+            ),
             ("dr-video --checkpoint best", "watch a lap of it"),
             ("dr-export car --best", "write the archive for the car"),
         ]
@@ -372,8 +379,8 @@ def _driven(report: "RunReport") -> str:
     assert report.best is not None
     laps = report.best_laps
     if laps is None:
-        return report.best.told
-    return replace(report.best, laps=laps.text, clean=laps.clean).told
+        return report.best.text
+    return replace(report.best, laps=laps.text, clean=laps.clean).text
 
 
 def _newest(report: "RunReport") -> str:

@@ -68,6 +68,9 @@ export function lapTime(seconds) {
   return `${pad(Math.floor(ms / 60000), 2)}:${pad(Math.floor(ms / 1000) % 60, 2)}.${pad(ms % 1000, 3)}`;
 }
 
+/** Resets after another text: ", 1 reset", ", 2 resets", or nothing. */
+export const andResets = (count) => (count ? `, ${count} reset${count === 1 ? "" : "s"}` : "");
+
 /** Bytes as MB or GB. */
 export function bytes(value) {
   if (value === null || value === undefined) return "–";

@@ -1,6 +1,17 @@
 // Chooses a stored episode: model, training or evaluation, iteration, worker, episode; all with numbers.
 
-import { duration, empty, failure, fill, h, lapTime, moment, number, stampText } from "/dom.js";
+import {
+  andResets,
+  duration,
+  empty,
+  failure,
+  fill,
+  h,
+  lapTime,
+  moment,
+  number,
+  stampText,
+} from "/dom.js";
 import { openTrace, storedModels, storedTraces } from "/episode_data.js";
 
 export const STATUS = {
@@ -242,7 +253,7 @@ function optionText(trace, kind) {
     trace.mean_reward !== null ? `reward ${number(trace.mean_reward, 1)}` : null,
     trace.clean_laps == null
       ? null
-      : `${trace.clean_laps} clean laps, ${trace.resets} reset${trace.resets === 1 ? "" : "s"}`,
+      : `${trace.clean_laps} clean laps${andResets(trace.resets)}`,
     trace.clean_laps == null && trace.full_laps ? `${trace.full_laps} clean laps` : null,
     trace.best_lap_s != null ? `best ${number(trace.best_lap_s, 2)} s` : null,
   ]

@@ -1,7 +1,7 @@
 // The card of one worker: camera, view from behind, map with all cars, figures, actions.
 
 import { get, post } from "/api.js";
-import { duration, fill, h, lapTime, notify, number, tiles } from "/dom.js";
+import { andResets, duration, fill, h, lapTime, notify, number, tiles } from "/dom.js";
 import { actionBars } from "/live_actions.js";
 import { livePicture } from "/live_picture.js";
 import { follow } from "/socket.js";
@@ -34,7 +34,6 @@ function track(world) {
 }
 
 const statusText = (status) => STATUS[status] ?? String(status).replaceAll("_", " ");
-const resetText = (count) => (count ? `, ${count} ${count === 1 ? "reset" : "resets"}` : "");
 const rgb = (values) => (values?.length === 3 ? `rgb(${values.join(",")})` : "c1");
 
 export function workerCard(runId, name, signal) {
@@ -228,7 +227,7 @@ export function workerCard(runId, name, signal) {
             `${number(shown.progress, 1)} %${shown.laps ? `, lap ${shown.laps + 1}` : ""}`,
             number(shown.reward, 3),
             `${number(shown.total, 1)} in ${number(shown.steps)} steps`,
-            `${lapTime(shown.lap_s)}${resetText(shown.resets)}`,
+            `${lapTime(shown.lap_s)}${andResets(shown.resets)}`,
           ]
         : ["–", "–", "–", "–", "–", "–"],
     );
@@ -246,7 +245,7 @@ export function workerCard(runId, name, signal) {
             h(
               "li",
               {},
-              `${each.phase === "evaluation" ? "Evaluation" : "Training"} ${number(each.episode)}: ${each.progress >= 100 && !each.resets ? "clean lap" : statusText(each.status)}${resetText(each.resets)}, ${number(each.progress, 0, "%")}, ${number(each.time_s, 2, "s")}, reward ${number(each.reward, 1)}`,
+              `${each.phase === "evaluation" ? "Evaluation" : "Training"} ${number(each.episode)}: ${each.progress >= 100 && !each.resets ? "clean lap" : statusText(each.status)}${andResets(each.resets)}, ${number(each.progress, 0, "%")}, ${number(each.time_s, 2, "s")}, reward ${number(each.reward, 1)}`,
             ),
           ),
       );

@@ -15,7 +15,7 @@ export function modelActions({ prefix, page, path, showTab, signal }) {
     const all = (page.checkpoints?.checkpoints ?? []).slice().reverse();
     const drove = (each) =>
       each.episodes
-        ? `${each.laps} of ${each.episodes} laps${each.best_lap_s === null ? "" : `, best ${number(each.best_lap_s, 2, "s")}`}`
+        ? `${each.laps} of ${each.episodes} laps clean${each.best_lap_s === null ? "" : `, best ${number(each.best_lap_s, 2, "s")}`}`
         : "never evaluated";
     const chosen = (word) => {
       const each = all.find((one) => one.words.includes(word));

@@ -15,15 +15,9 @@ const label = (each) =>
   ]
     .filter(Boolean)
     .join(" · ");
-/** Such as "00:12.800 = 00:07.800 driven + 5 s penalty". */
-const timeWithPenalty = (trial) =>
-  trial.penalty_s
-    ? `${lapTime(trial.lap_s)} = ${lapTime(trial.lap_s - trial.penalty_s)} driven + ${number(trial.penalty_s, 1, "s")} penalty`
-    : lapTime(trial.lap_s);
 /** How a trial ended; a finished lap may have resets and penalties. */
 const ended = (trial) =>
   trial.clean ? "Clean lap" : trial.status === "Lap complete" ? "Finished" : trial.status;
-const resets = ({ resets: count }) => (count ? `, ${count} ${count === 1 ? "reset" : "resets"}` : "");
 const sum = (each, name) => each.trials.reduce((total, trial) => total + trial[name], 0);
 
 export function evaluationPart(prefix, { signal, evaluate }) {
@@ -105,7 +99,7 @@ export function evaluationPart(prefix, { signal, evaluate }) {
       hit = one.collision_penalty_s;
     const rows = one.trials.map((trial) => [
       String(trial.trial),
-      timeWithPenalty(trial),
+      trial.time_text,
       `${number(trial.progress)} %`,
       ended(trial),
       String(trial.off_track),
@@ -134,7 +128,7 @@ export function evaluationPart(prefix, { signal, evaluate }) {
       h(
         "p",
         { class: "quiet fine" },
-        "Times are minutes, seconds and thousandths of the simulation, penalties included.",
+        "Times are those of the simulation, penalties included.",
         off == null
           ? ""
           : ` Leaving the track costs ${number(off, 1)} s, a crash ${number(hit, 1)} s.`,
@@ -171,7 +165,7 @@ export function evaluationPart(prefix, { signal, evaluate }) {
         String(k + 1),
         ...[one, other].map((each) =>
           each.trials[k]
-            ? `${timeWithPenalty(each.trials[k])}, ${ended(each.trials[k]).toLowerCase()}${resets(each.trials[k])}`
+            ? `${each.trials[k].time_text}, ${ended(each.trials[k]).toLowerCase()}`
             : "–",
         ),
       ],

@@ -202,13 +202,8 @@ export function badges(prefix, { trainings = [], evaluations = [], current }, tr
   ];
 }
 
-const told = (entry) => (entry.clean ? entry.laps : entry.score);
 /** Number of a checkpoint, and how it drives. */
-export function checkpointText(entry) {
-  return entry
-    ? `${entry.name.split("_")[0]}${told(entry) ? ` (${told(entry)})` : ""}`
-    : "–";
-}
+export const checkpointText = (entry) => entry?.text ?? "–";
 
 function modelTable(found, data) {
   const cell = (k, content, kind = null) =>
@@ -286,7 +281,7 @@ function modelTable(found, data) {
     h(
       "p",
       { class: "quiet fine" },
-      "In brackets after a checkpoint is how it drove in its evaluation. A clean lap is completed without a violation; those of training episodes and of their evaluations are counted. The best one is that of an evaluation on the track of the model.",
+      "After a checkpoint is how it drove in its evaluation. A clean lap is completed without a violation; those of training episodes and of their evaluations are counted. The best one is that of an evaluation on the track of the model.",
     ),
   ];
 }

@@ -1,6 +1,6 @@
 // A race for a projector: leaderboard, who drives now, what comes next, the last result, and the winner.
 
-import { failure, fill, h, number } from "/dom.js";
+import { andResets, failure, fill, h, number } from "/dom.js";
 import { pairsView } from "/race_pairs.js";
 import { gapText, raceLink, waitText } from "/race_words.js";
 import { follow } from "/socket.js";
@@ -319,7 +319,7 @@ export function show(main, [id], { signal }) {
             "p",
             { class: "night-driver-facts" },
             found
-              ? `Lap ${Math.min(laps, found.laps + 1)} of ${laps}, ${number(Math.max(0, found.progress))} %, ${number(found.lap_s, 1, "s")}${found.resets ? `, ${found.resets} ${found.resets === 1 ? "reset" : "resets"}` : ""}`
+              ? `Lap ${Math.min(laps, found.laps + 1)} of ${laps}, ${number(Math.max(0, found.progress))} %, ${number(found.lap_s, 1, "s")}${andResets(found.resets)}`
               : sinceText(driving.began_at),
           ),
         );

@@ -5,6 +5,7 @@ log-guru, which adds 0.2 s to what it measures, two steps more.
 """
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -12,9 +13,15 @@ from drcli.analysis.findings.evidence import gather
 from drcli.analysis.read_evaluations import trials_of
 from drcli.analysis.report.lap_choice import choose_laps
 from drcli.analysis.report.map_data import map_data
-from drcli.exchange.episode_metrics import EpisodeMetrics, TrialMetrics, encode_metrics_file
+from drcli.exchange.episode_metrics import (
+    EpisodeMetrics,
+    TrialMetrics,
+    encode_metrics_file,
+    is_clean,
+)
 from drcli.exchange.trace import STEP_S, Episode, log_lines, read_csv
-from drcli.runs.evaluation_report import trial_reports
+from drcli.races.race_queue import lap_driven
+from drcli.runs.evaluation_report import COMPLETE, trial_reports
 from drcli.video.recorded_lap import read_laps
 from simtraces import episode, put, trace, with_reset, write_model
 
@@ -101,6 +108,34 @@ def test_the_map_of_the_report_shows_it(read, tmp_path):
     statuses, laps = data["statuses"], data["laps"]
     shown = [statuses[int(laps["status"][lap])] for lap in data["groups"]["evaluation-0"]]
     assert shown == ["lap_complete", "finished_after_resets", "off_track"]
+
+
+FAULTS = [
+    *("reset_count", "off_track_count", "crash_count"),
+    *("immobilized_count", "reversed_count", "penalty_in_milliseconds"),
+]
+
+
+@pytest.mark.parametrize("fault", [None, *FAULTS])
+def test_all_readers_of_metrics_agree_on_what_is_a_clean_lap(read, tmp_path, fault):
+    record = TrialMetrics(100, 9000, 0, 9000, COMPLETE, 0, 0, 0, 0, 0, 1, 0)
+    if fault is not None:
+        record = replace(record, **{fault: 1})
+    folder = write_model(tmp_path / "model", iterations=0, evaluations=0)
+    metrics = encode_metrics_file([record])
+    put(folder, "metrics/evaluation/evaluation-20260102030400.json", metrics)
+    [evaluation] = read(folder).evaluations
+    [entry] = json.loads(metrics)["metrics"]
+    [report] = trial_reports([record])
+    readers = {
+        "metrics": record.clean,
+        "metrics of others": is_clean(entry, finished=True),
+        "dr-evaluate": report.clean,
+        "races": lap_driven(report).clean,
+        "dr-analyze": evaluation.trials["clean"][0],
+    }
+
+    assert readers == dict.fromkeys(readers, fault is None)
 
 
 @pytest.mark.parametrize("iterations", [1, 5])

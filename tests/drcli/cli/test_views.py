@@ -7,11 +7,12 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
+from drcli.base.plain_json import plain
 from drcli.cli.views import evaluation_view, iterations, models_view, training_view
 from drcli.exchange.daily_spending import DayBudget
 from drcli.exchange.laps import Laps
 from drcli.exchange.stage import StageMark
-from drcli.models.model_list import CheckpointEntry, ModelList
+from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
 from drcli.runs.status import CheckpointLaps, JoinedReport
 
 NOW_S = 1_000_000.0 + 75.0
@@ -31,6 +32,17 @@ def test_what_the_racer_typed_is_no_style():
     assert screen(models_view.models(nothing)) == (
         "There is no model in s3://bucket that matches [/]."
     )
+
+
+def test_a_checkpoint_is_told_alike_in_the_list_and_in_a_status():
+    best = CheckpointEntry("8_Step-4000.ckpt", 1.0, "7.61 s", str(Laps(20, [7.5, 7.72])), 2)
+    model = ModelEntry("m1", 9, best, None, 1, 1, "2026-01-02T03:04:05", False)
+
+    shown = screen(models_view.models(ModelList("bucket", "", [model])))
+
+    assert best.text == "8: 2 of 20 laps clean, median 7.61 s, slowest 7.72 s"
+    assert best.text in " ".join(shown.split())
+    assert plain(model)["best"]["text"] == best.text  # for the page
 
 
 def test_the_live_display_of_a_training_under_way(make_report):
@@ -147,9 +159,9 @@ def test_what_comes_next_depends_on_whether_a_lap_is_clean(make_report):
     def commands(state="finished", *lap_s):
         laps = CheckpointLaps.of(8, Laps(20, lap_s))
         report = make_report(state, 9, best_laps=laps)
-        return [command for command, _ in training_view.next_commands(report)]
+        return [command for command, _ in training_view.next_commands(report, "model")]
 
-    assert commands("finished", 7.6)[0] == "dr-evaluate --laps 40"
+    assert commands("finished", 7.6)[0] == "dr-evaluate --checkpoint best --laps 40"
     assert commands("stopped", 7.6)[-1] == "dr-export car --best"
     assert commands()[0] == "dr-analyze"
     assert commands()[-1] == "dr-start-training --resume"

@@ -63,6 +63,13 @@ def parts() -> list[tuple[str, Any]]:
     return found
 
 
+def test_options_of_version_0_1_0_that_answer_yes_are_still_taken():
+    found = dict(parts())
+    for name in ("support-bundle", "droa-download-logs"):
+        taken = {option for parameter in found[name].params for option in parameter.opts}
+        assert {"-f", "--force", "-y", "--yes"} <= taken
+
+
 def test_every_path_that_a_command_takes_is_read_or_written_with_force():
     written = set()
     for name, part in parts():

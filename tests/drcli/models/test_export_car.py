@@ -22,6 +22,7 @@ from drcli.models.export_car import (
     write_archive,
 )
 from drcli.models.export_model import ExportSource, Selection, read_export_source
+from drcli.models.upload_retention import Retention
 from drcli.store import keys
 from drcli.store.bucket import ObjectDamaged
 from memory_bucket import MemoryBucket
@@ -244,6 +245,22 @@ def test_an_upload_has_both_names_that_scripts_look_for(here, there):
     ]
     assert {there.get(key) for key in uploaded} == {exported().archive}
     assert sorted(report.files) == [f"s3://uploads/{key}" for key in uploaded]
+
+
+def test_numbered_archives_with_the_name_of_version_0_1_0_are_deleted_too(here, there):
+    old, others = "race/upload/model-1-chk2.tar.gz", "race/upload/model-1.tar.gz"
+    for key in (old, others):
+        there.put(key, b"archive")
+    keep = Retention.of("last", 0)
+    target = plan_car_upload(settings(), None, local=False, dry_run=False, retention=keep)
+    names = upload_names(source(), numbered=True)
+
+    report = upload_archive(exported(), target, names, no_bar, dry_run=False)
+
+    assert report.deleted == ["model-1-chk2.tar.gz"]
+    there_now = {info.key for info in there.list("")}
+    assert old not in there_now
+    assert {others, "race/upload/team-model-1-chk5.tar.gz"} <= there_now
 
 
 def test_with_a_prefix_the_archive_goes_below_that_model(here, there):

@@ -167,7 +167,7 @@ def test_archives_follow_the_same_rules_and_others_stay():
         bucket.put(key, b"archive")
 
     deleted = delete_surplus_archives(
-        bucket, "up", "model.tar.gz", Retention.of("last,best", 0), "3_Step-300.ckpt", 12
+        bucket, "up", ["model.tar.gz"], Retention.of("last,best", 0), "3_Step-300.ckpt", 12
     )
 
     assert deleted == ["model-chk7.tar.gz"]

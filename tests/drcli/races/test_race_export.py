@@ -90,7 +90,7 @@ def test_a_race_in_pairs_and_an_empty_one_have_pages_too(home):
     assert "nobody wins: 2 clean laps in 0:20.000, 2 clean laps in 0:20.000" in page
 
 
-TOLD = "0:12.800 = 0:07.800 driven + 5.000 penalty, 1 reset"
+TOLD = "0:12.800 = 0:07.800 driven + 5.00 penalty, 1 reset"
 
 
 @pytest.mark.parametrize("ranking", ["best-lap", "best-average", "total-time"])
@@ -112,7 +112,7 @@ def test_no_place_shows_a_lap_with_a_reset_as_if_it_were_clean(home, ranking):
     assert ann.laps_text == "0 of 2 clean, 2 finished, 2 resets"
     assert bob.laps_text == "1 of 2 clean, 2 finished, 1 reset"
     assert (ann.best_lap_text, bob.best_lap_text) == (TOLD, "0:10.000")
-    assert ann.total_text == "0:25.600 = 0:15.600 driven + 10.000 penalty, 2 resets"
+    assert ann.total_text == "0:25.600 = 0:15.600 driven + 10.00 penalty, 2 resets"
     decides = {
         "best-lap": TOLD,
         "best-average": TOLD.replace("1 reset", "2 resets"),

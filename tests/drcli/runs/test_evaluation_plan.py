@@ -72,6 +72,22 @@ def test_an_engine_that_is_not_installed_is_named_before_anything_is_written(
     assert list(empty.bucket.list("model-1/")) == []
 
 
+def test_each_racer_is_told_the_option_that_chooses_its_own_checkpoint(trained, monkeypatch):
+    monkeypatch.setattr("drcli.runs.evaluation_plan.open_bucket", lambda *_, **__: trained.bucket)
+    trained.run_env(
+        "DR_LOCAL_S3_MODEL_PREFIX=model-1",
+        "DR_EVAL_OPP_S3_MODEL_PREFIX=model-1",
+        "DR_RACE_TYPE=HEAD_TO_MODEL",
+        "DR_WORLD_NAME=reinvent_base",
+    )
+    said = []
+
+    prepare_evaluation(trained.settings(), on_progress=said.append)
+
+    options = [text.split(". ")[1].partition(" takes")[0] for text in said if "Takes" in text]
+    assert options == ["--checkpoint best", "--opp-checkpoint best"]
+
+
 def test_an_opponent_needs_a_race_between_models(empty, graph_file):
     with pytest.raises(SettingsError, match="DR_RACE_TYPE is TIME_TRIAL"):
         prepare_evaluation(empty.settings(), opponent=PolicySource(None, graph_file))

@@ -4,7 +4,8 @@ import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError
-from drcli.runs import many_evaluations_plan
+from drcli.runs import many_evaluations, many_evaluations_plan
+from drcli.runs.many_evaluations import run_many
 from drcli.runs.many_evaluations_plan import Rival, matching_models, prepare_many
 from drcli.store import keys
 
@@ -79,9 +80,14 @@ def test_a_comparison_with_itself_or_with_nothing_is_refused(racer, bucket):
         prepare_many(racer.settings(), fresh_laps=40, rival=Rival.parse("nobody"))
 
 
-def test_models_of_which_none_can_be_evaluated_are_an_error(racer, bucket):
-    with pytest.raises(SettingsError, match="team/broken has no trained model"):
-        prepare_many(racer.settings(), models=["team/broken"])
+def test_models_of_which_none_can_be_evaluated_have_a_reason_each(racer, bucket, monkeypatch):
+    monkeypatch.setattr(many_evaluations, "open_bucket", lambda *_, **__: racer.bucket)
+    racer.bucket.put(keys.coach_checkpoint("team/gone"), b"3_Step-300.ckpt")
+
+    report = run_many(prepare_many(racer.settings(), models=["team/broken", "team/gone"]))
+
+    assert [row.prefix for row in report.rows] == ["team/broken", "team/gone"]
+    assert all(f"{row.prefix} has no trained model" in row.reason for row in report.rows)
 
 
 def test_a_name_without_wildcards_is_a_whole_prefix(bucket):

@@ -65,6 +65,31 @@ def test_resuming_is_suggested_unless_the_training_runs(
     assert ("dr-start-training --resume" in capsys.readouterr().err) is not running
 
 
+@pytest.mark.parametrize(
+    ("race_type", "options", "command"),
+    [
+        ("TIME_TRIAL", (), "dr-evaluate --laps 40"),
+        (
+            "TIME_TRIAL",
+            ("--checkpoint", "3", "--runtime", "onnx"),
+            "dr-evaluate --checkpoint 3 --runtime onnx --laps 40",
+        ),
+        ("TIME_TRIAL", ("--model", "a.onnx"), None),
+        ("HEAD_TO_MODEL", (), None),
+    ],
+)
+def test_more_laps_are_suggested_with_what_was_evaluated(
+    dr, asked, monkeypatch, capsys, race_type, options, command
+):
+    monkeypatch.setenv("DR_RACE_TYPE", race_type)
+
+    assert dr("evaluate", *options) == 0
+
+    printed = capsys.readouterr().err
+    laps = [line.strip() for line in printed.splitlines() if "--laps" in line]
+    assert laps == ([command] if command else [])
+
+
 def test_json_is_all_there_is_on_stdout(dr, asked, capsys):
     dr("evaluate", "--json")
 

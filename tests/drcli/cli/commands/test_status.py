@@ -3,6 +3,8 @@
 import json
 from dataclasses import replace
 
+import pytest
+
 from drcli.exchange.reward_error_record import RewardCounts, RewardErrorEntry
 from drcli.exchange.rollback_record import Rollback
 from drcli.store.alarms import Convergence
@@ -25,6 +27,17 @@ def test_status_of_a_living_run_exits_0(dr, run, make_report, capsys):
     assert code == 0
     assert printed.err == ""
     assert "running  s3://bucket/model  on reinvent_base" in printed.out
+
+
+@pytest.mark.parametrize(("prefix", "suggested"), [("model", True), ("model-1", False)])
+def test_status_suggests_commands_only_for_the_model_of_the_settings(
+    dr, run, make_report, monkeypatch, capsys, prefix, suggested
+):
+    monkeypatch.setenv("DR_LOCAL_S3_MODEL_PREFIX", prefix)
+    run.before = make_report("finished", 4)
+
+    assert dr("status") == 0
+    assert ("Next:" in capsys.readouterr().err) is suggested
 
 
 def test_status_of_a_dead_worker_names_it_and_exits_5(dr, run, make_report, capsys):
