@@ -5,14 +5,17 @@ from typing import Any
 
 import pytest
 
+from drcli.base.problems import ProblemsError
 from drcli.config.loading import load_settings
-from drcli.exchange.checkpoint import checkpoint_name
+from drcli.exchange.checkpoint import Counters, checkpoint_name
 from drcli.exchange.scores import EvaluationResult
+from drcli.modelfiles.network_shape import Design
 from drcli.models.export_model import Selection, read_export_source
 from drcli.store import keys
 from drcli.store.best_checkpoint import evaluated_numbers, read_scores
 from drcli.store.checkpoints import CheckpointStore
 from drcli.workers.evaluator import Entry, enter
+from memory_bucket import MemoryBucket
 from training_in_memory import PREFIX, REWARD, TrainingInMemory
 
 TRAINED, NEW = 4.0, 2.0
@@ -127,3 +130,22 @@ def test_on_another_track_the_best_stays_without_its_score_until_another_is_eval
     else:
         assert checkpoint_name(best.name).number >= 2
         assert best.avg_eval_metric is not None
+
+
+def test_an_error_in_a_parameter_file_names_the_place_where_it_was_read():
+    bucket, wrong = MemoryBucket(), {"model_metadata.json": "{", "hyperparameters.json": "{}"}
+    bucket.put(keys.model_metadata(PREFIX), b"{")
+    bucket.put(keys.hyperparameters(PREFIX), b"{}")
+    record = CheckpointStore(bucket, PREFIX).save(1, 100, b"", counters=Counters(inputs=wrong))
+
+    for read, place in (
+        (lambda: Design.of_model(bucket, PREFIX), f"bucket/{keys.model_metadata(PREFIX)}"),
+        (lambda: Design.of_model(bucket, PREFIX, wrong), "model_metadata.json of this start"),
+        (
+            lambda: Design.of_checkpoint(bucket, PREFIX, record.name),
+            f"model_metadata.json in bucket/{keys.checkpoint_record(PREFIX, record.name)}",
+        ),
+    ):
+        with pytest.raises(ProblemsError) as refused:
+            read()
+        assert str(refused.value).startswith(place)
