@@ -140,8 +140,11 @@ def examine_stages(
     parameters = review_parameters(
         whole.get(keys.HYPERPARAMETERS_FILE), whole.get(keys.MODEL_METADATA_FILE), None
     )
+    # It becomes that of the model, even if each stage has its own.
+    reward = whole.get(keys.REWARD_FUNCTION_FILE)
+    wrong = [] if reward is None else read_source(reward)[1]
     of_stages = (problem for each in examined for problem in each.problems)
-    found = [*review.problems, *parameters.problems, *of_stages]
+    found = [*review.problems, *parameters.problems, *wrong, *of_stages]
     return replace(examined[0], files=whole, review=parameters, problems=list(dict.fromkeys(found)))
 
 

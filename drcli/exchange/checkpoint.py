@@ -51,6 +51,7 @@ class Counters:
         learned: The iteration that made the weights; None for the first ones.
         seed: Of the run.
         inputs: The parameter files by name, to restore them if they are lost.
+        files: `Job.files_sha256` of the start that trained it; None in version 0.1.0.
         critic_warmup: How many updates at most still improve the critic alone; None but for a
             policy that came without its critic.
         rollbacks: How often the training had gone back to an older checkpoint; None for never.
@@ -65,6 +66,7 @@ class Counters:
     learned: IterationRecord | None = None
     seed: int | None = None
     inputs: Mapping[str, str] = field(default_factory=dict)
+    files: str | None = None
     critic_warmup: int | None = None
     rollbacks: int | None = None
     stage: StageMark | None = None

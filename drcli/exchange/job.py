@@ -12,6 +12,7 @@ from typing import Any
 
 from drcli.base.atomic_file import load_record, save_record
 from drcli.base.errors import DrError, NoAnswer, SettingsError
+from drcli.base.fingerprint import Fingerprint
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.config import secret_environment
 from drcli.config.run_config import RunConfig
@@ -118,6 +119,11 @@ class Job:
     def wanted_laps(self) -> int:
         """How many laps of an evaluation must be completed to finish; 0 if that is no goal."""
         return self.until_laps or (FAST_LAPS if self.until_lap_time_s is not None else 0)
+
+    @property
+    def files_sha256(self) -> str:
+        """Hash of all `inputs`, which tells whether another start had the same ones."""
+        return Fingerprint.of(json.dumps(dict(self.inputs), sort_keys=True).encode()).sha256
 
     @property
     def directory(self) -> Path:

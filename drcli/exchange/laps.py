@@ -6,7 +6,6 @@ completed too, but the car may have been put back on the track, which the refere
 """
 
 import math
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
@@ -148,16 +147,19 @@ def paired_p(differences: Iterable[int]) -> float:
     Args:
         differences: One for each pair, in units that make them whole numbers.
     """
+    import numpy as np  # here, to keep commands fast
+
     flipped = [difference for difference in differences if difference]
-    chances = {0: 1.0}
-    for difference in flipped:
-        after: defaultdict[int, float] = defaultdict(float)
-        for total, chance in chances.items():
-            after[total + difference] += chance / 2.0
-            after[total - difference] += chance / 2.0
-        chances = after
-    found = abs(sum(flipped))
-    return min(1.0, sum(chance for total, chance in chances.items() if abs(total) >= found))
+    sizes = sorted(map(abs, flipped))
+    chances = np.zeros(sum(sizes) + 1)  # of each sum of those that are positive
+    chances[0], most = 1.0, 0
+    for size in sizes:
+        most += size
+        chances[: most + 1] /= 2.0
+        chances[size : most + 1] += chances[: most + 1 - size].copy()
+    # A sum of all is as small as this one if at most so much of it is positive.
+    fewest = (most - abs(sum(flipped))) // 2
+    return min(1.0, 2.0 * float(chances[: fewest + 1].sum()))
 
 
 def share_interval(count: int, of: int, z: float = Z_95) -> tuple[float, float]:

@@ -12,9 +12,6 @@ from drcli.config.example_files import model_file
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
-_ANY_BYTES = "surrogateescape"
-"""A reward function may be in an encoding that only Python finds in its first line."""
-
 FILE_RULES = {
     keys.REWARD_FUNCTION_FILE: "V-02",
     keys.MODEL_METADATA_FILE: "V-03",
@@ -107,7 +104,7 @@ def upload_custom_files(config: CustomFilesConfig, bucket: Bucket, inputs: Input
 def texts_of(inputs: Inputs) -> dict[str, str]:
     """The files by name, as `Job.inputs` has them."""
     files = (inputs.reward, inputs.hyperparameters, inputs.metadata)
-    return {file.name: file.data.decode("utf-8-sig", _ANY_BYTES) for file in files}
+    return {file.name: file.data.decode("utf-8-sig") for file in files}
 
 
 def write_model_files(
@@ -120,14 +117,9 @@ def write_model_files(
         keys.MODEL_METADATA_FILE: keys.model_metadata(prefix),
     }
     for name, text in files.items():
-        key, data = own.get(name) or keys.parameter_file(prefix, name), bytes_of(text)
+        key, data = own.get(name) or keys.parameter_file(prefix, name), text.encode()
         if not bucket.exists(key) or not (only_missing or bucket.get(key) == data):
             bucket.put(key, data)
-
-
-def bytes_of(text: str) -> bytes:
-    """The content of a file in `Job.inputs`."""
-    return text.encode("utf-8", _ANY_BYTES)
 
 
 def _content(path: Path) -> bytes | None:

@@ -5,6 +5,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from drcli.base.problems import Problem
+from drcli.exchange.checkpoint import CheckpointRecord
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import LIDARS, SINGLE_CAMERAS, ModelMetadata
 from drcli.store import keys
@@ -25,21 +26,35 @@ class Design:
 
     @staticmethod
     def of_checkpoint(bucket: Bucket, prefix: str, name: str) -> "Design":
-        """What a checkpoint was trained with: `own_files`.
+        """What a checkpoint was trained with: `own_files` has the same.
 
         Raises:
             ObjectMissing: A file of the model does not exist.
             ProblemsError: A file is wrong.
         """
-        files = own_files(bucket, prefix, name)
-        inputs = {file: data.decode("utf-8-sig") for file, data in files.items()}
-        return Design.of_model(bucket, prefix, inputs)
+        try:
+            record = CheckpointStore(bucket, prefix).record(name)
+        except (ObjectMissing, ObjectDamaged):
+            return Design.of_model(bucket, prefix)
+        return Design.of_record(bucket, prefix, record)
 
     @staticmethod
-    def of_model(bucket: Bucket, prefix: str, inputs: Mapping[str, str] | None = None) -> "Design":
+    def of_record(bucket: Bucket, prefix: str, record: CheckpointRecord) -> "Design":
+        """What the checkpoint with this record was trained with; raises as `of_checkpoint`."""
+        source = f"in {bucket.name}/{keys.checkpoint_record(prefix, record.name)}"
+        return Design.of_model(bucket, prefix, record.counters.inputs, source)
+
+    @staticmethod
+    def of_model(
+        bucket: Bucket,
+        prefix: str,
+        inputs: Mapping[str, str] | None = None,
+        source: str = "of this start",
+    ) -> "Design":
         """What a start trains with: its `Job.inputs`, and the model's file for one that it lacks.
 
-        What an existing checkpoint does with its outputs, `of_checkpoint` knows.
+        What an existing checkpoint does with its outputs, `of_checkpoint` knows. `source` says in
+        messages where `inputs` are.
 
         Raises:
             ObjectMissing: A file of the model does not exist.
@@ -49,7 +64,7 @@ class Design:
         for name, key in model_files(prefix).items():
             own = (inputs or {}).get(name)
             files[name] = bucket.get(key) if own is None else own.encode()
-            origins.append(f"{bucket.name}/{key}")
+            origins.append(f"{bucket.name}/{key}" if own is None else f"{name} {source}")
         metadata, parameters = files.values()
         return Design(
             ModelMetadata.from_bytes(metadata, origins[0]),

@@ -123,7 +123,7 @@ def read_export_source(settings: Settings, selection: Selection) -> ExportSource
 
 def _design(bucket: Bucket, prefix: str, record: CheckpointRecord) -> Design:
     try:
-        return Design.of_model(bucket, prefix, record.counters.inputs)
+        return Design.of_record(bucket, prefix, record)
     except ObjectMissing as e:
         raise SettingsError(
             f"Meta-data files are not found. Exiting. {e}",

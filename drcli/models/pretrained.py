@@ -60,7 +60,7 @@ def find(
         raise _wrong(PREFIX, place, prefix, what, remedy)
     source, found = named_weights(config, bucket)
     try:
-        trained = Design.of_model(bucket, prefix, found.record.counters.inputs)
+        trained = Design.of_record(bucket, prefix, found.record)
     except ObjectMissing as e:
         remedy = "Restore that file from a copy, or choose another model."
         raise _wrong(PREFIX, place, prefix, f"that model is not complete: {e}", remedy) from e

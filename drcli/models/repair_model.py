@@ -52,10 +52,10 @@ def repair_all(model: Model, *, missing: bool = True) -> list[str]:
     """
     if model_kind(model.bucket, model.prefix) == "tensorflow":
         return []
-    return [*repair(model, missing=missing), *restore_parameters(model), *_repair_start(model)]
+    return [*repair(model, missing=missing), *_restore_parameters(model), *_repair_start(model)]
 
 
-def restore_parameters(model: Model) -> list[str]:
+def _restore_parameters(model: Model) -> list[str]:
     """Restore damaged or lost parameter files from a checkpoint: each has a copy of them.
 
     Only for the owner of the model.

@@ -24,7 +24,7 @@ STARTS = 16
 """Starts of each car, spread evenly over the lap."""
 
 RARE = 0.05
-"""A difference that chance makes more often than this is none."""
+"""A difference that chance makes more often than this, among all cars, is none."""
 
 CAR = "DR_SIM_CAR"
 MODEL = "DR_LOCAL_S3_MODEL_PREFIX"
@@ -99,7 +99,9 @@ def best_of(trials: Sequence[CarTrial], present: str) -> str:
     """The car with the most laps, unless the `present` one may have as many but for chance."""
     own = next((trial for trial in trials if trial.car == present), None)
     most = max(trials, key=lambda trial: (trial.laps, trial.mean_progress))
-    if own is None or chance(most.laps, own.laps, own.starts) < RARE:
+    # So many others are compared that one of them would often seem better by chance.
+    rare = RARE / max(1, len(trials) - 1)
+    if own is None or chance(most.laps, own.laps, own.starts) < rare:
         return most.car
     return present
 

@@ -7,7 +7,13 @@ from drcli.base.json_record import RecordError, parse_json
 from drcli.config.bucket_config import ModelConfig
 from drcli.exchange.episode_metrics import TrialMetrics
 from drcli.exchange.race_recording import RaceRecording
-from drcli.runs.evaluation_report import TrialReport, laps_of, summary, trial_reports
+from drcli.runs.evaluation_report import (
+    TrialReport,
+    best_finished_s,
+    laps_of,
+    summary,
+    trial_reports,
+)
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer, read_record
 from drcli.store.repair import Model
@@ -147,7 +153,7 @@ def _listed(
         problem=problem,
         clean_laps=clean.clean,
         resets=sum(trial.resets for trial in trials),
-        best_finished_s=min(laps, default=None),
+        best_finished_s=best_finished_s(trials),
         summary=summary(trials),
     )
 

@@ -129,7 +129,7 @@ class EvaluationReport:
     @property
     def best_finished_s(self) -> float | None:
         """Fastest completed lap, penalties included; its resets are among those of the trials."""
-        return min((trial.lap_s for trial in self.trials if trial.finished), default=None)
+        return best_finished_s(self.trials)
 
     @property
     def best_average_s(self) -> float | None:
@@ -143,6 +143,11 @@ class EvaluationReport:
 def laps_of(trials: Sequence[TrialReport]) -> Laps:
     """The trials as a sample of laps."""
     return Laps(len(trials), [trial.lap_s for trial in trials if trial.clean])
+
+
+def best_finished_s(trials: Sequence[TrialReport]) -> float | None:
+    """Time of the fastest completed lap, penalties included; None without one."""
+    return min((trial.lap_s for trial in trials if trial.finished), default=None)
 
 
 def best_lap(trials: Sequence[TrialReport]) -> TrialReport | None:

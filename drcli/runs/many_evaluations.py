@@ -20,7 +20,7 @@ from drcli.exchange.log_places import log_file
 from drcli.exchange.robust_result import RobustResult
 from drcli.runs.cloud_watch import sent_to_cloud_watch
 from drcli.runs.evaluation import EXIT_S, failure, until_stopped
-from drcli.runs.evaluation_report import best_average_s, laps_of, trial_reports
+from drcli.runs.evaluation_report import best_average_s, best_finished_s, laps_of, trial_reports
 from drcli.runs.laps_report import LapsReport, compare, laps_report
 from drcli.runs.many_evaluations_plan import ManyPlan
 from drcli.runs.run_logs import empty_logs
@@ -269,14 +269,14 @@ def _row(task: EvaluationTask, outcome: TaskOutcome, laps: int) -> TableRow:
             robust_score=outcome.robust.robust_score,
         )
     trials_ = trial_reports(outcome.trials)
-    whole, clean = [trial.lap_s for trial in trials_ if trial.finished], laps_of(trials_)
+    clean = laps_of(trials_)
     return TableRow(
         *begin,
-        completed=len(whole),
+        completed=sum(trial.finished for trial in trials_),
         clean=clean.clean,
         resets=sum(trial.resets for trial in trials_),
         median_s=clean.median_s,
-        best_finished_s=min(whole, default=None),
+        best_finished_s=best_finished_s(trials_),
         trials=len(trials_),
         progress=sum(trial.progress for trial in trials_) / max(len(trials_), 1),
         best_lap_s=clean.fastest_s,

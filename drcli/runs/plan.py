@@ -300,7 +300,8 @@ def _forget_other_scores(
     names = ["DR_TRAIN_BEST_MODEL_METRIC", "DR_TRAIN_BEST_MODEL_WORLD"]
     if settings.train_best_model_world != "training":
         names.append("DR_TRAIN_EVAL_WORLD")
-    if settings.train_best_model_world != "evaluation" and not settings.curriculum_file:
+    elsewhere = settings.train_eval_world and settings.train_best_model_world == "evaluation"
+    if not elsewhere and not settings.curriculum_file:
         names.append("DR_WORLD_NAME")  # laps of different tracks cannot be compared
     for name in names:
         setting = catalogue()[name]

@@ -27,6 +27,7 @@ from drcli.store.bucket import Bucket
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.last_outcome import read_outcome
 from drcli.store.model_prefix import has_checkpoint, is_aborted_start, is_used
+from drcli.workers.goals import same_goals
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def _plan(settings: Settings, options: StartOptions, bucket: Bucket) -> Next:
     if outcome is not None and outcome.stays_ended:
         return NothingToDo(_stays_ended(outcome, model))
     if outcome is not None and outcome.state == "finished":
-        if outcome.goals == goals_of(settings, options, outcome, bucket):
+        if same_goals(outcome.goals, goals_of(settings, options, outcome, bucket)):
             if outcome.left:
                 return prepare_end_work(settings, outcome)
             return NothingToDo(

@@ -3,6 +3,7 @@
 import socket
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 from drcli.base.errors import StorageError
@@ -30,6 +31,7 @@ from drcli.runs.worker_health import WorkerHealth
 from drcli.runs.worker_processes import TRAINER
 from drcli.store import keys
 from drcli.store.alarms import Convergence, alarms, convergence
+from drcli.store.best_checkpoint import read_evaluation
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_running_bucket
@@ -283,7 +285,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             if scores is not None:
                 best = CheckpointEntry.of(scores.best_checkpoint, model.metric)
                 last = CheckpointEntry.of(scores.last_checkpoint, model.metric)
-                best_laps = _laps_of(history, scores.best_checkpoint)
+                best_laps = _laps_of(history, scores.best_checkpoint, bucket, record.prefix)
             counted = read_reward_errors(bucket, record.prefix)
             if counted:
                 failed = sum_of(each.total for each in counted)
@@ -375,12 +377,17 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     )
 
 
-def _laps_of(history: Sequence[IterationRecord], score: Score) -> CheckpointLaps | None:
+def _laps_of(
+    history: Sequence[IterationRecord], score: Score, bucket: Bucket, prefix: str
+) -> CheckpointLaps | None:
     """All evaluation laps of a checkpoint on the training track."""
     number = checkpoint_name(score.name).number
     known = next((each.all_laps for each in history if each.iteration == number), None)
-    if known is None and score.episodes is not None:
-        known = score.episodes.laps  # the learning curve has no record of its iteration yet
+    if known is None and score.avg_eval_metric is not None:
+        # The learning curve has no record of its iteration yet.
+        with suppress(ObjectMissing, ObjectDamaged):
+            result = read_evaluation(bucket, prefix, number)
+            known = result.on("training").laps if result.checkpoint == score.name else None
     return CheckpointLaps.of(number, known)
 
 

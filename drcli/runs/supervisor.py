@@ -7,12 +7,11 @@ from dataclasses import replace
 from functools import partial
 from types import FrameType
 
-from drcli.base.errors import DrError, SettingsError, StorageError
+from drcli.base.errors import DrError
 from drcli.base.log import get_logger
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.log_places import log_file
 from drcli.exchange.run_record import RunRecord, State, StopRequest, WorkerRecord
-from drcli.models.repair_model import restore_parameters
 from drcli.rewards.reward_timeout import exit_of_stuck
 from drcli.runs.duty import Duty, RunningTraining, attempt
 from drcli.runs.journal import Journal
@@ -25,7 +24,6 @@ from drcli.runs.worker_deaths import died_too_often
 from drcli.runs.worker_processes import TRAINER, Child, start_process
 from drcli.runs.worker_stacks import REWARD_REMEDY
 from drcli.store.bucket import Bucket
-from drcli.store.repair import Model
 from drcli.tracking.open_sinks import tensorboard_folder
 
 _logger = get_logger(__name__)
@@ -198,8 +196,7 @@ class Supervisor:
         )
         if code == 0 and child.name == TRAINER and words is not None:
             return Outcome(0, words.message)
-        restored = words is not None and self._restored(words)
-        if words is not None and words.final and code != 0 and not restored:
+        if words is not None and words.final and code != 0:
             return Outcome(words.code, words.message, words.remedy)
         if code == 0 and child.name != TRAINER:
             # The trainer marks the end of the training before it exits itself.
@@ -238,17 +235,6 @@ class Supervisor:
     def _revive(self) -> None:
         self._restart_server()
         self._journal.note("recovery", "The server of the bucket was started again.")
-
-    def _restored(self, words: WorkerExit) -> bool:
-        """Whether a worker ended because of a damaged parameter file, which is whole again."""
-        if words.code not in (SettingsError.code, StorageError.code) or words.silent:
-            return False
-        model = self._job.config.model
-        sentences = restore_parameters(Model.of(model, self._bucket, model.prefix))
-        for sentence in sentences:
-            _logger.warning("%s", sentence)
-            self._journal.note("recovery", sentence)
-        return bool(sentences)
 
     def _end(self, outcome: Outcome) -> Outcome:
         """End the run, and record its outcome on this machine."""

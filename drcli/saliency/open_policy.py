@@ -32,7 +32,7 @@ def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy
     if graph is not None:
         return ExplainedPolicy(policy_of_file(graph), graph.metadata, is_complete=False)
     found = load_checkpoint(bucket, prefix, checkpoint)
-    design = Design.of_model(bucket, prefix, found.record.counters.inputs)
+    design = Design.of_record(bucket, prefix, found.record)
     model = build_policy(design.metadata, design.parameters)
     load_weights(model, found.tensors, found.record.name)
     fresh_critic = bool(found.record.counters.critic_warmup)

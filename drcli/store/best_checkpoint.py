@@ -8,6 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
+from drcli.exchange.checkpoint import checkpoint_name
 from drcli.exchange.laps import CONFIRMING_CLEAN, CONFIRMING_LAPS, share_interval
 from drcli.exchange.scores import EvaluationEpisodes, EvaluationResult, Score, Scores
 from drcli.store import keys
@@ -118,11 +119,15 @@ def write_scores(bucket: Bucket, prefix: str, scores: Scores) -> None:
 
 
 def forget_scores(bucket: Bucket, prefix: str) -> None:
-    """Keep the best checkpoint, but not its score: the next evaluation beats it."""
+    """Keep the best checkpoint, but not its score: the next evaluation beats it.
+
+    That of the newest checkpoint is not the next one: it is driven again.
+    """
     known = read_scores(bucket, prefix)
     if known is not None:
         best, last = unscored(known.best_checkpoint), unscored(known.last_checkpoint)
         write_scores(bucket, prefix, Scores(best, last))
+        bucket.delete([keys.evaluation_result(prefix, checkpoint_name(last.name).number)])
 
 
 def unscored(score: Score) -> Score:

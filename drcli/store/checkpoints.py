@@ -337,6 +337,10 @@ class CheckpointStore:
         last = best_checkpoint.unscored(known.last_checkpoint)
         write_scores(self._bucket, self._prefix, Scores(last, last))
 
+    def begin_track(self, first: int) -> None:
+        """Forget the fastest lap from before this number, which was driven on another track."""
+        self._marked.begin_stage(first)
+
     def best_of_stage(self, first: int) -> Checkpoint | None:
         """The best checkpoint from this number on.
 

@@ -164,7 +164,7 @@ def _rollbacks(bucket: Bucket, prefix: str) -> int:
 def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | None:
     """The newest checkpoint and the best one by its evaluation; None without any checkpoint.
 
-    The metric is DR_TRAIN_BEST_MODEL_METRIC.
+    The metric is DR_TRAIN_BEST_MODEL_METRIC. Laps of an earlier stage or track do not count.
     """
     records = readable_records(bucket, prefix)
     pointed = CheckpointStore(bucket, prefix).pointed()
@@ -174,9 +174,11 @@ def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | Non
     by_name = {r.name: r for r in records}
     last = Score(newest.name, None, newest.sim_time_s)
     scores = Scores(Score(records[0].name, None, records[0].sim_time_s), last)
-    for result in readable_evaluations(bucket, prefix).values():
+    driven = {each.iteration: each for each in reconstruct_history(bucket, prefix)}
+    for number, result in readable_evaluations(bucket, prefix).items():
         record = by_name.get(result.checkpoint)
-        if record is not None:
+        compares = number not in driven or driven[number].compares_with(driven[max(driven)])
+        if record is not None and compares:
             episodes = result.on("training")
             score = score_of(result.checkpoint, episodes, metric, record.sim_time_s)
             scores = with_evaluation(scores, score, metric)

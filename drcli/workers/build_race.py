@@ -13,7 +13,6 @@ from drcli.base.problems import Problem, ProblemsError
 from drcli.config.run_config import RaceConfig
 from drcli.config.track_names import remedy, track_problem
 from drcli.exchange.stage import Stage
-from drcli.modelfiles.custom_files import bytes_of
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -227,7 +226,7 @@ def load_reward(
     if stage is None:
         path = folder / keys.REWARD_FUNCTION_FILE
         own = (inputs or {}).get(keys.REWARD_FUNCTION_FILE)
-        data = bucket.get(keys.reward_function(prefix)) if own is None else bytes_of(own)
+        data = bucket.get(keys.reward_function(prefix)) if own is None else own.encode()
         path.write_bytes(data)
     else:
         name = Path(stage.reward_name).name  # errors name the file as its author calls it

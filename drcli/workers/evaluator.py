@@ -321,7 +321,7 @@ def enter(bucket: Bucket, entry: Entry, config: RunConfig) -> tuple[Racer, Model
         runtime = None if source.runtime == "torch" else source.runtime
         return Racer(policy_of_file(graph, runtime, threads), actions_of(metadata)), metadata
     checkpoint = load_checkpoint(bucket, entry.prefix, entry.checkpoint)
-    design = Design.of_model(bucket, entry.prefix, checkpoint.record.counters.inputs)
+    design = Design.of_record(bucket, entry.prefix, checkpoint.record)
     metadata, parameters = design.metadata, design.parameters
     _say_start(config, metadata, parameters)
     model = build_policy(metadata, parameters)

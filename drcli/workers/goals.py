@@ -15,8 +15,11 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 SCORED_EPISODES = 100
 """Episodes over which the mean reward of a stage is taken, as in the lists of the Gym."""
 
-CONFIRMED = f"and then {CONFIRMING_CLEAN} of {CONFIRMING_LAPS} laps from other starts are as good"
-"""What follows the words of all targets."""
+CONFIRMED = f", and then {CONFIRMING_CLEAN} of {CONFIRMING_LAPS} laps from other starts are as good"
+"""What follows the words of targets for laps."""
+
+CONFIRMED_PROGRESS = f", and on {CONFIRMING_LAPS} laps from other starts"
+"""What follows the words of targets for the mean progress."""
 
 
 @dataclass(frozen=True)
@@ -249,12 +252,12 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
     if job.until_lap_time_s is not None:
         ways.append(
             f"once each evaluation lap of a checkpoint{judged}, at least {job.wanted_laps}, takes "
-            f"{job.until_lap_time_s:g} s or less, {CONFIRMED} (--until-lap-time)"
+            f"{job.until_lap_time_s:g} s or less{CONFIRMED} (--until-lap-time)"
         )
     elif job.until_laps is not None:
         ways.append(
             f"once a checkpoint completes all its evaluation laps{judged}, "
-            f"at least {job.until_laps}, {CONFIRMED} (--until-laps)"
+            f"at least {job.until_laps}{CONFIRMED} (--until-laps)"
         )
     if job.max_minutes is not None:
         given = job.max_minutes == settings.train_max_minutes
@@ -276,7 +279,7 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
     if settings.train_stop_lap_time > 0.0:
         ways.append(
             f"once all evaluation laps of a checkpoint take {settings.train_stop_lap_time:g} s or "
-            f"less on average{judged}, {CONFIRMED} (DR_TRAIN_STOP_LAP_TIME)"
+            f"less on average{judged}{CONFIRMED} (DR_TRAIN_STOP_LAP_TIME)"
         )
     if settings.train_stop_mean_score is not None:
         ways.append(
@@ -286,10 +289,20 @@ def ending(job: Job, parameters: Hyperparameters) -> str:
     if settings.train_stop_progress > 0:
         ways.append(
             f"at {settings.train_stop_progress:g} % of mean progress in "
-            f"{settings.train_stop_evaluations} evaluations in a row{judged}, and on "
-            f"{CONFIRMING_LAPS} laps from other starts (DR_TRAIN_STOP_PROGRESS)"
+            f"{settings.train_stop_evaluations} evaluations in a row{judged}"
+            f"{CONFIRMED_PROGRESS} (DR_TRAIN_STOP_PROGRESS)"
         )
     return f"Ends {', or '.join([*ways, 'with dr-stop-training'])}."
+
+
+def same_goals(one: str, other: str) -> bool:
+    """Whether two sentences of `ending` have the same goals.
+
+    In version 0.1.0, no target was confirmed. A training that was complete then stays so.
+    """
+    for words in (CONFIRMED, CONFIRMED_PROGRESS):
+        one, other = one.replace(words, ""), other.replace(words, "")
+    return one == other
 
 
 def _stages(job: Job) -> str:

@@ -200,7 +200,6 @@ def _scores(name: str, progress: Sequence[float], lap_s: Sequence[float]) -> dic
     values = {f"{name}/laps": float(len(lap_s))}
     if progress:
         values[f"{name}/progress"] = fmean(progress)
-    if progress:
         values[f"{name}/clean_share"] = len(lap_s) / len(progress)
     if lap_s:
         values[f"{name}/median_lap_s"] = median(lap_s)

@@ -75,6 +75,16 @@ class Scoring:
         self._since = first
         self._checkpoints.begin_stage(first)
 
+    def begin_track(self, first: int) -> None:
+        """From this checkpoint on, another track is driven, whose laps cannot be compared.
+
+        The start on that track has forgotten the best score, and the best checkpoint stays until
+        another one is evaluated.
+        """
+        self._checkpoints.begin_track(first)
+        if self._world != "evaluation":
+            self._since = first
+
     def restore(self, records: Iterable[IterationRecord]) -> None:
         """Expect the evaluations of the newest iterations that have none yet."""
         newest = list(records)[-self._remembered :]

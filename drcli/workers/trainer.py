@@ -266,16 +266,14 @@ class Trainer:
         self._scoring.restore(self._history.records)
         self._checkpoints.restore_milestones(self._progress.newest, self._history.records)
         before = self._history.records[-1].world if self._history.records else ""
-        train = self._job.config.train
-        elsewhere = train.train_eval_world and train.train_best_model_world == "evaluation"
-        if before not in ("", self._progress.world) and not elsewhere:
-            self._scoring.begin_stage(self._progress.newest.number)  # laps cannot be compared
+        if before not in ("", self._progress.world):
+            self._scoring.begin_track(self._progress.newest.number)
         problem = self._metrics.restore(self._history.records)
         if problem is not None:
             _logger.warning(problem)
         self._rollbacks.mark(found)
         self._checkpoints.point_to(record)
-        if record.counters.inputs == self._design.texts:
+        if record.counters.files == self._job.files_sha256:
             self._own_files()  # the trainer before may have been cut off just before that
         if self._rollbacks.known.count:
             self._checkpoints.drop_newer(self._progress.newest)
@@ -497,6 +495,7 @@ class Trainer:
             learned=learned,
             seed=self._job.seed,
             inputs=self._design.texts,  # without them, nobody could tell what its outputs mean
+            files=self._job.files_sha256,
             critic_warmup=self._learner.critic_warmup or None,
             rollbacks=self._rollbacks.known.count or None,
             stage=self._stages.mark,

@@ -1,5 +1,8 @@
 """Samples of laps."""
 
+from fractions import Fraction
+from math import comb
+
 import pytest
 
 from drcli.exchange.laps import Laps, lap_time, paired_p, share_interval
@@ -45,4 +48,6 @@ def test_p_values_of_pairs_equal_those_of_binomial_and_worked_permutations():
     assert paired_p([1] * 8 + [-1]) == pytest.approx(2 * (1 + 9) / 2**9)
     # Sums of +-1 +-2 +-3: two of eight are as far from 0 as 6, four as far as 4.
     assert (paired_p([1, 2, 3]), paired_p([-1, 2, 3])) == (2 / 8, 4 / 8)
+    tail = sum(Fraction(comb(1000, k), 2**1000) for k in range(469))
+    assert paired_p([150] * 532 + [-150] * 468) == pytest.approx(float(2 * tail), abs=1e-9)
     assert paired_p([0, 0]) == paired_p([]) == paired_p([4, -4]) == 1.0

@@ -169,3 +169,16 @@ def test_a_curriculum_that_does_not_exist_is_told_with_the_setting(staged):
         SettingsError, match=r"run\.env line 3: DR_CURRICULUM_FILE=curriculum\.yaml"
     ):
         staged.start()
+
+
+def test_a_reward_function_that_no_stage_uses_is_checked_as_it_becomes_the_models(staged):
+    staged.curriculum.write_text(
+        TWO.replace("world: bean", "world: bean\n    reward_function: bots.py", 1)
+    )
+    own = staged.folder / "custom_files" / "reward_function.py"
+    own.write_bytes("# é\ndef reward_function(p): return 1.0".encode("latin-1"))
+
+    with pytest.raises(SettingsError, match=r"reward_function\.py.*UTF-8"):
+        staged.start()
+
+    assert list(staged.bucket.list("")) == []

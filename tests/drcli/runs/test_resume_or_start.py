@@ -1,5 +1,6 @@
 """What one command does with a prefix, whatever it finds there."""
 
+import re
 import time
 from dataclasses import replace
 
@@ -94,6 +95,24 @@ def test_a_finished_run_does_nothing(again, racer, ended):
     assert isinstance(found, NothingToDo)
     assert "It ended." in found.sentence
     assert {info.key: info.etag for info in racer.bucket.list("")} == before
+
+
+@pytest.mark.parametrize("options", [{"until_laps": 3}, {"until_lap_time_s": 8.0}, {}])
+def test_a_run_that_version_0_1_0_has_finished_does_nothing(again, racer, ended, options):
+    racer.run_env(
+        f"DR_LOCAL_S3_MODEL_PREFIX={MODEL}",
+        "DR_TRAIN_STOP_LAP_TIME=9.5",
+        "DR_TRAIN_STOP_PROGRESS=99",
+    )
+    again(**options)
+    learn(racer)
+    goals = read_outcome(racer.bucket, MODEL).goals
+    confirmed = r",? and (then 38 of 40|on 40) laps from other starts( are as good)?"
+    ended("finished", 0, goals=re.sub(confirmed, "", goals))
+
+    assert isinstance(again(**options), NothingToDo)
+    racer.run_env(f"DR_LOCAL_S3_MODEL_PREFIX={MODEL}", "DR_TRAIN_STOP_LAP_TIME=9")
+    assert isinstance(again(**options), RunPlan)
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,12 @@ from drcli.exchange import run_record
 from drcli.exchange.pulse_record import open_pulse_file
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_record import StorageRecord, WorkerRecord, run_folder
+from drcli.exchange.scores import EvaluationResult, SecondEvaluation
 from drcli.exchange.watch_record import WatchRecord
 from drcli.runs.status import inspect
 from drcli.runs.worker_health import WorkerHealth
 from drcli.store import keys
+from drcli.store.best_checkpoint import write_evaluation
 from drcli.workers.pulse import Pulse
 from own_run import own_run
 
@@ -166,3 +168,20 @@ def test_a_run_that_was_interrupted_on_another_machine_is_known_here(elsewhere):
 
 def test_a_run_on_another_machine_that_has_not_ended_is_none_of_this_folder(elsewhere):
     assert elsewhere().state == "none"
+
+
+def test_laps_of_the_best_are_of_the_training_track_whichever_track_chose_it(
+    racer, running, monkeypatch
+):
+    monkeypatch.setattr("drcli.runs.status.open_running_bucket", lambda *_: racer.bucket)
+    store = racer.store(running.prefix)
+    store.save(3, 300, b"weights")
+    second = SecondEvaluation([100.0] * 2, [1.0] * 2, [7.0, 7.1], "oval")
+    driven = EvaluationResult("3_Step-300.ckpt", [50.0, 100.0], [1.0] * 2, [9.0], second=second)
+    write_evaluation(racer.bucket, running.prefix, 3, driven)
+    store.record_evaluation(driven, "progress", "both")
+
+    laps = inspect(racer.settings().run).best_laps
+
+    assert laps is not None
+    assert (laps.checkpoint, laps.text) == (3, "1 of 2 laps clean, 9.00 s")

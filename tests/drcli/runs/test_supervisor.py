@@ -16,7 +16,6 @@ import pytest
 
 from drcli.base.log import LogFile
 from drcli.config.loading import load_settings
-from drcli.exchange.checkpoint import Counters
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.log_places import log_file
 from drcli.exchange.run_record import RunRecord
@@ -28,7 +27,6 @@ from drcli.runs.seen_pulses import SeenPulses
 from drcli.runs.supervisor import Supervisor
 from drcli.runs.warnings_board import WarningsBoard
 from drcli.store import keys, lease
-from drcli.store.checkpoints import CheckpointStore
 from memory_bucket import MemoryBucket
 
 STAYS = "import time; time.sleep(60)"
@@ -160,21 +158,6 @@ def test_a_worker_that_the_bucket_failed_gets_a_fresh_server(stage):
 
     assert stage.run() == 0
     assert stage.server_restarts == 1
-
-
-@pytest.mark.parametrize("damaged", [b'{"batch_size": ', None])
-def test_a_worker_that_met_a_damaged_parameter_file_is_restarted_with_the_whole_one(stage, damaged):
-    whole = '{"batch_size": 64}'
-    key = keys.hyperparameters("model")
-    counters = Counters(inputs={keys.HYPERPARAMETERS_FILE: whole})
-    CheckpointStore(stage.bucket, "model").save(0, 0, b"weights", counters=counters)
-    code, final = (4, False) if damaged is None else (3, True)
-    if damaged is not None:
-        stage.bucket.put(key, damaged)
-    stage.scripts["trainer"] = [WorkerExit(f"{key} is not JSON.", "Correct it.", code, final), ENDS]
-
-    assert stage.run() == 0
-    assert stage.bucket.get(key) == whole.encode()
 
 
 def test_a_parameter_file_that_no_checkpoint_has_ends_the_run(stage):

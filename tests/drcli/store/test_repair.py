@@ -6,9 +6,15 @@ import pytest
 
 from drcli.base.fingerprint import Fingerprint
 from drcli.exchange.checkpoint import CheckpointRecord
+from drcli.exchange.scores import EvaluationResult
 from drcli.store import keys
+from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.bucket import ObjectNewer, Watch
+from drcli.store.checkpoints import CheckpointStore
+from drcli.store.history import write_history
+from drcli.store.reconstruct import reconstruct_scores
 from drcli.store.repair import Model, find_damage, repair, set_aside
+from iterations import iteration_record
 from memory_bucket import MemoryBucket
 
 NAME = "0_Step-0.ckpt"
@@ -86,3 +92,25 @@ def test_of_many_damaged_objects_the_newest_are_kept(monkeypatch):
 
     kept = sorted(info.key.split("/")[-1].split(".")[0] for info in bucket.list("runs/"))
     assert kept == ["15", "16", "17", "18", "19"]
+
+
+@pytest.mark.parametrize(
+    ("last", "best"), [("short", "1_Step-100.ckpt"), ("long", "2_Step-200.ckpt")]
+)
+def test_reconstructed_scores_compare_only_laps_of_the_newest_track(last, best):
+    bucket = MemoryBucket()
+    store = CheckpointStore(bucket, "model")
+    for number, world in enumerate(("short", "short", last)):
+        store.save(number, 100 * number, b"weights")
+        laps = [8.0] * 5 if number == 1 else [20.0]
+        progress = [100.0] * len(laps) + [50.0] * (5 - len(laps))
+        name = f"{number}_Step-{100 * number}.ckpt"
+        write_evaluation(bucket, "model", number, EvaluationResult(name, progress, [1.0] * 5, laps))
+        store.save(number + 1, 100 * number + 100, b"weights")
+        curve = [iteration_record(n, world="short") for n in range(number)]
+        write_history(bucket, "model", [*curve, iteration_record(number, world=world)])
+
+    scores = reconstruct_scores(bucket, "model", "progress")
+
+    assert scores is not None
+    assert scores.best_checkpoint.name == best

@@ -5,12 +5,17 @@ from typing import Any
 
 import pytest
 
+from drcli.base.problems import ProblemsError
 from drcli.config.loading import load_settings
+from drcli.exchange.checkpoint import Counters, checkpoint_name
+from drcli.exchange.scores import EvaluationResult
+from drcli.modelfiles.network_shape import Design
 from drcli.models.export_model import Selection, read_export_source
 from drcli.store import keys
-from drcli.store.best_checkpoint import evaluated_numbers
+from drcli.store.best_checkpoint import evaluated_numbers, read_scores
 from drcli.store.checkpoints import CheckpointStore
 from drcli.workers.evaluator import Entry, enter
+from memory_bucket import MemoryBucket
 from training_in_memory import PREFIX, REWARD, TrainingInMemory
 
 TRAINED, NEW = 4.0, 2.0
@@ -81,3 +86,66 @@ def test_new_actions_become_the_models_with_the_first_checkpoint_that_learned_wi
     # While it drove with the new actions, checkpoint 1 got no score for that.
     assert 1 not in evaluated_numbers(training.bucket, PREFIX)
     assert 2 in evaluated_numbers(training.bucket, PREFIX)
+
+
+def test_a_trainer_that_learns_nothing_leaves_the_reward_and_the_world_of_the_model(training):
+    world = keys.parameter_file(PREFIX, "training_params.yaml")
+    before = training.bucket.get(world)
+    training.write("custom_files/reward_function.py", NEW_REWARD)
+    training.write("run.env", (training.folder / "run.env").read_text() + "DR_CAR_COLOR=Blue\n")
+
+    training.train(resume=True)
+
+    assert training.bucket.get(keys.reward_function(PREFIX)) == REWARD.encode()
+    assert training.bucket.get(world) == before
+
+
+def test_a_trainer_that_was_cut_off_after_its_checkpoint_gives_the_model_its_files(training):
+    training.bucket.put(keys.reward_function(PREFIX), NEW_REWARD.encode())
+
+    training.train(resume=True)
+
+    assert training.bucket.get(keys.reward_function(PREFIX)) == REWARD.encode()
+
+
+@pytest.mark.parametrize("iterations", [1, 6])
+def test_on_another_track_the_best_stays_without_its_score_until_another_is_evaluated(
+    training, iterations
+):
+    allow_iterations(training, 2)
+    training.train(resume=True)
+    store = CheckpointStore(training.bucket, PREFIX)
+    store.record_evaluation(EvaluationResult("0_Step-0.ckpt", [100.0], [1.0], [0.1]), "progress")
+    assert store.best_name() == "0_Step-0.ckpt"
+    path = training.folder / "run.env"
+    path.write_text(path.read_text() + "DR_WORLD_NAME=bean\n")
+    allow_iterations(training, iterations)
+
+    training.train(resume=True)
+
+    best = read_scores(training.bucket, PREFIX).best_checkpoint
+    if iterations == 1:
+        assert (best.name, best.avg_eval_metric) == ("0_Step-0.ckpt", None)
+        assert store.load(best.name)
+    else:
+        assert checkpoint_name(best.name).number >= 2
+        assert best.avg_eval_metric is not None
+
+
+def test_an_error_in_a_parameter_file_names_the_place_where_it_was_read():
+    bucket, wrong = MemoryBucket(), {"model_metadata.json": "{", "hyperparameters.json": "{}"}
+    bucket.put(keys.model_metadata(PREFIX), b"{")
+    bucket.put(keys.hyperparameters(PREFIX), b"{}")
+    record = CheckpointStore(bucket, PREFIX).save(1, 100, b"", counters=Counters(inputs=wrong))
+
+    for read, place in (
+        (lambda: Design.of_model(bucket, PREFIX), f"bucket/{keys.model_metadata(PREFIX)}"),
+        (lambda: Design.of_model(bucket, PREFIX, wrong), "model_metadata.json of this start"),
+        (
+            lambda: Design.of_checkpoint(bucket, PREFIX, record.name),
+            f"model_metadata.json in bucket/{keys.checkpoint_record(PREFIX, record.name)}",
+        ),
+    ):
+        with pytest.raises(ProblemsError) as refused:
+            read()
+        assert str(refused.value).startswith(place)
