@@ -17,7 +17,7 @@ EXIT_CODES: Mapping[int, str] = {
     8: "another training took over the model while this one did not respond; that one continues",
     9: "another machine or process trains the model, and `--no-wait` was given; nothing was done",
     10: "the training is complete, but the upload or import at its end failed; the reason and the "
-    "command to repeat it are printed. `dr-start-training --resume-or-start` does that work only",
+    "command to repeat it are printed. The same start with `--resume-or-start` does only that work",
     75: "interrupted, can be resumed: the cloud takes the machine away, or SIGTERM came to a "
     "training that was started with `--resume-or-start`, or the budget of the day is used up. The "
     "same command continues it, here or elsewhere",

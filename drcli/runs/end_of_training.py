@@ -126,8 +126,8 @@ class EndOfTraining(Duty):
         words = [word for word in self._command(name) if word != "--json"]
         program = words[0] if words[0].startswith("droa-") else f"dr-{words[0]}"
         return (
-            f"Repeat it with `{' '.join([program, *words[1:]])}`, or with "
-            "`dr-start-training --resume-or-start`."
+            f"Repeat it with `{' '.join([program, *words[1:]])}`, or with the same start and "
+            "`--resume-or-start`; without its limits the training would go on."
         )
 
     def _note(self, name: str, end: CommandEnd) -> bool:
