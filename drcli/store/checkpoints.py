@@ -337,9 +337,20 @@ class CheckpointStore:
         last = best_checkpoint.unscored(known.last_checkpoint)
         write_scores(self._bucket, self._prefix, Scores(last, last))
 
-    def begin_track(self, first: int) -> None:
-        """Forget the fastest lap from before this number, which was driven on another track."""
+    def begin_track(self, first: int, *, judged: bool) -> None:
+        """Forget the fastest lap from before this number, which was driven on another track.
+
+        With `judged`, such laps decide about the best checkpoint: it stays, without its score.
+        """
         self._marked.begin_stage(first)
+        known = read_scores(self._bucket, self._prefix) if judged else None
+        best = None if known is None else known.best_checkpoint
+        if (
+            best is not None
+            and best.avg_eval_metric is not None
+            and checkpoint_name(best.name).number < first
+        ):
+            best_checkpoint.forget_scores(self._bucket, self._prefix)
 
     def best_of_stage(self, first: int) -> Checkpoint | None:
         """The best checkpoint from this number on.

@@ -78,11 +78,12 @@ class Scoring:
     def begin_track(self, first: int) -> None:
         """From this checkpoint on, another track is driven, whose laps cannot be compared.
 
-        The start on that track has forgotten the best score, and the best checkpoint stays until
-        another one is evaluated.
+        The best checkpoint stays until another one is evaluated. A start with other settings has
+        forgotten its score already, with a word to the racer; a changed stage is noticed here.
         """
-        self._checkpoints.begin_track(first)
-        if self._world != "evaluation":
+        judged = self._world != "evaluation"
+        self._checkpoints.begin_track(first, judged=judged)
+        if judged:
             self._since = first
 
     def restore(self, records: Iterable[IterationRecord]) -> None:

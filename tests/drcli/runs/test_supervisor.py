@@ -160,8 +160,7 @@ def test_a_worker_that_the_bucket_failed_gets_a_fresh_server(stage):
     assert stage.server_restarts == 1
 
 
-def test_a_parameter_file_that_no_checkpoint_has_ends_the_run(stage):
-    stage.bucket.put(keys.hyperparameters("model"), b"{")
+def test_a_worker_that_says_so_ends_the_run(stage):
     stage.scripts["trainer"] = [WorkerExit("It is not JSON.", "Correct it.", 3, final=True)]
 
     assert stage.run() == 3

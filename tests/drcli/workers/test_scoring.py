@@ -6,7 +6,7 @@ import pytest
 
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.scores import EvaluationEpisodes, EvaluationResult, SecondEvaluation
-from drcli.store.best_checkpoint import write_evaluation
+from drcli.store.best_checkpoint import read_scores, write_evaluation
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import History
 from drcli.workers import scoring
@@ -231,3 +231,24 @@ def test_a_stage_begins_without_a_best_and_late_evaluations_of_the_last_do_not_c
     assert model.best == "3_Step-300.ckpt"
     assert model.store.best_of_stage(3) is None
     assert model.progress_of(2) == [100.0] * 5
+
+
+@pytest.mark.parametrize(("world", "score"), [("training", None), ("evaluation", 90.0)])
+def test_on_another_track_late_laps_and_the_best_score_count_only_if_they_were_not_driven_there(
+    model, world, score
+):
+    scoring = model.new_scoring(world, second=True)
+    scoring.expect(1, 1)
+    model.evaluate(1, 100.0, second=90.0)
+    scoring.score(model.newest)
+
+    scoring.begin_track(3)
+    scoring.expect(2, 2)
+    model.evaluate(2, 100.0, second=80.0)
+    scoring.score(model.newest)
+
+    best = read_scores(model.bucket, PREFIX).best_checkpoint
+    assert (best.name, best.avg_eval_metric) == ("1_Step-100.ckpt", score)
+    model.evaluate(3, 10.0, second=10.0)
+    scoring.score_all(model.newest)
+    assert model.best == ("3_Step-300.ckpt" if score is None else "1_Step-100.ckpt")
