@@ -92,7 +92,7 @@ def test_a_race_night_shows_who_leads_and_then_who_has_won(home, url, page):
     page.goto(f"{url}/#/night/cup")
     page.get_by_text("Nobody has driven yet.").wait_for()
     home.run()
-    page.locator(".night-board li").first.get_by_text("00:07.000").wait_for()
+    page.locator(".night-board li").first.get_by_text("0:07.000").wait_for()
     page.locator(".night-last").get_by_text("Last result").wait_for()
     size = page.evaluate(
         "parseFloat(getComputedStyle(document.querySelector('.night-racer')).fontSize)"
