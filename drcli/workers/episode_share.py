@@ -72,17 +72,29 @@ class AssignedShare:
 
 
 class EvaluationBudget:
-    """Keeps evaluations within a share of a training's time."""
+    """Keeps evaluations within a share of a training's time.
 
-    def __init__(self, share: float, clock: Callable[[], float] = time.monotonic) -> None:
-        self._share = share
+    Args:
+        share: Of the time.
+        credit_s: Seconds beyond it.
+        clock: Monotonic seconds, for tests.
+    """
+
+    def __init__(
+        self,
+        share: float,
+        credit_s: float = 0.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._share, self._credit_s = share, credit_s
         self._clock = clock
         self._began_s = clock()
         self._spent_s = self._last_s = 0.0
 
     def allows_another(self) -> bool:
         """Whether one more that takes as long as the last one stays within the share."""
-        return self._spent_s + self._last_s <= self._share * (self._clock() - self._began_s)
+        allowed_s = self._credit_s + self._share * (self._clock() - self._began_s)
+        return self._spent_s + self._last_s <= allowed_s
 
     def __str__(self) -> str:
         """Such as "4.1 s, 3.2 % of the time"."""

@@ -59,6 +59,10 @@ _logger = get_logger(__name__)
 SHARD_STEPS = 256
 """Steps after which finished episodes are sent to the bucket: about 2 MB."""
 
+GOAL_CREDIT_S = 10.0
+"""How much longer evaluations may take if they end the training: with the shipped files, the first
+checkpoint that is good enough comes after half a minute, and a share alone would miss it."""
+
 MOST_ATTEMPTS = 3
 """How often a worker drives its episodes of an iteration, each time with other random numbers,
 before a reward function that declares all of them broken ends the training."""
@@ -119,7 +123,8 @@ class SimWorker:
         self._simulation = self._build(self._stage_of(self._checkpoints.stage_of_newest()))
         self._results = DriveResults(job, self._bucket, self._simulation)
         self._results.forget_given_up()
-        self._budget = EvaluationBudget(train.train_eval_share)
+        credit_s = GOAL_CREDIT_S if self._simulation.targets else 0.0
+        self._budget = EvaluationBudget(train.train_eval_share, credit_s)
         self._judged = train.train_best_model_world if train.train_eval_world else "training"
         self._lag = max_lag(train)
         self._evaluated = -1

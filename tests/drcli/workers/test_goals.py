@@ -189,6 +189,17 @@ def test_evaluations_take_no_more_than_their_share_of_the_time():
     assert evaluated > 30
 
 
+def test_a_credit_allows_evaluations_before_there_is_a_share_of_much_time():
+    budget = EvaluationBudget(0.1, 5.0, clock=lambda: 0.0)
+    evaluated = 0
+
+    while budget.allows_another():
+        evaluated += 1
+        budget.spend(2.0)
+
+    assert evaluated == 2
+
+
 def test_the_time_of_all_starts_counts_where_any_machine_may_continue(goals):
     def limited(*, whole_run):
         times = iter([0.0, 601.0])
