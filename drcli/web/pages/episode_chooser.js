@@ -251,9 +251,7 @@ function optionText(trace, kind) {
   const numbers = [
     trace.mean_progress !== null ? `progress ${number(trace.mean_progress, 0)} %` : null,
     trace.mean_reward !== null ? `reward ${number(trace.mean_reward, 1)}` : null,
-    trace.clean_laps == null
-      ? null
-      : `${trace.clean_laps} clean laps${andResets(trace.resets)}`,
+    trace.clean_laps == null ? null : `${trace.clean_laps} clean laps${andResets(trace.resets)}`,
     trace.clean_laps == null && trace.full_laps ? `${trace.full_laps} clean laps` : null,
     trace.best_lap_s != null ? `best ${number(trace.best_lap_s, 2)} s` : null,
   ]

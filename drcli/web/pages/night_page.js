@@ -370,8 +370,7 @@ export function show(main, [id], { signal }) {
     const key = found?.key ?? "";
     if (before && key && key !== lastKey) {
       const cars = found.cars.map(
-        (car) =>
-          `${car.racer}: ${found.state === "failed" ? "the run has failed" : car.text}`,
+        (car) => `${car.racer}: ${found.state === "failed" ? "the run has failed" : car.text}`,
       );
       const places = found.cars
         .map((car) => race.leaderboard.find((row) => row.submission === car.submission))
