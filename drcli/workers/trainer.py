@@ -268,6 +268,8 @@ class Trainer:
         before = self._history.records[-1].world if self._history.records else ""
         if before not in ("", self._progress.world):
             self._scoring.begin_track(self._progress.newest.number)
+            # What the newest checkpoint drove there says nothing here, either.
+            forget_evaluations(self._bucket, self._prefix, newest=record.number - 1)
         problem = self._metrics.restore(self._history.records)
         if problem is not None:
             _logger.warning(problem)
