@@ -89,7 +89,7 @@ def test_from_an_empty_folder_to_an_archive_for_the_car(empty_workspace, page, t
 
     run = page.get_by_role("region", name="State of the run")
     run.get_by_text("The training of second on reinvent_base runs.").wait_for()
-    run.get_by_text("completed the lap").wait_for()
+    run.get_by_text("completed a clean lap").wait_for()
     page.locator("article[data-worker=sim-0]").get_by_text("reinvent_base").first.wait_for()
     page.get_by_role("button", name="Stop the training").click()
     run.get_by_text("The training of second on reinvent_base was stopped.").wait_for()
@@ -100,7 +100,7 @@ def test_from_an_empty_folder_to_an_archive_for_the_car(empty_workspace, page, t
     page.get_by_label("Laps").fill("1")
     page.get_by_label("Make videos of it").check()
     page.get_by_role("dialog").get_by_role("button", name="Evaluate").click()
-    page.get_by_text("Lap complete").wait_for()
+    page.get_by_text("Clean lap", exact=True).first.wait_for()
     film = page.locator("video")
     film.wait_for()
     assert plays(film)

@@ -12,7 +12,7 @@ from drcli.cli.views.layout import Rows, counted, fitted
 if TYPE_CHECKING:
     from drcli.models.copy_custom_files import CustomFilesReport
     from drcli.models.download import DownloadReport
-    from drcli.models.model_list import ModelList
+    from drcli.models.model_list import CheckpointEntry, ModelList
     from drcli.models.upload import UploadReport
     from drcli.models.upload_prefix import UploadIncrement
 
@@ -89,8 +89,8 @@ def models(columns: int, found: "ModelList") -> RenderableType:
                 " (TensorFlow)" if model.kind == "tensorflow" else "",
             ),
             str(model.checkpoints),
-            "-" if model.best is None else model.best.text,
-            "-" if model.last is None else model.last.text,
+            _checkpoint(model.best),
+            _checkpoint(model.last),
             decimal(model.size_bytes),
             model.modified[:digits].replace("T", " "),
             *([notes_view.short(model.note)] if noted else []),
@@ -100,3 +100,12 @@ def models(columns: int, found: "ModelList") -> RenderableType:
     names = ("model", "ckpts", "best", "last", "size", "modified", *(["note"] if noted else []))
     title = Text(f"s3://{found.bucket}", style="bold")
     return Group(title, Rows(names, rows, left=("model", "modified", "note")))
+
+
+def _checkpoint(entry: "CheckpointEntry | None") -> str:
+    """Number of a checkpoint, and how it drives in as few words as fit into a terminal."""
+    if entry is None:
+        return "-"
+    number = entry.name.partition("_")[0]
+    told = entry.laps.partition(", slowest")[0] if entry.clean else entry.score
+    return f"{number} ({told})" if told else number

@@ -159,7 +159,7 @@ def test_help_lists_all_exit_codes(dr, capsys):
 
     shown = capsys.readouterr().out
     codes = [line.split()[0] for line in shown[shown.index("Exit codes:") :].splitlines()[1:]]
-    assert codes == ["0", "1", "2", "3", "4", "5", "6", "7", "8", "9", "75", "130", "143"]
+    assert codes == ["0", "1", "2", "3", "4", "5", "6", "7", "8", "9", "10", "75", "130", "143"]
 
 
 @pytest.mark.parametrize("command", [[], ["start-training"]])
