@@ -37,8 +37,8 @@ def test_a_constant_reward_is_told_and_nothing_follows_from_it(rules):
 
 
 def test_pay_for_speed_alone_cancels_out(rules, tried_of):
-    function = lambda params: params["speed"] if on_the_road(params) else 0.0  # noqa: E731
-    found = report_of([tried_of(function)]).warnings
+    tried = tried_of(lambda params: params["speed"] if on_the_road(params) else 0.0)
+    found = report_of([tried]).warnings
 
     assert [problem.rule for problem in found] == ["cancels-out"]
     assert "12.1 s" in found[0].message
