@@ -99,9 +99,7 @@ class CheckpointLaps:
         laps: How many it drove.
         clean: How many of them are clean: completed without a violation.
         median_s: Median time of the clean ones, simulated seconds; None without one.
-        p90_s: Nine of ten clean ones do not exceed it.
         fastest_s: The fastest clean one.
-        slowest_s: The slowest clean one.
         text: The same in words.
     """
 
@@ -109,9 +107,7 @@ class CheckpointLaps:
     laps: int
     clean: int
     median_s: float | None
-    p90_s: float | None
     fastest_s: float | None
-    slowest_s: float | None
     text: str
 
     @staticmethod
@@ -124,9 +120,7 @@ class CheckpointLaps:
             laps.driven,
             laps.clean,
             laps.median_s,
-            laps.p90_s,
             laps.fastest_s,
-            laps.slowest_s,
             str(laps),
         )
 

@@ -15,25 +15,11 @@ from drcli.modelfiles.custom_files import InputFile
 from drcli.rewards.reward_rules import read_source
 from drcli.runs.plan import StartOptions, prepare
 from own_run import own_run
+from reference_model import HYPERPARAMETERS
 
 ROOT = Path(__file__).resolve().parents[3]
 
-REFERENCE = {
-    "batch_size": 64,
-    "beta_entropy": 0.01,
-    "discount_factor": 0.99,
-    "e_greedy_value": 0.05,
-    "epsilon_steps": 10000,
-    "exploration_type": "categorical",
-    "loss_type": "huber",
-    "lr": 0.0003,
-    "num_episodes_between_training": 20,
-    "num_epochs": 5,
-    "stack_size": 1,
-    "term_cond_avg_score": 350.0,
-    "term_cond_max_episodes": 1000,
-    "sac_alpha": 0.2,
-}
+REFERENCE = {**HYPERPARAMETERS, "sac_alpha": 0.2}
 """hyperparameters.json as the reference ships it."""
 
 
