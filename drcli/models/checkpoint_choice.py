@@ -9,6 +9,7 @@ from drcli.base.errors import SettingsError
 from drcli.config.checkpoint_words import WORDS, CheckpointChoice, CheckpointWord
 from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.laps import Laps
 from drcli.exchange.milestone_record import Milestone, Milestones
 from drcli.exchange.scores import Score, Scores
 from drcli.store import keys
@@ -187,13 +188,21 @@ def best_and_last(model: Model) -> str:
     )
 
 
+def laps_of(model: Model, history: Iterable[IterationRecord], name: str) -> Laps | None:
+    """All evaluation laps of a checkpoint on the track of its training; None without any."""
+    number = checkpoint_name(name).number
+    laps = next((record.all_laps for record in history if record.iteration == number), None)
+    if laps is None:  # the learning curve may have no record of its iteration yet
+        with suppress(ObjectMissing, ObjectDamaged):
+            result = read_evaluation(model.bucket, model.prefix, number)
+            if result.checkpoint == name:
+                laps = result.on("training").laps
+    return laps
+
+
 def _driven(model: Model, history: Iterable[IterationRecord], score: Score) -> str:
     """How the evaluation of a checkpoint went."""
-    number = checkpoint_name(score.name).number
-    laps = next((record.all_laps for record in history if record.iteration == number), None)
-    if laps is None:
-        with suppress(ObjectMissing, ObjectDamaged):
-            laps = read_evaluation(model.bucket, model.prefix, number).on("training").laps
+    laps = laps_of(model, history, score.name)
     if laps is not None:
         return str(laps)
     if score.avg_eval_metric is not None:  # of a copy, which comes without its history

@@ -3,7 +3,6 @@
 import socket
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 from drcli.base.errors import StorageError
@@ -21,17 +20,16 @@ from drcli.exchange.reward_error_record import RewardCounts, sum_of
 from drcli.exchange.rollback_record import Rollback
 from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
 from drcli.exchange.run_state import ActivityRecord
-from drcli.exchange.scores import Score
 from drcli.exchange.spending import Spending
 from drcli.exchange.stage import StageMark
 from drcli.exchange.watch_record import WatchRecord
+from drcli.models.checkpoint_choice import laps_of
 from drcli.models.model_list import CheckpointEntry
 from drcli.runs.spending_report import RequestReport, money_left, request_report, time_left_s
 from drcli.runs.worker_health import WorkerHealth
 from drcli.runs.worker_processes import TRAINER
 from drcli.store import keys
 from drcli.store.alarms import Convergence, alarms, convergence
-from drcli.store.best_checkpoint import read_evaluation
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_running_bucket
@@ -279,7 +277,10 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             if scores is not None:
                 best = CheckpointEntry.of(scores.best_checkpoint, model.metric)
                 last = CheckpointEntry.of(scores.last_checkpoint, model.metric)
-                best_laps = _laps_of(history, scores.best_checkpoint, bucket, record.prefix)
+                name = scores.best_checkpoint.name
+                best_laps = CheckpointLaps.of(
+                    checkpoint_name(name).number, laps_of(model, history, name)
+                )
             counted = read_reward_errors(bucket, record.prefix)
             if counted:
                 failed = sum_of(each.total for each in counted)
@@ -369,20 +370,6 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         threads=record.threads,
         joined=joined,
     )
-
-
-def _laps_of(
-    history: Sequence[IterationRecord], score: Score, bucket: Bucket, prefix: str
-) -> CheckpointLaps | None:
-    """All evaluation laps of a checkpoint on the training track."""
-    number = checkpoint_name(score.name).number
-    known = next((each.all_laps for each in history if each.iteration == number), None)
-    if known is None and score.avg_eval_metric is not None:
-        # The learning curve has no record of its iteration yet.
-        with suppress(ObjectMissing, ObjectDamaged):
-            result = read_evaluation(bucket, prefix, number)
-            known = result.on("training").laps if result.checkpoint == score.name else None
-    return CheckpointLaps.of(number, known)
 
 
 def _newest_laps(history: Sequence[IterationRecord]) -> CheckpointLaps | None:

@@ -160,3 +160,13 @@ def test_the_list_has_the_numbers_of_the_evaluations():
         ("best-lap", True),
     ]
     assert found.not_reached == []
+
+
+def test_the_evaluation_of_another_checkpoint_with_that_number_is_not_told(shown):
+    model = trained()  # a training that went back makes its checkpoints again
+    other = EvaluationResult("20_Step-1999.ckpt", [100.0], [1.0], [5.0])
+    write_evaluation(model.bucket, PREFIX, 20, other)
+
+    take_choice(model, "last")
+
+    assert "checkpoint 20 of team/model, the last: score 40.0 in its evaluation." in shown[0]
