@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
+from drcli.exchange.laps import Laps
 from drcli.exchange.scores import Score
 from drcli.models.run_metadata import metric_of
 from drcli.store import keys, lease, race_keys
@@ -44,10 +45,14 @@ class CheckpointEntry:
         object.__setattr__(self, "text", f"{text}: {self.laps}" if self.laps else text)
 
     @staticmethod
-    def of(score: Score, metric: str) -> "CheckpointEntry":
-        """The entry of a checkpoint in a model's index; see `score_text` for the metric."""
+    def of(score: Score, metric: str, laps: Laps | None = None) -> "CheckpointEntry":
+        """The entry of a checkpoint in a model's index; see `score_text` for the metric.
+
+        `laps` are those of its training track, if they are known otherwise than by its score.
+        """
         value = score.avg_eval_metric
-        laps = None if score.episodes is None else score.episodes.laps
+        if laps is None and score.episodes is not None:
+            laps = score.episodes.laps
         return CheckpointEntry(
             score.name,
             value,

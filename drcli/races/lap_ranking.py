@@ -86,7 +86,7 @@ def figures_of(laps: Sequence[DrivenLap], average_laps: int) -> LapFigures:
         for first in range(len(laps) - average_laps + 1)
         if all(lap.complete for lap in laps[first : first + average_laps])
     ]
-    average = min(rows, key=_sum_s, default=())
+    average = min(rows, key=sum_s, default=())
     best = min((lap for lap in laps if lap.complete), key=lambda lap: lap.lap_s, default=None)
     longest = run = 0
     for lap in laps:
@@ -98,7 +98,7 @@ def figures_of(laps: Sequence[DrivenLap], average_laps: int) -> LapFigures:
         clean=sum(lap.clean for lap in laps),
         in_a_row=longest,
         best_lap_s=None if best is None else best.lap_s,
-        best_average_s=_sum_s(average) / average_laps if average else None,
+        best_average_s=sum_s(average) / average_laps if average else None,
         total_s=math.fsum(times) if laps and len(times) == len(laps) else None,
         progress=math.fsum(lap.progress for lap in laps),
         off_track=sum(lap.off_track for lap in laps),
@@ -109,7 +109,8 @@ def figures_of(laps: Sequence[DrivenLap], average_laps: int) -> LapFigures:
     )
 
 
-def _sum_s(laps: Sequence[DrivenLap]) -> float:
+def sum_s(laps: Sequence[DrivenLap]) -> float:
+    """Time of some laps together, simulated seconds, penalties included."""
     return math.fsum(lap.lap_s for lap in laps)
 
 

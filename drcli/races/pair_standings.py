@@ -1,14 +1,12 @@
 """What the pairs of a race in pairs come to: who meets whom, points, rounds. Pure functions."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-from drcli.exchange.race_submission import DrivenLap
 from drcli.races import pairings
 from drcli.races import race_words as words
-from drcli.races.lap_ranking import figures_of, milliseconds
+from drcli.races.lap_ranking import figures_of, milliseconds, sum_s
 from drcli.races.race_report import LeaderboardRow, PairEntry, SubmissionState
 from drcli.races.race_runs import Runner, cars_of, counted, row_of, run_state
 from drcli.races.stored_race import StoredRace, submission_id
@@ -92,10 +90,10 @@ def pair_rows(stored: StoredRace) -> list[LeaderboardRow]:
             continue
         figures = figures_of(laps, length)
         averages = [figures_of(car.laps, length).average for car in cars[each.name]]
-        average = min(filter(None, averages), key=_sum_s, default=())
+        average = min(filter(None, averages), key=sum_s, default=())
         row = replace(
             row_of(stored, each.name, 1, figures),
-            best_average_s=_sum_s(average) / length if average else None,
+            best_average_s=sum_s(average) / length if average else None,
             best_average_text=words.time_of(average, length),
             points=each.points,
             wins=each.wins,
@@ -148,7 +146,7 @@ def pair_entries(stored: StoredRace, runner: Runner) -> list[PairEntry]:
             if stored.rules.pairing == "bracket":
                 won = judge(*pair)
             laps = [figures_of(by_name[name].laps, 1) for name in pair]
-            times = [_sum_s([lap for lap in by_name[n].laps if lap.complete]) for n in pair]
+            times = [sum_s([lap for lap in by_name[n].laps if lap.complete]) for n in pair]
             texts = [words.laps_in_pair(by_name[name].laps) for name in pair]
             entry = replace(
                 entry,
@@ -163,10 +161,6 @@ def pair_entries(stored: StoredRace, runner: Runner) -> list[PairEntry]:
             )
         found.append(entry)
     return found
-
-
-def _sum_s(laps: Sequence[DrivenLap]) -> float:
-    return math.fsum(lap.lap_s for lap in laps)
 
 
 def pair_state(stored: StoredRace, name: str, runner: Runner) -> SubmissionState:

@@ -7,7 +7,7 @@ from drcli.exchange.laps import counted_resets
 from drcli.exchange.laps import lap_time as time_with_penalty
 from drcli.exchange.race_rules import RaceRules
 from drcli.exchange.race_submission import DrivenLap
-from drcli.races.lap_ranking import LapFigures
+from drcli.races.lap_ranking import LapFigures, sum_s
 from drcli.races.race_report import LeaderboardRow, PairEntry, RaceReport
 from drcli.races.race_settings import shown_settings
 
@@ -40,7 +40,7 @@ def time_of(laps: Sequence[DrivenLap], average_laps: int = 1) -> str:
     """
     if not laps:
         return NONE
-    seconds = math.fsum(lap.lap_s for lap in laps) / average_laps
+    seconds = sum_s(laps) / average_laps
     penalty_s = math.fsum(lap.penalty_s or 0.0 for lap in laps) / average_laps
     resets = sum(lap.resets for lap in laps)
     return time_with_penalty(seconds, penalty_s, resets, lap_time)

@@ -275,12 +275,11 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             scores, also = readable_scores(model)
             damaged += also
             if scores is not None:
-                best = CheckpointEntry.of(scores.best_checkpoint, model.metric)
-                last = CheckpointEntry.of(scores.last_checkpoint, model.metric)
                 name = scores.best_checkpoint.name
-                best_laps = CheckpointLaps.of(
-                    checkpoint_name(name).number, laps_of(model, history, name)
-                )
+                laps = laps_of(model, history, name)
+                best = CheckpointEntry.of(scores.best_checkpoint, model.metric, laps)
+                best_laps = CheckpointLaps.of(checkpoint_name(name).number, laps)
+                last = CheckpointEntry.of(scores.last_checkpoint, model.metric)
             counted = read_reward_errors(bucket, record.prefix)
             if counted:
                 failed = sum_of(each.total for each in counted)

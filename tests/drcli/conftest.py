@@ -12,6 +12,7 @@ from drcli.base.log import LogFile
 from drcli.cli.app import main
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.laps import Laps
+from drcli.exchange.scores import Score
 from drcli.models.model_list import CheckpointEntry
 from drcli.runs.evaluation_report import EvaluationReport, TrialReport
 from drcli.runs.status import CheckpointLaps, RunReport, WorkerReport
@@ -91,7 +92,11 @@ def make_report(make_record: Callable[..., IterationRecord]) -> Callable[..., Ru
                 for name, said in activities.items()
             ],
             "history": history,
-            "best": CheckpointEntry("8_Step-4000.ckpt", 100.0, "100.0 %") if iterations else None,
+            "best": CheckpointEntry.of(
+                Score("8_Step-4000.ckpt", 100.0), "progress", Laps(20, BEST_LAPS_S)
+            )
+            if iterations
+            else None,
             "newest_laps": CheckpointLaps.of(7, Laps(20, BEST_LAPS_S[:9])) if iterations else None,
             "best_laps": CheckpointLaps.of(8, Laps(20, BEST_LAPS_S)) if iterations else None,
             "last": CheckpointEntry(f"{iterations}_Step-{iterations * 500}.ckpt", None)

@@ -1,6 +1,5 @@
 """How a training looks: a live display, its state, what is said at its start and end."""
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rich.console import Group, RenderableType
@@ -250,9 +249,9 @@ def increment(step: "Increment") -> RenderableType:
 
 def end_text(report: "RunReport") -> str:
     """How a training ended, and how its best checkpoint drives."""
-    evaluated = report.best is not None and report.best.metric is not None
-    best = f" Best checkpoint {_driven(report)}." if evaluated else ""
-    return f"{report.message}{best} {report.remedy}".strip()
+    best = report.best
+    told = f" Best checkpoint {best.text}." if best is not None and best.metric is not None else ""
+    return f"{report.message}{told} {report.remedy}".strip()
 
 
 def next_commands(report: "RunReport", prefix: str) -> list[tuple[str, str]]:
@@ -371,16 +370,7 @@ def _checkpoints(report: "RunReport") -> str:
     number = last.name.partition("_")[0]
     if best.metric is None:
         return f"last {number}, none was evaluated yet"
-    return f"best {_driven(report)}   last {number}"
-
-
-def _driven(report: "RunReport") -> str:
-    """Number of the best checkpoint, and how it drives: its laps, or its score without any."""
-    assert report.best is not None
-    laps = report.best_laps
-    if laps is None:
-        return report.best.text
-    return replace(report.best, laps=laps.text, clean=laps.clean).text
+    return f"best {best.text}   last {number}"
 
 
 def _newest(report: "RunReport") -> str:

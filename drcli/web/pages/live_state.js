@@ -194,9 +194,7 @@ export function runState(runId, signal) {
       requests && requests.hours >= 0.1
         ? `${number((requests.puts + requests.gets) / requests.hours)} an hour`
         : "–",
-      run.best && run.best.metric !== null
-        ? `${run.best.name.split("_")[0]}: ${run.best_laps?.text || run.best.score}`
-        : "–",
+      run.best && run.best.metric !== null ? run.best.text : "–",
       evaluated && run.newest_laps
         ? `${run.newest_laps.checkpoint}: ${run.newest_laps.text}, progress ${number(mean(evaluated.evaluation_progress), 0, "%")}`
         : "–",

@@ -147,8 +147,8 @@ def test_status_of_an_ended_training_tells_why_and_leaves_the_workers_out(make_r
     ],
 )
 def test_every_number_of_the_best_checkpoint_has_its_unit(make_report, score, laps, said):
-    best, driven = CheckpointEntry("8_Step-4000.ckpt", 1.0, score), CheckpointLaps.of(8, laps)
-    report = make_report("finished", 9, best=best, best_laps=driven)
+    told = ("", 0) if laps is None else (str(laps), laps.clean)
+    report = make_report("finished", 9, best=CheckpointEntry("8_Step-4000.ckpt", 1.0, score, *told))
 
     assert said in screen(training_view.live(report, NOW_S))
     assert said.partition("   last")[0] in screen(training_view.run(report))
