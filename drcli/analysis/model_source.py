@@ -22,7 +22,7 @@ from drcli.store.model_traces import models_in
 
 ARCHIVES = (".tar.gz", ".tgz", ".tar", ".zip")
 
-_ENDINGS = (*ARCHIVES, ".csv")
+_ENDINGS = (*ARCHIVES, ".csv", ".log")
 
 PATIENCE_S = 30.0
 """How long a bucket that does not answer is asked again."""
@@ -94,8 +94,9 @@ def open_model(settings: Settings, what: str | None, *, local: bool = False) -> 
     Args:
         settings: Of the working folder.
         what: A model of our bucket by its prefix, s3://bucket/prefix, a folder, an archive
-            (.tar.gz, .tgz, .tar, .zip) or a trace (.csv); None for the model of run.env. A name
-            that is both a model and a folder is the model: `./NAME` is the folder.
+            (.tar.gz, .tgz, .tar, .zip), a trace (.csv) or a simulation log (.log); None for the
+            model of run.env. A name that is both a model and a folder is the model: `./NAME` is
+            the folder.
         local: Whether any s3:// address is one of our own server.
 
     Raises:
@@ -204,14 +205,14 @@ def _on_disk(path: Path, what: str) -> ModelSource:
             return _in_folder(path)
         if path.is_file() and path.name.casefold().endswith(ARCHIVES):
             return _in_archive(path)
-        if path.is_file() and path.suffix.casefold() == ".csv":
+        if path.is_file() and path.suffix.casefold() in (".csv", ".log"):
             return _single_trace(path)
     except OSError as e:
         raise SettingsError(
             f"{e.filename or path}: cannot be read ({e.strerror or e}).",
             remedy="Check its name and permissions.",
         ) from e
-    state = "is not a folder, an archive or a trace" if path.exists() else "does not exist"
+    state = "is not a folder, an archive, a trace or a log" if path.exists() else "does not exist"
     raise SettingsError(
         f"{shown(what)} {state}.",
         remedy="Name a model of `dr-list-models`, s3://bucket/prefix, a folder, or an archive "
@@ -257,6 +258,8 @@ def _in_archive(path: Path) -> ModelSource:
 def _single_trace(path: Path) -> ModelSource:
     digits = re.match(r"(\d+)", path.name)
     name = f"{digits[1] if digits else 0}-iteration.csv"
+    if path.suffix.casefold() == ".log":
+        name = f"logs/training/{path.stem}.log"
     objects = Objects({name: path.stat().st_size}, lambda _: read_regular(path))
     return ModelSource(path.stem, str(path), find_models([name])[0], objects)
 
