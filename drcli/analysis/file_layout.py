@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from drcli.analysis.run import Layout
+from drcli.base.left_behind import is_left_behind
 
 _TRACES: tuple[tuple[Layout, re.Pattern[str]], ...] = (
     (
@@ -115,6 +116,8 @@ class _Root:
 
 def is_read(name: str) -> bool:
     """Whether the analysis reads a file of this name, as far as the name tells."""
+    if is_left_behind(name):
+        return False
     patterns = (*(pattern for _, pattern in _TRACES), *_EVALUATIONS, _OTHER)
     return any(pattern.fullmatch(name) for pattern in patterns)
 
@@ -125,7 +128,7 @@ def find_models(names: Iterable[str]) -> list[ModelFiles]:
     Args:
         names: Of all files, with `/` between folders.
     """
-    names = sorted(names)
+    names = sorted(name for name in names if not is_left_behind(name))
     roots: dict[str, _Root] = defaultdict(_Root)
     marked = {match["root"] for name in names if (match := _MARK.fullmatch(name))}
     for root in marked:

@@ -11,8 +11,7 @@ from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import closest, shown
 from drcli.base.regular_file import read_regular
 from drcli.config.settings import Settings
-from drcli.formats.archive import read_packed, unpack_readable
-from drcli.formats.zip_archive import unzip_readable
+from drcli.formats.archive import ENDINGS, read_packed, unpack_readable
 from drcli.models.source_files import LARGEST_BYTES, files_in_folder
 from drcli.models.transfer_buckets import bucket_to_look_at, source_bucket
 from drcli.store import keys
@@ -20,9 +19,7 @@ from drcli.store.bucket import Bucket, Listing, ObjectInfo, ObjectMissing
 from drcli.store.complete_files import read_complete
 from drcli.store.model_traces import models_in
 
-ARCHIVES = (".tar.gz", ".tgz", ".tar", ".zip")
-
-_ENDINGS = (*ARCHIVES, ".csv", ".log")
+_ENDINGS = (*ENDINGS, ".csv", ".log")
 
 PATIENCE_S = 30.0
 """How long a bucket that does not answer is asked again."""
@@ -203,7 +200,7 @@ def _on_disk(path: Path, what: str) -> ModelSource:
     try:
         if path.is_dir():
             return _in_folder(path)
-        if path.is_file() and path.name.casefold().endswith(ARCHIVES):
+        if path.is_file() and path.name.casefold().endswith(ENDINGS):
             return _in_archive(path)
         if path.is_file() and path.suffix.casefold() in (".csv", ".log"):
             return _single_trace(path)
@@ -216,7 +213,7 @@ def _on_disk(path: Path, what: str) -> ModelSource:
     raise SettingsError(
         f"{shown(what)} {state}.",
         remedy="Name a model of `dr-list-models`, s3://bucket/prefix, a folder, or an archive "
-        f"({', '.join(ARCHIVES)}).",
+        f"({', '.join(ENDINGS)}).",
     )
 
 
@@ -232,9 +229,7 @@ def _in_folder(path: Path) -> ModelSource:
 
 
 def _in_archive(path: Path) -> ModelSource:
-    data = read_packed(path)
-    is_zip = data.startswith(b"PK")
-    members, fault = (unzip_readable if is_zip else unpack_readable)(BytesIO(data), is_read)
+    members, fault = unpack_readable(BytesIO(read_packed(path)), is_read)
     problems: tuple[str, ...] = ()
     if fault is not None:
         member = f" ({shown(fault.member)})" if fault.member else ""
@@ -249,7 +244,7 @@ def _in_archive(path: Path) -> ModelSource:
     files = _only_model(find_models(sizes), str(path))
     name = files.root.rstrip("/").rpartition("/")[2]
     if not name:
-        end = next(end for end in ARCHIVES if path.name.casefold().endswith(end))
+        end = next(end for end in ENDINGS if path.name.casefold().endswith(end))
         name = path.name[: -len(end)]
     objects = Objects(sizes, members.__getitem__)
     return ModelSource(name, str(path), files, objects, problems=problems)

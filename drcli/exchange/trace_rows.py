@@ -17,6 +17,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from typing import NamedTuple
 
 COLUMNS = (
@@ -255,22 +256,23 @@ def _told(rows: Sequence[TraceRow], has_column: bool) -> Iterator[TraceRow]:
     in_radians = not has_column and all(
         abs(row.yaw_deg) <= most_yaw and abs(row.steering_deg) <= most_steering for row in old
     )
-    before = None
-    for row in rows:
+    before = -1
+    for row, after in zip_longest(rows, rows[1:]):
         told = row
         if not row.status:
-            first = (before is None or before.episode != row.episode) and row.steps <= 1.0
-            told = row._replace(status=_status(row, first=first))
+            first = before != row.episode and row.steps <= 1.0
+            goes_on = after is not None and after.episode == row.episode
+            told = row._replace(status=_status(row, prepares=first and goes_on))
             if in_radians:
                 yaw, steering = math.degrees(row.yaw_deg), math.degrees(row.steering_deg)
                 told = told._replace(yaw_deg=yaw, steering_deg=steering)
-        before = row
+        before = row.episode
         yield told
 
 
-def _status(row: TraceRow, *, first: bool) -> str:
+def _status(row: TraceRow, *, prepares: bool) -> str:
     """What a row itself shows of how the episode goes on."""
     if row.done:
         ended = "immobilized" if row.on_track else "off_track"
         return "lap_complete" if row.progress >= 100.0 else ended
-    return "prepare" if first else "in_progress"
+    return "prepare" if prepares else "in_progress"

@@ -19,7 +19,7 @@ Wanted = Literal["last", "best"] | int
 
 _INDEX, _DATA, _META = ".index", re.compile(r"\.data-(\d{5})-of-(\d{5})$"), ".meta"
 _GRAPH = re.compile(r"(?:^|.*[^0-9])(\d{1,9})\.(?:pb|onnx)$")
-_ARCHIVE_NUMBER = re.compile(r"-chk(\d{1,9})\.(?:tar\.gz|tgz|tar)$")
+_ARCHIVE_NUMBER = re.compile(r"-chk(\d{1,9})\.(?:tar(?:\.\w+)?|tgz|zip)$")
 _STATE = re.compile(r'^model_checkpoint_path:\s*"(?:[^"]*/)?([^"/]+)"', re.MULTILINE)
 
 _LARGEST_NUMBER = 10**9

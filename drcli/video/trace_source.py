@@ -6,6 +6,7 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.base.json_record import RecordError
+from drcli.base.left_behind import is_left_behind
 from drcli.exchange.race_recording import RaceRecording
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -179,7 +180,7 @@ def _file(path: Path) -> Path:
         raise SettingsError(f"{path} does not exist.", remedy="Correct the path.")
     if not path.is_dir():
         return path
-    found = sorted(path.rglob("*-iteration.csv"))
+    found = sorted(each for each in path.rglob("*-iteration.csv") if not is_left_behind(each.name))
     if len(found) != 1:
         raise SettingsError(
             f"{path} holds {len(found) or 'no'} simtrace" + ("s." if len(found) > 1 else "."),
