@@ -166,6 +166,12 @@ def _model(root: str, found: _Root, names: list[str]) -> ModelFiles:
     problems = []
     layout: Layout = "upload"
     traces: list[Trace] = []
+    if {"drfc", "drfc-workers"} <= found.traces.keys():
+        # Workers joined a training of one. Where both have a trace of the first one, that of the
+        # time with others is the newer one.
+        shared = found.traces["drfc-workers"]
+        known = {trace[1:] for _, trace in shared}
+        shared += [each for each in found.traces.pop("drfc") if each[1][1:] not in known]
     if found.traces:
         # A folder that was copied about may hold two layouts: the larger one is the training.
         layout = max(found.traces, key=lambda each: len(found.traces[each]))
@@ -179,8 +185,8 @@ def _model(root: str, found: _Root, names: list[str]) -> ModelFiles:
         left = sum(len(each) for other, each in found.traces.items() if other != layout)
         if left:
             problems.append(
-                f"Traces lie in the folders of one worker and in those of several; the {left} of "
-                "the smaller part are left out."
+                f"Traces lie in the folders of two layouts; the {left} of the smaller part are "
+                "left out."
             )
     others = {
         name.removeprefix(root): name

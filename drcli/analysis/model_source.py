@@ -12,10 +12,11 @@ from drcli.base.problems import closest, shown
 from drcli.base.regular_file import read_regular
 from drcli.config.settings import Settings
 from drcli.formats.archive import ENDINGS, read_packed, unpack_readable
+from drcli.models.files_as_bucket import FilesAsBucket
 from drcli.models.source_files import LARGEST_BYTES, files_in_folder
 from drcli.models.transfer_buckets import bucket_to_look_at, source_bucket
 from drcli.store import keys
-from drcli.store.bucket import Bucket, Listing, ObjectInfo, ObjectMissing
+from drcli.store.bucket import Bucket
 from drcli.store.complete_files import read_complete
 from drcli.store.model_traces import models_in
 
@@ -59,7 +60,7 @@ class Objects:
 
     def read_whole(self, name: str) -> bytes:
         """The same with the parts that a running training has written beside the file."""
-        return read_complete(_ReadOnly(self), name)
+        return read_complete(FilesAsBucket("", self.sizes, self.read), name)
 
 
 @dataclass(frozen=True)
@@ -283,38 +284,3 @@ def _only_model(models: list[ModelFiles], origin: str, *, at_root: bool = False)
         f"{origin} contains {len(roots)} models: {listed}.",
         remedy=f"Name one of them, such as {origin}/{roots[0]}.",
     )
-
-
-class _ReadOnly:
-    """Files as a bucket, for readers that expect one."""
-
-    def __init__(self, objects: Objects) -> None:
-        self.name = ""
-        self._objects = objects
-
-    def get(self, key: str, *, watch: object = None) -> bytes:
-        if key not in self._objects.sizes:
-            raise ObjectMissing(f"There is no {key}.", remedy="Check the name.")
-        return self._objects.read(key)
-
-    def get_with_age(self, key: str) -> tuple[bytes, float | None]:
-        return self.get(key), None
-
-    def put(self, key: str, data: bytes, *, watch: object = None) -> None:
-        raise TypeError("These files are only read.")
-
-    def delete(self, keys: object) -> None:
-        raise TypeError("These files are only read.")
-
-    def exists(self, key: str) -> bool:
-        return key in self._objects.sizes
-
-    def list(self, folder: str) -> Listing:
-        from datetime import UTC, datetime
-
-        never = datetime.fromtimestamp(0, UTC)
-        return [
-            ObjectInfo(name, self._objects.sizes[name], "", never)
-            for name in sorted(self._objects.sizes)
-            if name.startswith(folder)
-        ]

@@ -173,16 +173,17 @@ def _refuse_none(source: SourceFiles) -> NoReturn:
     )
 
 
+class OwnModel(SettingsError):
+    """A folder or archive that is to be imported was trained by drcli, so it is only copied."""
+
+
 def refuse_ours(source: SourceFiles) -> NoReturn:
     """Refuse a model that was trained here: nothing needs to be imported."""
-    if source.is_bucket:
-        remedy = f"Copy it with `dr-download-model -s {source.origin} -t PREFIX`."
-    else:
-        remedy = (
-            "Copy its folder into the bucket, as with `dr-local-aws s3 sync FOLDER "
-            "s3://bucket/PREFIX`; it needs no import."
-        )
-    raise SettingsError(f"{source.origin} is a model of drcli already.", remedy=remedy)
+    kind = SettingsError if source.is_bucket else OwnModel
+    raise kind(
+        f"{source.origin} is a model of drcli already.",
+        remedy=f"Copy it with `dr-download-model -s {source.origin} -t PREFIX`.",
+    )
 
 
 def _of_one_model(source: SourceFiles, found: list[Candidate]) -> list[Candidate]:

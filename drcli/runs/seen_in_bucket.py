@@ -133,10 +133,7 @@ def read_lap_lines(bucket: Bucket, prefix: str, iteration: int, worker: int) -> 
     Raises:
         StorageError: The bucket does not answer.
     """
-    for workers in (2, 1):  # with several workers, each has a folder
-        if workers == 1 and worker:
-            break
-        key = keys.training_trace(prefix, iteration, worker=worker, workers=workers)
+    for key in keys.training_traces(prefix, iteration, worker):
         try:
             return lap_lines(bucket.get(key))
         except ObjectMissing:

@@ -120,10 +120,7 @@ def trace_of_iteration(bucket: Bucket, prefix: str, iteration: int, worker: int)
     Raises:
         SettingsError: The bucket does not hold it.
     """
-    candidates = [keys.training_trace(prefix, iteration)]
-    by_worker = keys.training_trace(prefix, iteration, worker=worker, workers=2)
-    candidates = [by_worker, *candidates] if worker == 0 else [by_worker]
-    for key in candidates:
+    for key in keys.training_traces(prefix, iteration, worker):
         if bucket.exists(key):
             name = f"training iteration {iteration}"
             return trace_of_key(bucket, prefix, key, name, f"iteration-{iteration}")
