@@ -1,6 +1,5 @@
 """Writes files completely or not at all."""
 
-import errno
 import json
 import os
 import shutil
@@ -12,13 +11,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from drcli.base.errors import SettingsError
 from drcli.base.json_record import RecordError, from_json, parse_json
 from drcli.base.regular_file import read_regular
+from drcli.base.system_calls import flush_descriptor, flush_to_disk, is_disk_full
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 T = TypeVar("T")
-
-_DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def rewrite(path: Path, data: bytes) -> None:
@@ -104,8 +102,10 @@ def _replace(target: Path, data: bytes, *, keep_owner: bool, private: bool = Fal
         with scratch.open("wb") as file:
             file.write(data)
             file.flush()
-            os.fsync(file.fileno())
+            flush_descriptor(file.fileno())
         scratch.replace(target)
+        with suppress(OSError):  # a reader sees the new content already
+            flush_to_disk(target.parent)
     except OSError:
         with suppress(OSError):
             scratch.unlink()
@@ -114,6 +114,6 @@ def _replace(target: Path, data: bytes, *, keep_owner: bool, private: bool = Fal
 
 def remedy_for(error: OSError, path: Path, otherwise: str) -> str:
     """What to do if a file or folder cannot be written; `otherwise` unless the disk is full."""
-    if error.errno in _DISK_FULL:
+    if is_disk_full(error):
         return f"Make room on the disk that holds {path}, and run the command again."
     return otherwise

@@ -15,6 +15,7 @@ from drcli.base.backoff import delays_s
 from drcli.base.errors import StorageError
 from drcli.config import secret_environment
 from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
+from drcli.store.disk_flush import DiskFlush
 from drcli.store.endpoint import Endpoint
 from drcli.store.outage import outage_of
 from drcli.store.profiles import lend_to_refreshes, session_of
@@ -87,6 +88,9 @@ class S3Bucket:
         self._pause = pause
         self._client = _client(endpoint, read_timeout_s)
         self._outage = outage_of(endpoint.place, clock)
+        self._disk: DiskFlush | None = None
+        if endpoint.engine == "rclone" and endpoint.data_dir is not None:
+            self._disk = DiskFlush(endpoint.data_dir / name)
 
     def close(self) -> None:
         """Close the connections; not needed if the process ends."""
@@ -116,6 +120,17 @@ class S3Bucket:
         else:
             call = partial(self._put_in_parts, key, data, watch)
         self._retry(call, "write", key, len(data))
+        if self._disk is not None:
+            self._disk.note(key)
+
+    def flush(self) -> None:
+        """Return when what was written is on the disk, if the bucket is plain files here.
+
+        Raises:
+            StorageError: The disk has refused some of it.
+        """
+        if self._disk is not None:
+            self._disk.flush()
 
     def delete(self, keys: Iterable[str]) -> None:
         """Delete objects, a thousand in a request."""

@@ -161,7 +161,12 @@ class Trainer:
             enabled=train.train_frozen_graph,
         )
         self._publisher = CheckpointPublisher(
-            self._checkpoints, graphs, self._traces, lifeline.should_stop, self._wake_workers
+            self._checkpoints,
+            graphs,
+            self._traces,
+            lifeline.should_stop,
+            self._wake_workers,
+            near=not frugal,
         )
 
     def _build_learner(self, number_format: str | None) -> Learner:

@@ -1,6 +1,5 @@
 """The server of the bucket: finds it, and starts the embedded one if needed."""
 
-import errno
 import os
 import secrets
 import socket
@@ -14,6 +13,7 @@ from pathlib import Path
 from drcli.base.backoff import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
+from drcli.base.system_calls import is_disk_full
 from drcli.config import secret_environment
 from drcli.config.bucket_config import StorageConfig
 from drcli.config.settings import catalogue
@@ -70,8 +70,7 @@ def _locked(config: StorageConfig, call: Callable[[StorageConfig], Endpoint]) ->
             idle.in_use(config.data_dir.absolute())
             return endpoint
     except OSError as e:
-        full = e.errno in (errno.ENOSPC, errno.EDQUOT)
-        first = "Make room on its disk" if full else "Check that you can write there"
+        first = "Make room on its disk" if is_disk_full(e) else "Check that you can write there"
         raise StorageError(
             f"The local bucket cannot be stored in {config.data_dir}: {e.strerror or e}.",
             remedy=f"{first}, or set DR_S3_DATA_DIR to another folder.",
