@@ -33,6 +33,12 @@ KEEP = 4
 simulator."""
 
 
+class CheckpointsLost(StorageError):
+    """A model was trained, but none of its checkpoints can be read."""
+
+    final = True
+
+
 @dataclass(frozen=True)
 class Checkpoint:
     """A complete checkpoint.
@@ -250,7 +256,7 @@ class CheckpointStore:
             None if the model has no checkpoint.
 
         Raises:
-            StorageError: All checkpoints are damaged.
+            CheckpointsLost: All checkpoints are damaged.
         """
         damaged: list[str] = []
         for name in self._newest_first(newest):
@@ -262,7 +268,7 @@ class CheckpointStore:
                 return Checkpoint(found.record, found.tensors, found.optimizer, tuple(damaged))
         if not damaged:
             return None
-        raise StorageError(
+        raise CheckpointsLost(
             f"{self._bucket.name}/{keys.model_folder(self._prefix)} has only damaged checkpoints: "
             + " ".join(damaged),
             remedy="Restore one from a copy, or train a new model under another "

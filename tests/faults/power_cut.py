@@ -1,4 +1,4 @@
-"""Power cuts: a training on a file system of its own, which stops at once and forgets its memory."""
+"""Power cuts: a training on a file system of its own, which stops and forgets its memory."""
 
 import os
 import random
