@@ -159,7 +159,9 @@ class Goals:
         self._parameters = parameters
         self._clock = clock
         # On the monotonic clock, so that nobody ends the training by setting the machine's clock.
-        began_s = clock() - (before_s if job.whole_run else 0.0)
+        now_s = clock()
+        # A trainer that died and starts again begins no new start.
+        began_s = now_s - before_s if job.whole_run else job.began_s or now_s
         self._ends_s: list[tuple[float, str]] = []
         if (minutes := job.max_minutes) is not None:
             why = f"the time limit ({_minutes(minutes)}) was reached."
