@@ -72,14 +72,14 @@ def choose_compute(
     bfloat16 is for processors with instructions for it: matrix units (AMX), or vectors
     (AVX512_BF16), where it computes 1.1 to 1.9 times as many samples/s as float32. Without these it
     is emulated and several times slower, how much differs between processors; so a training that
-    comes from elsewhere goes on in float32 (`bf16_slowdown` tells what that saves). On a GPU whose tensor cores have it, it was 1.4 to 2.3
-    times as fast (NVIDIA H200, `scripts/bench gpu`).
+    comes from elsewhere goes on in float32 (`bf16_slowdown` tells what that saves). On a GPU whose
+    tensor cores have it, it was 1.4 to 2.3 times as fast (NVIDIA H200, `scripts/bench gpu`).
 
     Args:
         wanted: "fp32", "bf16", or "auto" for the rule.
         batch_size: Steps in a minibatch.
         threads: Processor cores to use.
-        before: The format that a resumed training began with; "auto" keeps it unless it is emulated.
+        before: The format that a resumed training began with; "auto" does, unless it is emulated.
     """
     torch.set_num_threads(threads)
     if torch.cuda.is_available():
