@@ -37,7 +37,7 @@ Exit codes:
    10  the training is complete, but upload or import at its end failed
    75  interrupted, can be resumed
   130  interrupted (Ctrl-C)
-  143  stopped (SIGTERM)
+  143  stopped (SIGTERM, or the terminal was closed)
 """
 
 HELP_COLUMNS = 80

@@ -2,7 +2,6 @@
 
 import gc
 import os
-import signal
 import socket
 import sys
 import time
@@ -17,6 +16,7 @@ from drcli.base import log, log_files, notices
 from drcli.base.errors import DrError
 from drcli.base.garbage import search_as_usual
 from drcli.base.low_priority import lower_priority
+from drcli.base.termination import handle
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_state import ActivityRecord
 from drcli.store import keys
@@ -56,8 +56,7 @@ class Lifeline:
         self.pulse = Pulse()
         self._launcher_pid = launcher_pid
         self._signalled = False
-        signal.signal(signal.SIGTERM, self._note_signal)
-        signal.signal(signal.SIGINT, self._note_signal)
+        handle(self._note_signal)
 
     def _note_signal(self, _number: int, _frame: FrameType | None) -> None:
         self._signalled = True
