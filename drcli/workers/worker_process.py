@@ -15,6 +15,7 @@ from types import FrameType
 from drcli.base import log, log_files, notices
 from drcli.base.errors import DrError
 from drcli.base.garbage import search_as_usual
+from drcli.base.installation import import_error
 from drcli.base.low_priority import lower_priority
 from drcli.base.termination import handle
 from drcli.exchange.job import Job, WorkerExit
@@ -200,6 +201,9 @@ def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
     elif memory:
         ended = replace(memory, message=f"{name} {memory.message}")
         _logger.error("%s", ended.message, exc_info=error)
+    elif broken := import_error(error):
+        ended = WorkerExit.of(broken)
+        _logger.error("%s %s", broken, broken.remedy, exc_info=error)
     else:
         text = f"{name} failed: {type(error).__name__}: {error}"
         ended = WorkerExit(text, f"Read its log with `dr-logs {name}` and report it as a bug.", BUG)
