@@ -114,11 +114,7 @@ def _in_bucket(ends: TransferConfig, source: str, *, local: bool) -> SourceFiles
     name, prefix = parse_url(source, "SOURCE")
     bucket = source_bucket(ends, name, local=local, patience_s=COPY_PATIENCE_S)
     folder = keys.folder(prefix)
-    sizes = {
-        info.key.removeprefix(folder): info.size_bytes
-        for info in bucket.list(folder)
-        if not info.key.endswith("/")
-    }
+    sizes = {info.key.removeprefix(folder): info.size_bytes for info in bucket.list(folder)}
     if not sizes:
         raise SettingsError(
             f"There is nothing at s3://{name}/{prefix}.",
