@@ -140,8 +140,8 @@ def _decoded(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: str
 
 
 _PLACEHOLDERS = ("_$folder$", "/.keep", "/.gitkeep", "/.bzEmpty", "/.emptyFolderPlaceholder")
-"""Ends of the keys of empty objects that programs write so that S3 has a folder: Hadoop, people with
-Git, Backblaze, Supabase."""
+"""Ends of keys of empty objects that stand for a folder: Hadoop writes the first, Backblaze and
+Supabase the last two."""
 
 
 def without_placeholders(listed: Iterable[ObjectInfo]) -> Listing:
