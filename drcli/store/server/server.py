@@ -269,7 +269,12 @@ def _check_same_server(state: ServerState, config: StorageConfig) -> None:
 def _ready(state: ServerState, config: StorageConfig) -> Endpoint:
     """The address of the server, with its watcher and its bucket."""
     endpoint = _watched(state, config).endpoint(config)
-    _client(endpoint, config.bucket).ensure_exists()
+    bucket = _client(endpoint, config.bucket)
+    if state.engine == "rclone" and "." in config.bucket:
+        # It does not create such a bucket, but serves the folder as soon as it reads its names.
+        (config.data_dir / config.bucket).mkdir(exist_ok=True)
+        wait_until(bucket.is_created, patience_s=_REVIVAL_PATIENCE_S)
+    bucket.ensure_exists()
     return endpoint
 
 
