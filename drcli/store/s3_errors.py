@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from email.utils import parsedate_to_datetime
 from typing import Any
 
-from drcli.base.errors import DiskFull, NoAnswer, StorageError
+from drcli.base.errors import DiskFull, NoAnswer, NoKeys, StorageError
 from drcli.store import keys
 from drcli.store.bucket import ObjectMissing
 from drcli.store.endpoint import Endpoint
@@ -202,7 +202,7 @@ def explain(error: Exception, attempt: Attempt) -> StorageError:
     if isinstance(error, ClientError):
         return _explain_answer(error, attempt)
     if isinstance(error, (NoCredentialsError, PartialCredentialsError)):
-        return StorageError(
+        return NoKeys(
             f"Cannot {attempt}: boto3 found no access keys ({attempt.endpoint.names.profile} is "
             f"'{attempt.endpoint.profile or ''}').",
             remedy=f"Set {attempt.endpoint.names.profile} to a profile of ~/.aws/credentials, or "
