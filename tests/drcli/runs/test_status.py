@@ -11,6 +11,7 @@ from drcli.exchange import run_record
 from drcli.exchange.pulse_record import open_pulse_file
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_record import StorageRecord, WorkerRecord, run_folder
+from drcli.exchange.run_state import Lease
 from drcli.exchange.scores import EvaluationResult, SecondEvaluation
 from drcli.exchange.watch_record import WatchRecord
 from drcli.runs.status import inspect
@@ -168,6 +169,18 @@ def test_a_run_that_was_interrupted_on_another_machine_is_known_here(elsewhere):
 
 def test_a_run_on_another_machine_that_has_not_ended_is_none_of_this_folder(elsewhere):
     assert elsewhere().state == "none"
+
+
+def test_a_training_on_another_machine_is_said_where_nothing_was_started(elsewhere, racer):
+    elsewhere()
+    config = racer.settings().storage
+    theirs = Lease("theirs", "elsewhere", 77, time.time(), machine="another", term=3)
+    (config.data_dir / config.bucket / keys.lease("model-1")).write_bytes(theirs.encode())
+
+    report = inspect(racer.settings().run)
+
+    assert report.state == "none"
+    assert "s3://bucket/model-1 is being trained by elsewhere" in report.elsewhere
 
 
 def test_laps_of_the_best_are_of_the_training_track_whichever_track_chose_it(
