@@ -180,7 +180,7 @@ def test_a_training_on_another_machine_is_said_where_nothing_was_started(elsewhe
     report = inspect(racer.settings().run)
 
     assert report.state == "none"
-    assert "s3://bucket/model-1 is being trained by elsewhere" in report.elsewhere
+    assert "s3://bucket/model-1 is being trained by process 77 on elsewhere" in report.elsewhere
 
 
 def test_laps_of_the_best_are_of_the_training_track_whichever_track_chose_it(
