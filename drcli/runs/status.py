@@ -37,6 +37,7 @@ from drcli.store.connect import open_running_bucket
 from drcli.store.history import HistoryReader
 from drcli.store.members import GONE_S, read_shares_record
 from drcli.store.milestones import NO_MILESTONES, with_history
+from drcli.store.model_prefix import newest_checkpoint
 from drcli.store.notes import read_notes
 from drcli.store.repair import Model, readable_history, readable_scores
 from drcli.store.request_count import read_counts
@@ -295,6 +296,8 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
                 best = CheckpointEntry.of(scores.best_checkpoint, model.metric, laps)
                 best_laps = CheckpointLaps.of(checkpoint_name(name).number, laps)
                 last = CheckpointEntry.of(scores.last_checkpoint, model.metric)
+            elif newest := newest_checkpoint(bucket, record.prefix):  # its index is lost
+                last = CheckpointEntry(str(newest), None)
             counted = read_reward_errors(bucket, record.prefix)
             if counted:
                 failed = sum_of(each.total for each in counted)

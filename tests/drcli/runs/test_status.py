@@ -18,7 +18,9 @@ from drcli.runs.status import inspect
 from drcli.runs.worker_health import WorkerHealth
 from drcli.store import keys
 from drcli.store.best_checkpoint import write_evaluation
+from drcli.store.checkpoints import CheckpointStore
 from drcli.workers.pulse import Pulse
+from memory_bucket import MemoryBucket
 from own_run import own_run
 
 
@@ -80,6 +82,18 @@ def test_a_bucket_that_does_not_answer_is_said(racer, running):
     )
 
     assert "127.0.0.1:9" in inspect(elsewhere.run).unreachable
+
+
+def test_a_model_whose_index_is_lost_still_has_its_checkpoints(racer, running, monkeypatch):
+    bucket = MemoryBucket()
+    CheckpointStore(bucket, running.prefix).save(4, 100, b"weights")
+    bucket.delete([keys.deepracer_checkpoints(running.prefix)])
+    monkeypatch.setattr("drcli.runs.status.open_running_bucket", lambda _: bucket)
+
+    report = inspect(racer.settings().run)
+
+    assert report.last is not None
+    assert report.last.name == "4_Step-100.ckpt"
 
 
 def test_the_bucket_of_a_run_is_that_of_its_start(racer, running):
