@@ -1,7 +1,7 @@
 """`dr start-training`."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -296,8 +296,17 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
 
     if foreground:
         with watch_training.meanwhile(loaded.run, display):
-            training.supervise_job(planned.job)
-        code = _end(inspect(loaded.run), loaded.model_prefix, as_json=as_json)
+            ended_with = training.supervise_job(planned.job)
+        report = inspect(loaded.run)
+        if not watch_training.is_over(report):
+            report = replace(
+                report,
+                state="failed" if ended_with else "finished",
+                exit_code=ended_with,
+                message="The training has ended, but the record of its end could not be written.",
+                remedy="Read how it ended with `dr-logs supervisor`.",
+            )
+        code = _end(report, loaded.model_prefix, as_json=as_json)
     else:
         with console.waiting("Starting the workers ...", only_live=True):
             pid = training.launch(planned)
@@ -311,12 +320,12 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
                 console.emit(inspect(loaded.run), None, as_json=True)
             return 0
         console.suggest(watch_training.NEXT)
-        report = watch_training.until_the_end(loaded.run, display)
-        if report is None:
+        ended = watch_training.until_the_end(loaded.run, display)
+        if ended is None:
             console.say("Detached; the training continues.")
             console.suggest(watch_training.NEXT)
             return 130
-        code = _end(report, loaded.model_prefix, as_json=as_json)
+        code = _end(ended, loaded.model_prefix, as_json=as_json)
     return code
 
 
