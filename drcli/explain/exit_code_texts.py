@@ -20,8 +20,9 @@ EXIT_CODES: Mapping[int, str] = {
     10: "the training is complete, but the upload or import at its end failed; the reason and the "
     "command to repeat it are printed. The same start with `--resume-or-start` does only that work",
     75: "interrupted, can be resumed: the cloud takes the machine away, or SIGTERM came to a "
-    "training that was started with `--resume-or-start`, or the budget of the day is used up. The "
-    "same command continues it, here or elsewhere",
+    "training that was started with `--resume-or-start`, or the bucket or its access keys did not "
+    "come within 15 minutes, or the budget of the day is used up. The same command continues it, "
+    "here or elsewhere",
     130: "interrupted by Ctrl-C; with `--foreground` the training is stopped, and what was learned "
     "is in the bucket",
     143: "stopped by SIGTERM; what was learned is in the bucket, and `--resume` continues it "

@@ -32,9 +32,10 @@ from drcli.store.s3_errors import (
     MISSING_CODES,
     Attempt,
     blocked,
-    clock_trouble,
     explain,
     explain_entry,
+    hides_its_code,
+    local_trouble,
     needs_folder,
     passes,
     patience_share,
@@ -68,7 +69,8 @@ class S3Bucket:
             dead local server within seconds.
         read_timeout_s: How long an answer may stall.
         hurried: Whether this process was asked to stop; calls are hardly repeated then.
-        unattended: Whether to wait, too, if the clock of this machine is wrong.
+        unattended: Whether to wait, too, if the clock of this machine is wrong, or if it has no
+            access keys.
         clock: Monotonic seconds, for tests.
         pause: Waits the given seconds, for tests.
 
@@ -96,6 +98,7 @@ class S3Bucket:
         self._before_write: Callable[[str], None] = lambda key: None
         self._clock = clock
         self._pause = pause
+        self._read_timeout_s = read_timeout_s
         self._client = _client(endpoint, read_timeout_s)
         self._outage = outage_of(endpoint.place, clock)
         self._disk: DiskFlush | None = None
@@ -158,8 +161,7 @@ class S3Bucket:
     def exists(self, key: str) -> bool:
         """Whether an object with this key exists."""
         try:
-            call = partial(self._client.head_object, Bucket=self.name, Key=key)
-            self._retry(call, "look up", key)
+            self._retry(lambda: self._look_up(key), "look up", key)
         except ObjectMissing:
             return False
         return True
@@ -207,7 +209,7 @@ class S3Bucket:
     def _retry(self, call: Callable[[], T], action: str, key: str, size_bytes: int = 0) -> T:
         """Repeat a call while its failure may be temporary; the rest is for `Attempt`."""
         from boto3.exceptions import Boto3Error
-        from botocore.exceptions import BotoCoreError, ClientError
+        from botocore.exceptions import BotoCoreError, ClientError, NoCredentialsError
         from botocore.parsers import ResponseParserError  # no BotoCoreError
 
         failures = (BotoCoreError, ClientError, ResponseParserError, Boto3Error, ConnectionError)
@@ -231,8 +233,20 @@ class S3Bucket:
                     attempt = Attempt(action, self.endpoint, self.name, key, size_bytes)
                     raise explain(e, attempt) from e
                 if waited_s > notices.QUIET_S:
-                    self._outage.note(started_s, clock_trouble(e, self.endpoint))
+                    self._outage.note(started_s, local_trouble(e, self.endpoint))
                 self._pause(min(next(delays), left_s))
+                if isinstance(e, NoCredentialsError):  # a client looks for keys only once
+                    self._client = _client(self.endpoint, self._read_timeout_s)
+
+    def _look_up(self, key: str) -> None:
+        from botocore.exceptions import ClientError
+
+        try:
+            self._client.head_object(Bucket=self.name, Key=key)
+        except ClientError as e:
+            if not hides_its_code(e):
+                raise
+            self._client.get_object(Bucket=self.name, Key=key)["Body"].close()
 
     def _get(self, key: str, watch: Watch | None) -> bytes:
         body = self._client.get_object(Bucket=self.name, Key=key)["Body"]

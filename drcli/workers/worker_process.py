@@ -22,7 +22,7 @@ from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_state import ActivityRecord
 from drcli.store import keys
 from drcli.store.bucket import Bucket
-from drcli.store.connect import open_bucket
+from drcli.store.connect import OUTAGE_PATIENCE_S, open_bucket
 from drcli.store.lease import OTHERS_TRUSTED_S, POINTER_TRUSTED_S, Ownership
 from drcli.store.request_count import CountFile
 from drcli.store.s3_bucket import S3Bucket
@@ -30,11 +30,6 @@ from drcli.workers import print_limit
 from drcli.workers.memory_shortage import memory_shortage
 from drcli.workers.pulse import Pulse
 from drcli.workers.worker_logs import WorkerLogs
-
-OUTAGE_PATIENCE_S = 900.0
-"""How long a worker waits for a bucket on another machine: an outage of some minutes costs no more
-than its duration. The embedded server is different: the supervisor restarts it if a worker gives
-up."""
 
 FAR_READ_TIMEOUT_S = 20.0
 """How long an answer may stall for a worker that has joined from elsewhere. After an interruption,
@@ -123,6 +118,7 @@ def open_own_bucket(job: Job, lifeline: Lifeline, *, far: bool = False) -> S3Buc
     stop, it waits only briefly for a server that does not answer.
     """
     storage = job.config.storage
+    # The embedded server is different: the supervisor restarts it if a worker gives up.
     patience = {} if storage.cloud == "local" else {"patience_s": OUTAGE_PATIENCE_S}
     if far:
         patience["read_timeout_s"] = FAR_READ_TIMEOUT_S
