@@ -170,7 +170,6 @@ def _in_bucket(
         for info in bucket.list(keys.folder(metrics)):
             name = "metrics/" + info.key.removeprefix(keys.folder(metrics))
             infos[name], real[name] = info, info.key
-    infos = {name: info for name, info in infos.items() if not name.endswith("/")}
     origin = f"s3://{bucket.name}/{prefix}".rstrip("/")
     if not infos:
         remedy = "`dr-list-models` lists the models that there are."

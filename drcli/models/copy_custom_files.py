@@ -96,8 +96,6 @@ def download_custom_files(
     copied, unchanged, refused = [], [], []
     for info in bucket.list(start):
         name = info.key.removeprefix(start)
-        if not name or name.endswith("/"):
-            continue  # web consoles mark a folder in this way
         if not _is_inside(name):
             refused.append(name)
         elif write_file(folder / name, bucket.get(info.key)):

@@ -61,7 +61,7 @@ def list_model(source: Source) -> Listing:
     listed = [
         info
         for info in source.bucket.list(source.folder)
-        if info.key.removeprefix(source.folder) not in TRANSIENT and not info.key.endswith("/")
+        if info.key.removeprefix(source.folder) not in TRANSIENT
     ]
     sizes = {info.key.removeprefix(source.folder): info.size_bytes for info in listed}
     wrong = [

@@ -116,7 +116,7 @@ def _in_bucket(ends: TransferConfig, source: str, *, local: bool) -> SourceFiles
     sizes = {
         info.key.removeprefix(folder): info.size_bytes
         for info in bucket.list(folder)
-        if not info.key.endswith("/") and not is_left_behind(info.key.removeprefix(folder))
+        if not is_left_behind(info.key.removeprefix(folder))
     }
     if not sizes:
         raise SettingsError(

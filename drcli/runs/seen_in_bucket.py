@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 from drcli.base.json_record import RecordError
+from drcli.config.run_config import RunConfig
 from drcli.config.settings import Settings
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.exchange.run_state import ActivityRecord
@@ -11,6 +12,7 @@ from drcli.exchange.trace_rows import TraceRow, read_rows
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.connect import open_running_bucket
+from drcli.store.last_outcome import read_outcome
 from drcli.store.lease import live_holder
 from drcli.store.repair import Model
 
@@ -53,6 +55,45 @@ def seen_run(settings: Settings, run_id: int) -> SeenRun:
     model = None if bucket is None else Model.of(settings.model, bucket, prefix)
     world = settings.world_name if record is None else record.world
     return SeenRun(model, prefix, world, record is not None and record.alive)
+
+
+def ended_elsewhere(config: RunConfig, bucket: Bucket) -> RunRecord | None:
+    """How the run ended on another machine, as its own record would say; None if it has not.
+
+    Raises:
+        StorageError: The bucket does not answer, or the record of the end is damaged.
+    """
+    outcome = read_outcome(bucket, config.model.prefix)
+    if outcome is None or not outcome.ended:
+        return None
+    return RunRecord(
+        run_id=config.run_id,
+        session=outcome.session,
+        bucket=bucket.name,
+        prefix=config.model.prefix,
+        world=config.race().world_name,
+        state=outcome.state,
+        pid=0,
+        pid_started=0.0,
+        started_at=outcome.started_at,
+        ended_at=outcome.ended_at,
+        exit_code=outcome.code,
+        message=f"On {outcome.host}: {outcome.message}" if outcome.host else outcome.message,
+        remedy=outcome.remedy,
+    )
+
+
+def trained_by(bucket: Bucket, prefix: str) -> str:
+    """A sentence that says who trains a model now; empty if nobody does.
+
+    Raises:
+        StorageError: The bucket does not answer.
+    """
+    held = live_holder(bucket, prefix)
+    if held is None:
+        return ""
+    model = f"s3://{bucket.name}/{prefix}"
+    return f"{model} is being trained by {held.owner}, last heard from {held.age_s:.0f} s ago."
 
 
 @dataclass(frozen=True)

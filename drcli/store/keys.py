@@ -337,6 +337,15 @@ def decides(key: str) -> bool:
     return not (key.endswith(named) or any(name in key for name in folders))
 
 
+def outlives_power_cut(key: str) -> bool:
+    """Whether an object is flushed to the disk: all but those that are of no use afterwards.
+
+    Rollouts are many and driven again, and processes write anew what they say of themselves.
+    """
+    of_processes = key.startswith("runs/") and key.split("/")[-2] in ("status", "members")
+    return not (key.startswith("rollouts/") or of_processes)
+
+
 # Checkpoints.
 
 model_folder = _in_model("model/")
