@@ -26,6 +26,7 @@ from drcli.store.best_checkpoint import read_scores, write_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.checkpoint_retention import KEEP_ALL_MARKED, KeepRules, kept_besides
 from drcli.store.marked_checkpoints import MarkedCheckpoints
+from drcli.store.remedies import remedy_of
 
 KEEP = 4
 """How many of the newest checkpoints stay at least, besides the best. Source: the reference
@@ -208,10 +209,9 @@ class CheckpointStore:
     def record(self, name: str) -> CheckpointRecord:
         """Sizes, hashes and counters of a checkpoint; ObjectMissing or ObjectDamaged."""
         key = keys.checkpoint_record(self._prefix, name)
-        remedy = "Choose another checkpoint; `dr-start-training --resume` continues without it."
         decode = partial(CheckpointRecord.decode_of, name)
         # `attach_optimizer` writes it a second time, just when the workers read it.
-        return read_record(self._bucket, key, decode, remedy, written=True)
+        return read_record(self._bucket, key, decode, remedy_of(key), written=True)
 
     def load(self, name: str, *, with_optimizer: bool = False) -> Checkpoint:
         """Read one checkpoint and check it; ObjectMissing or ObjectDamaged names the file."""
@@ -382,9 +382,7 @@ class CheckpointStore:
         fault = fingerprint.fault(data)
         if fault is not None:
             raise ObjectDamaged(
-                f"{self._bucket.name}/{key} is damaged: {fault}.",
-                remedy="Restore it from a copy, or choose another checkpoint; `dr-start-training "
-                "--resume` continues without it.",
+                f"{self._bucket.name}/{key} is damaged: {fault}.", remedy=remedy_of(key)
             )
         return data
 
