@@ -1,6 +1,5 @@
 """Writes files completely or not at all; our own records even on a full disk, if they fit."""
 
-import errno
 import json
 import os
 import shutil
@@ -12,13 +11,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from drcli.base.errors import SettingsError
 from drcli.base.json_record import RecordError, from_json, parse_json
 from drcli.base.regular_file import read_regular
+from drcli.base.system_calls import flush_descriptor, flush_to_disk, is_disk_full
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 T = TypeVar("T")
-
-_DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 _RESERVED_BYTES = 4096
 """A block of most file systems: an error with its remedy fits."""
@@ -101,7 +99,7 @@ def save_record(path: Path, record: "DataclassInstance") -> None:
         write_json(path, value)
     except OSError as error:
         data = json.dumps(value).encode()
-        if error.errno not in _DISK_FULL or not _has_room(path, len(data)):
+        if not is_disk_full(error) or not _has_room(path, len(data)):
             raise
         _overwrite(path, data)
 
@@ -132,8 +130,10 @@ def _replace(target: Path, data: bytes, *, keep_owner: bool, private: bool = Fal
         with scratch.open("wb") as file:
             file.write(data)
             file.flush()
-            os.fsync(file.fileno())
+            flush_descriptor(file.fileno())
         scratch.replace(target)
+        with suppress(OSError):  # a reader sees the new content already
+            flush_to_disk(target.parent)
     except OSError:
         with suppress(OSError):
             scratch.unlink()
@@ -151,13 +151,13 @@ def _overwrite(path: Path, data: bytes) -> None:
     try:
         size = os.fstat(descriptor).st_size
         os.pwrite(descriptor, data.ljust(size), 0)
-        os.fsync(descriptor)
+        flush_descriptor(descriptor)
     finally:
         os.close(descriptor)
 
 
 def remedy_for(error: OSError, path: Path, otherwise: str) -> str:
     """What to do if a file or folder cannot be written; `otherwise` unless the disk is full."""
-    if error.errno in _DISK_FULL:
+    if is_disk_full(error):
         return f"Make room on the disk that holds {path}, and run the command again."
     return otherwise

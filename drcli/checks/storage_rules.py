@@ -11,6 +11,7 @@ from drcli.models import pretrained
 from drcli.models.pretrained import Transfer
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
+from drcli.store.lost_checkpoints import find_lost
 from drcli.store.model_kind import KIND_WORDS, model_kind
 from drcli.store.model_prefix import is_used
 from drcli.store.s3_errors import AccessRefused
@@ -25,6 +26,9 @@ def review_prefix(prefix: str, bucket: Bucket) -> list[Problem]:
         return []
     model = f"s3://{bucket.name}/{prefix}"
     kind = model_kind(bucket, prefix)
+    lost = find_lost(bucket, prefix)
+    if lost is not None:
+        return [Problem("V-09", "error", model, None, lost.sentence, lost.refusal().remedy)]
     what = f"Selected path {model} exists. It holds {KIND_WORDS[kind]}. Exiting."
     remedy = "Choose another DR_LOCAL_S3_MODEL_PREFIX in run.env; -w would delete what is there."
     if kind in ("drcli", "tensorflow"):

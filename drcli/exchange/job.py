@@ -87,6 +87,7 @@ class Job:
         trainer: How often the trainer was started before, if an earlier process of it may still
             live on another machine: only the one with the highest number may write.
         ends_with: Number of the process whose end interrupts the training; 0 for none.
+        began_s: When this start began, on the monotonic clock of its machine; 0 elsewhere.
         inputs: The racer's files that the start trains with, and its parameter files, by name.
             Those of the model are the ones that its newest checkpoint was trained with.
     """
@@ -113,6 +114,7 @@ class Job:
     ray_trainer: bool = False
     trainer: int | None = None
     ends_with: int = 0
+    began_s: float = 0.0
     inputs: Mapping[str, str] = field(default_factory=dict)
 
     @property

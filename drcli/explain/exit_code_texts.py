@@ -13,7 +13,8 @@ EXIT_CODES: Mapping[int, str] = {
     "the car, or DeepRacer on AWS, cannot be reached or refuses what is asked",
     5: "a worker died and could not be restarted",
     6: "the training failed and cannot continue (NaN); the last good checkpoint is kept",
-    7: "not available in this version, or it needs a program that is not installed",
+    7: "not available in this version, or it needs a program that is not installed; a library is "
+    "missing, too old or broken, and the message has the command that mends it",
     8: "another training took over the model while this one did not respond; that one continues",
     9: "another machine or process trains the model, and `--no-wait` was given; nothing was done",
     10: "the training is complete, but the upload or import at its end failed; the reason and the "

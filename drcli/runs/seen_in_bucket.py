@@ -1,6 +1,5 @@
 """What the bucket alone tells about a run: for pages of machines on which it does not run."""
 
-import csv
 import math
 from dataclasses import dataclass, field
 
@@ -9,6 +8,7 @@ from drcli.config.run_config import RunConfig
 from drcli.config.settings import Settings
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.exchange.run_state import ActivityRecord
+from drcli.exchange.trace_rows import TraceRow, read_rows
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.connect import open_running_bucket
@@ -174,10 +174,7 @@ def read_lap_lines(bucket: Bucket, prefix: str, iteration: int, worker: int) -> 
     Raises:
         StorageError: The bucket does not answer.
     """
-    for workers in (2, 1):  # with several workers, each has a folder
-        if workers == 1 and worker:
-            break
-        key = keys.training_trace(prefix, iteration, worker=worker, workers=workers)
+    for key in keys.training_traces(prefix, iteration, worker):
         try:
             return lap_lines(bucket.get(key))
         except ObjectMissing:
@@ -187,26 +184,19 @@ def read_lap_lines(bucket: Bucket, prefix: str, iteration: int, worker: int) -> 
 
 def lap_lines(data: bytes) -> list[LapLine]:
     """Lines of the newest episodes of a simtrace; damaged rows are left out."""
-    episodes: dict[str, list[tuple[float, float, float, str]]] = {}
-    lines = data.decode("utf-8", "replace").replace("\0", "").splitlines()
-    for row in csv.DictReader(lines):
-        try:
-            x, y, progress = float(row["X"]), float(row["Y"]), float(row["progress"])
-            known = episodes.setdefault(row["episode"], [])
-            status = row["episode_status"] or ""
-        except (KeyError, TypeError, ValueError):
-            continue
-        if math.isfinite(x + y + progress):
-            known.append((x, y, progress, status))
+    episodes: dict[int, list[TraceRow]] = {}
+    for row in read_rows(data).rows:
+        if math.isfinite(row.x + row.y + row.progress):
+            episodes.setdefault(row.episode, []).append(row)
     return [_line(rows) for rows in list(episodes.values())[-MOST_LINES:] if len(rows) > 1]
 
 
-def _line(rows: list[tuple[float, float, float, str]]) -> LapLine:
+def _line(rows: list[TraceRow]) -> LapLine:
     every = max(1, math.ceil(len(rows) / MOST_POINTS))
     kept = rows[::every] + ([rows[-1]] if (len(rows) - 1) % every else [])
     return LapLine(
-        [round(row[0], 2) for row in kept],
-        [round(row[1], 2) for row in kept],
-        rows[-1][2],
-        rows[-1][3],
+        [round(row.x, 2) for row in kept],
+        [round(row.y, 2) for row in kept],
+        rows[-1].progress,
+        rows[-1].status,
     )

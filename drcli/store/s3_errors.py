@@ -59,6 +59,9 @@ _EXPLICIT = {
 }
 """Who denies a request explicitly, by the words in Amazon's text."""
 _BUSY_CODES = frozenset({"SlowDown", "503", "ServiceUnavailable", "RequestTimeout", "Throttling"})
+_BLOCKED_CODES = frozenset({"XMinioParentIsObject", "ExistingObjectIsFile", "ObjectParentIsFile"})
+"""An object is where a folder must be: of MinIO, SeaweedFS and VersityGW. rclone answers 500."""
+
 _FULL_CODES = frozenset({"507", "XMinioStorageFull", "QuotaExceeded", "InsufficientStorage"})
 
 _FRESH_KEYS = (
@@ -186,6 +189,25 @@ def hides_its_code(error: Exception) -> bool:
 def passes(code: str) -> bool:
     """Whether an object of a deletion may be deleted when it is tried again."""
     return code in _BUSY_CODES | {"InternalError"}
+
+
+def needs_folder(error: BaseException | None) -> bool:
+    """Whether a write may have failed because an object is where the server needs a folder."""
+    if not isinstance(error, Exception):
+        return False
+    code, status = _answer(error)
+    return code in _BLOCKED_CODES or status >= 500
+
+
+def blocked(attempt: Attempt, above: str, size_bytes: int) -> StorageError:
+    """The error if an object is where the server needs a folder for another object."""
+    program = "aws" if attempt.endpoint.engine is None else "dr-local-aws"
+    return StorageError(
+        f"Cannot {attempt}: the object {attempt.bucket}/{above} ({size_bytes} bytes) is where that "
+        "server needs a folder.",
+        remedy=f"Delete it if nobody needs it, as with `{program} s3 rm "
+        f"s3://{attempt.bucket}/{above}`; some programs write such an object for a folder.",
+    )
 
 
 def explain(error: Exception, attempt: Attempt) -> StorageError:

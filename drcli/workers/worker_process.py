@@ -2,7 +2,6 @@
 
 import gc
 import os
-import signal
 import socket
 import sys
 import time
@@ -16,7 +15,9 @@ from types import FrameType
 from drcli.base import log, log_files, notices
 from drcli.base.errors import DrError
 from drcli.base.garbage import search_as_usual
+from drcli.base.installation import import_error
 from drcli.base.low_priority import lower_priority
+from drcli.base.termination import handle
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_state import ActivityRecord
 from drcli.store import keys
@@ -51,8 +52,7 @@ class Lifeline:
         self.pulse = Pulse()
         self._launcher_pid = launcher_pid
         self._signalled = False
-        signal.signal(signal.SIGTERM, self._note_signal)
-        signal.signal(signal.SIGINT, self._note_signal)
+        handle(self._note_signal)
 
     def _note_signal(self, _number: int, _frame: FrameType | None) -> None:
         self._signalled = True
@@ -197,6 +197,9 @@ def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
     elif memory:
         ended = replace(memory, message=f"{name} {memory.message}")
         _logger.error("%s", ended.message, exc_info=error)
+    elif broken := import_error(error):
+        ended = WorkerExit.of(broken)
+        _logger.error("%s %s", broken, broken.remedy, exc_info=error)
     else:
         text = f"{name} failed: {type(error).__name__}: {error}"
         ended = WorkerExit(text, f"Read its log with `dr-logs {name}` and report it as a bug.", BUG)
