@@ -9,7 +9,7 @@ from typing import Any
 
 from drcli.base.errors import DiskFull, NoAnswer, StorageError
 from drcli.store.bucket import ObjectMissing
-from drcli.store.endpoint import Endpoint
+from drcli.store.endpoint import Endpoint, SettingNames
 
 MISSING_CODES = frozenset({"NoSuchKey", "404"})
 _KEY_CODES = frozenset(
@@ -158,12 +158,14 @@ def needs_folder(error: BaseException | None) -> bool:
 
 def blocked(attempt: Attempt, above: str, size_bytes: int) -> StorageError:
     """The error if an object is where the server needs a folder for another object."""
-    program = "aws" if attempt.endpoint.engine is None else "dr-local-aws"
+    endpoint, place = attempt.endpoint, f"s3://{attempt.bucket}/{above}"
+    own = endpoint.names.bucket == SettingNames.bucket
+    program = "dr-local-aws" if own else f"aws --endpoint-url {endpoint.place}"
     return StorageError(
         f"Cannot {attempt}: the object {attempt.bucket}/{above} ({size_bytes} bytes) is where that "
         "server needs a folder.",
-        remedy=f"Delete it if nobody needs it, as with `{program} s3 rm "
-        f"s3://{attempt.bucket}/{above}`; some programs write such an object for a folder.",
+        remedy=f"Delete it if nobody needs it, as with `{program} s3 rm {place}`; some programs "
+        "write an empty object for a folder.",
     )
 
 
