@@ -52,14 +52,23 @@ def write_json(path: Path, value: object) -> None:
     _replace(path, json.dumps(value, indent=2).encode(), keep_owner=False)
 
 
-def write_private_json(path: Path, value: object) -> None:
-    """Write JSON that only this user may read, in a folder that only this user may enter.
+def write_private(path: Path, data: bytes) -> None:
+    """Write a file that only this user may read, in a folder that only this user may enter.
 
     Raises:
         OSError: The file cannot be written, and has not changed.
     """
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    _replace(path, json.dumps(value, indent=2).encode(), keep_owner=False, private=True)
+    _replace(path, data, keep_owner=False, private=True)
+
+
+def write_private_json(path: Path, value: object) -> None:
+    """The same with JSON.
+
+    Raises:
+        OSError: The file cannot be written, and has not changed.
+    """
+    write_private(path, json.dumps(value, indent=2).encode())
 
 
 def read_json(path: Path) -> Any:
