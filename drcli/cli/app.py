@@ -12,6 +12,7 @@ from pathlib import Path
 from drcli.base import notices
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.garbage import search_rarely
+from drcli.base.private_files import private
 from drcli.base.problems import shown
 from drcli.base.termination import Stopped
 from drcli.cli import ascii_only, completion, console
@@ -57,7 +58,8 @@ def main(args: list[str] | None = None) -> None:
     if completion.QUESTION in os.environ:
         arguments = _asked_about()
     try:
-        application(arguments)(arguments, prog_name=PROGRAM)
+        with private(Path(os.environ.get("DR_DIR", "")) / "data"):
+            application(arguments)(arguments, prog_name=PROGRAM)
     except Stopped as error:  # somebody wanted it, so it is no error
         console.say(f"{error} {error.remedy}".strip())
         raise SystemExit(error.code) from None

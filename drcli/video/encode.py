@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from drcli.base.errors import NotAvailable, SettingsError
+from drcli.base.private_files import hand_out
 
 Frame = NDArray[np.uint8]
 
@@ -250,18 +251,12 @@ def _whole(path: Path) -> Iterator[Path]:
     part = Path(name)
     try:
         yield part
-        part.chmod(0o666 & ~_umask())
+        hand_out(part)
         part.replace(path)
     except OSError as error:
         raise _cannot_write(path, error) from None
     finally:
         part.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def _cannot_write(path: Path, error: OSError) -> SettingsError:
