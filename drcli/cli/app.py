@@ -9,7 +9,7 @@ import traceback
 from functools import cache
 from pathlib import Path
 
-from drcli.base import notices
+from drcli.base import installation, notices
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.garbage import search_rarely
 from drcli.base.private_files import private
@@ -57,9 +57,13 @@ def main(args: list[str] | None = None) -> None:
     arguments = _arguments(sys.argv) if args is None else args
     if completion.QUESTION in os.environ:
         arguments = _asked_about()
+    with private(Path(os.environ.get("DR_DIR", "")) / "data"):
+        _run(arguments)
+
+
+def _run(arguments: list[str]) -> None:
     try:
-        with private(Path(os.environ.get("DR_DIR", "")) / "data"):
-            application(arguments)(arguments, prog_name=PROGRAM)
+        application(arguments)(arguments, prog_name=PROGRAM)
     except Stopped as error:  # somebody wanted it, so it is no error
         console.say(f"{error} {error.remedy}".strip())
         raise SystemExit(error.code) from None
@@ -78,6 +82,9 @@ def main(args: list[str] | None = None) -> None:
             remedy = _NOT_OUR_BUGS[error.errno]
             console.fail(f"{place} cannot be used: {os.strerror(error.errno)}.", remedy)
             raise SystemExit(SettingsError.code) from None
+        if broken := installation.installation_error(error):
+            console.fail(str(broken), broken.remedy)
+            raise SystemExit(broken.code) from None
         _report_bug(error)
         raise SystemExit(1) from None
 
