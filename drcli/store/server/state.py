@@ -1,5 +1,6 @@
 """The file `.server.json` next to the buckets: port, keys and process of the local server."""
 
+import json
 import os
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -7,10 +8,10 @@ from pathlib import Path
 from typing import Literal
 
 from drcli.base import notices
-from drcli.base.atomic_file import write_private_json
 from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError, from_json, parse_json
 from drcli.base.regular_file import read_regular
+from drcli.base.system_calls import flush_descriptor
 from drcli.config.bucket_config import Engine, StorageConfig
 from drcli.store.endpoint import Endpoint
 from drcli.store.server import server_process
@@ -70,7 +71,17 @@ class ServerState:
 
     def write(self, path: Path) -> None:
         """Write the file in one step; other users can never read the keys."""
-        write_private_json(path, asdict(replace(self, inode=path.parent.stat().st_ino)))
+        fresh = path.with_suffix(".new")
+        fresh.unlink(missing_ok=True)
+        try:
+            with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as f:
+                json.dump(asdict(replace(self, inode=path.parent.stat().st_ino)), f)
+                f.flush()
+                flush_descriptor(f.fileno())
+            fresh.replace(path)
+        except OSError:
+            fresh.unlink(missing_ok=True)
+            raise
 
     @property
     def mark(self) -> str:
