@@ -114,8 +114,6 @@ class CheckpointStore:
         on_pointed()
         self._put_last_score(record)
         self._prune(record)
-        if optimizer is not None:
-            self._forget_older_states(name)
         return record
 
     def attach_optimizer(self, record: CheckpointRecord, optimizer: bytes) -> CheckpointRecord:
@@ -127,10 +125,10 @@ class CheckpointStore:
         complete = replace(record, optimizer=Fingerprint.of(optimizer))
         self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
         self._bucket.put(keys.checkpoint_record(self._prefix, record.name), complete.encode())
-        self._forget_older_states(record.name)
+        self.forget_older_states(record.name)
         return complete
 
-    def _forget_older_states(self, name: str) -> None:
+    def forget_older_states(self, name: str) -> None:
         """Delete all optimizer states but that of a checkpoint and the one before.
 
         A trainer may have to go back to that one.
