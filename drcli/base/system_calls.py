@@ -8,8 +8,10 @@ Windows itself has neither these modules nor signals and sessions; there, drcli 
 which is Linux.
 """
 
+import ctypes
 import os
 import select
+import signal
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -28,6 +30,9 @@ except ImportError:  # Windows
 
 _DESCRIPTORS = (Path("/proc/self/fd"), Path("/dev/fd"))
 """Where Linux lists the open files of a process, and where macOS and the BSDs do."""
+
+_END_WITH_PARENT, _ADOPT_ORPHANS = 1, 36
+"""PR_SET_PDEATHSIG and PR_SET_CHILD_SUBREAPER. Source: linux/prctl.h."""
 
 Limit = Literal["open_files", "processes", "memory", "file_size"]
 
@@ -123,6 +128,21 @@ def open_files() -> int:
         with suppress(OSError), os.scandir(folder) as entries:
             return sum(1 for _ in entries)
     return 0
+
+
+def adopt_orphans() -> None:
+    """Become the parent of descendants whose own parent has ended; Linux only."""
+    _control_process(_ADOPT_ORPHANS, 1)
+
+
+def end_with_parent() -> None:
+    """Let the system kill this process when the thread that started it ends; Linux only."""
+    _control_process(_END_WITH_PARENT, signal.SIGKILL)
+
+
+def _control_process(what: int, value: int) -> None:
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(what, value, 0, 0, 0)
 
 
 class ExitWait:
