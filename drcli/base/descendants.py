@@ -9,8 +9,6 @@ import signal
 from contextlib import suppress
 from types import FrameType
 
-import psutil
-
 from drcli.base.system_calls import ExitWait, adopt_orphans, end_with_parent
 
 _LOOK_S = 0.2
@@ -80,6 +78,8 @@ def _end_others(group: int) -> None:
         while True:
             if os.waitpid(-1, os.WNOHANG)[0]:
                 continue
+            import psutil  # loaded here: hardly ever is somebody left
+
             for each in psutil.Process().children(recursive=True):
                 with suppress(psutil.Error):
                     each.kill()

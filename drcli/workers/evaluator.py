@@ -6,6 +6,7 @@ drive instead, and in which engines. It writes traces and metrics and never chan
 """
 
 import math
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -192,7 +193,7 @@ def evaluate(
     plans = [replace(plan, racer=racer) for plan in starts for racer in range(len(racers))]
     num_cars = min(len(plans), MOST_CARS) if fresh_laps else len(plans)
     reward = (
-        load_reward(bucket, config.model.prefix, job.folder, num_cars)
+        load_reward(bucket, config.model.prefix, job.folder / f"reward-{os.getpid()}", num_cars)
         if s.eval_debug_reward
         else centre_line_reward
     )

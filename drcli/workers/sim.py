@@ -194,6 +194,7 @@ class SimWorker:
                 _logger.info("Evaluations took %s.", self._budget)
             self._activity.close()
             self._wakeup.close()
+            self._simulation.close()
         self._results.close()
 
     def _drive(self) -> None:
