@@ -15,6 +15,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
+from drcli.base.system_calls import name_place
+
 Freedom = Literal["files", "sockets", "signals"]
 """What a process may still reach: any file of its user, any address, any process of its user."""
 
@@ -117,7 +119,7 @@ def _limit_files(
 def _allow(rules: int, path: Path, rights: int) -> None:
     """Add a rule; what cannot be opened needs none."""
     with suppress(OSError):
-        place = os.open(path, os.O_PATH | os.O_CLOEXEC)
+        place = name_place(path)
         try:
             allowed = rights if path.is_dir() else rights & _OF_FILES
             _system(_ADD_RULE, rules, _BENEATH_PATH, struct.pack("=Qi", allowed, place), 0)

@@ -130,6 +130,15 @@ def open_files() -> int:
     return 0
 
 
+def name_place(path: Path) -> int:
+    """A descriptor that only names a file or folder; on systems other than Linux, it is opened.
+
+    Raises:
+        OSError: It does not exist.
+    """
+    return os.open(path, getattr(os, "O_PATH", os.O_RDONLY) | os.O_CLOEXEC)
+
+
 def adopt_orphans() -> None:
     """Become the parent of descendants whose own parent has ended; Linux only."""
     _control_process(_ADOPT_ORPHANS, 1)

@@ -38,6 +38,8 @@ _RULES: dict[FailureKind, str] = {
 _COUNTED: tuple[FailureKind, ...] = ("raises", "undefined", "type", "range")
 """After these a training goes on with DR_REWARD_ON_ERROR=count."""
 
+_MOST_NAMES = 5
+
 _FLOATS = {"float", "numpy.float64"}
 
 _EFFECTS: dict[EffectKind, tuple[str, str]] = {
@@ -80,6 +82,7 @@ def problems_of(
         ),
         *_conversions(source, result),
         *_effects(source, result),
+        *_shared(source, result),
         *_prints(source, result),
         *_speed(source, result),
     ]
@@ -144,6 +147,20 @@ def _effects(source: Source, result: SandboxResult) -> Iterator[Problem]:
             what = f": {done[0].what}" if done[0].what else ""
             often = " in every call" if sum(e.times for e in done) >= result.calls else ""
             yield source.problem("V-25", line, f"It {words}{often}{what}.", remedy, "warning")
+
+
+def _shared(source: Source, result: SandboxResult) -> Iterator[Problem]:
+    shared = result.shared
+    if shared is None:
+        return
+    what = ", ".join(f"`{name}`" for name in shared.names[:_MOST_NAMES])
+    what = (
+        f"It keeps something outside of the file that all cars share{what and f': {what}'}. "
+        f"{shared.times:,} of {shared.of:,} rewards of a car are others if a second car drives "
+        "at the same time."
+    )
+    remedy = "Keep it in a global variable of the file: each car has its own copy of that."
+    yield source.problem("V-27", result.line, what, remedy, "warning")
 
 
 def _prints(source: Source, result: SandboxResult) -> Iterator[Problem]:

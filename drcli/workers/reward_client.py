@@ -21,8 +21,8 @@ from typing import IO, NoReturn, get_args
 from drcli.base.confinement import FREEDOMS
 from drcli.base.log import get_logger
 from drcli.config import secret_environment
+from drcli.exchange.framing import WireError, framed, receive
 from drcli.exchange.job import LOG_ENCODING
-from drcli.exchange.live_wire import WireError, framed, receive
 from drcli.exchange.reward_messages import MOST_BYTES, Answer, CallFailure, Calls, Load
 from drcli.workers import print_limit
 from drcli.workers.reward_access import freedoms_told
@@ -34,8 +34,9 @@ SERVER = "drcli.workers.reward_server"
 _LOAD_S = 120.0
 """How long loading the file for all cars may take. Its process interrupts it before."""
 
-_PATIENCE_S = 30.0
-"""How much longer than allowed calls may take: their process ends those that it can interrupt."""
+_PATIENCE_S = 300.0
+"""How much longer than allowed calls may take: their process ends those that compute, by the time
+that the processor has spent on them, of which there may be little on a busy machine."""
 
 _EXIT_S = 2.0
 _LONGEST_LINE = 1 << 16

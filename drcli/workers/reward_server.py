@@ -7,7 +7,6 @@ with it.
 """
 
 import errno
-import faulthandler
 import json
 import os
 import socket
@@ -22,9 +21,8 @@ from typing import TYPE_CHECKING
 
 from drcli.base.descendants import keep_descendants
 from drcli.base.garbage import search_as_usual
-from drcli.exchange.live_wire import WireError, framed, receive
+from drcli.exchange.framing import WireError, framed, receive
 from drcli.exchange.reward_messages import MOST_BYTES, Answer, CallFailure, Calls, Load
-from drcli.workers.pulse import STACKS_SIGNAL
 from drcli.workers.reward_access import confine_reward
 
 if TYPE_CHECKING:
@@ -122,8 +120,6 @@ def _failure(call: int, error: "RewardError") -> CallFailure:
 
 def main(descriptor: int, parent_pid: int) -> None:
     """Serve the worker at the other end of a connection."""
-    if STACKS_SIGNAL is not None:
-        faulthandler.register(STACKS_SIGNAL, all_threads=True)
     keep_descendants(parent_pid)
     os.set_inheritable(descriptor, False)
     with suppress(WireError, OSError):  # the worker has closed the connection, or has ended
