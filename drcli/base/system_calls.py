@@ -28,8 +28,8 @@ try:
 except ImportError:  # Windows
     fcntl = resource = None
 
-_DESCRIPTORS = (Path("/proc/self/fd"), Path("/dev/fd"))
-"""Where Linux lists the open files of a process, and where macOS and the BSDs do."""
+_DESCRIPTORS = ("/proc/{}/fd", "/dev/fd")
+"""Where Linux lists the open files of a process, and where macOS and the BSDs do for this one."""
 
 _END_WITH_PARENT, _ADOPT_ORPHANS = 1, 36
 """PR_SET_PDEATHSIG and PR_SET_CHILD_SUBREAPER. Source: linux/prctl.h."""
@@ -122,10 +122,10 @@ def cores_of_process() -> int:
     return os.cpu_count() or 1
 
 
-def open_files() -> int:
-    """Number of files that this process has open; 0 if the system does not tell."""
-    for folder in _DESCRIPTORS:
-        with suppress(OSError), os.scandir(folder) as entries:
+def open_files(process: int | str = "self") -> int:
+    """Number of files that a process has open; 0 if the system does not tell."""
+    for folder in _DESCRIPTORS[: 2 if process == "self" else 1]:
+        with suppress(OSError), os.scandir(folder.format(process)) as entries:
             return sum(1 for _ in entries)
     return 0
 

@@ -79,6 +79,7 @@ class CallFailure(JsonRecord):
 class _Facts(JsonRecord):
     failures: list[CallFailure] = field(default_factory=list)
     free: list[str] = field(default_factory=list)
+    pid: int | None = None
 
 
 @dataclass(frozen=True)
@@ -90,18 +91,20 @@ class Answer:
         seconds: How long each took.
         failures: Those that failed, in their order.
         free: What the process may still reach, once it has loaded the file.
+        pid: Its number, then.
     """
 
     rewards: list[float] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
     failures: list[CallFailure] = field(default_factory=list)
     free: list[str] = field(default_factory=list)
+    pid: int | None = None
 
     def encode(self) -> bytes:
         """The message."""
         numbers = array("d", self.rewards + self.seconds).tobytes()
-        told = self.failures or self.free
-        facts = _Facts(self.failures, self.free).encode() if told else b""
+        told = self.failures or self.pid
+        facts = _Facts(self.failures, self.free, self.pid).encode() if told else b""
         return _COUNT.pack(len(self.rewards)) + numbers + facts
 
     @staticmethod
@@ -118,4 +121,4 @@ class Answer:
         numbers.frombytes(data[_COUNT.size : end])
         found = numbers.tolist()
         facts = _Facts.decode(data[end:]) if len(data) > end else _Facts()
-        return Answer(found[:calls], found[calls:], facts.failures, facts.free)
+        return Answer(found[:calls], found[calls:], facts.failures, facts.free, facts.pid)

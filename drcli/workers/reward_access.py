@@ -20,6 +20,9 @@ _SYSTEM = (
 """Programs, libraries and facts. The kernel itself keeps the memory and environment of other
 processes, which are below /proc, from a confined one."""
 
+SCRATCH = "tmp"
+"""Folder for temporary files in the folder of the file."""
+
 _DEVICES = ("null", "zero", "full", "random", "urandom", "shm", "tty")
 
 _SECRET = ("data", "*.env", ".*", "experiments/*/*.env", "*/.server.json", "*/*/.server.json")
@@ -45,7 +48,7 @@ def confine_reward(own: Path) -> set[Freedom]:
     Returns:
         What the system could not take from it.
     """
-    here, scratch = Path.cwd().resolve(), own / "tmp"
+    here, scratch = Path.cwd().resolve(), own / SCRATCH
     scratch.mkdir(exist_ok=True)
     shared = Path(tempfile.gettempdir()).resolve()
     os.environ["TMPDIR"] = tempfile.tempdir = str(scratch)

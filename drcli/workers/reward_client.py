@@ -7,6 +7,7 @@ whatever it starts ends with it. A step costs a message there and one back: docs
 import io
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -25,7 +26,8 @@ from drcli.exchange.framing import WireError, framed, receive
 from drcli.exchange.job import LOG_ENCODING
 from drcli.exchange.reward_messages import MOST_BYTES, Answer, CallFailure, Calls, Load
 from drcli.workers import print_limit
-from drcli.workers.reward_access import freedoms_told
+from drcli.workers.pulse import companions
+from drcli.workers.reward_access import SCRATCH, freedoms_told
 from drsim.episode.reward import OnRewardError, Rewarded, RewardHost, RewardParams
 from drsim.errors import RewardError, RewardErrorKind
 
@@ -57,6 +59,8 @@ class RewardProcess(RewardHost):
 
     def __init__(self, file: Path, cars: int) -> None:
         self.cars = cars
+        self._file = file
+        self._pid: int | None = None
         self._waypoints: set[bool] = set()
         self._connection, theirs = socket.socketpair()
         plain, _ = secret_environment.split(os.environ)
@@ -88,7 +92,10 @@ class RewardProcess(RewardHost):
         told = freedoms_told([each for each in FREEDOMS if each in loaded.free])
         if told:
             _logger.warning("%s", told)
-        _logger.info("The reward function runs in process %d.", self._process.pid)
+        self._pid = loaded.pid
+        if self._pid is not None:
+            companions.add(self._pid)
+        _logger.info("The reward function runs in process %s.", self._pid)
 
     def rewards(
         self,
@@ -116,7 +123,7 @@ class RewardProcess(RewardHost):
         return Rewarded(answer.rewards, answer.seconds)
 
     def close(self) -> None:
-        """End the process; doing it again changes nothing."""
+        """End the process, and remove its temporary files; doing it again changes nothing."""
         self._connection.close()
         try:
             self._process.wait(_EXIT_S)
@@ -124,6 +131,8 @@ class RewardProcess(RewardHost):
             self._process.terminate()
             self._process.wait()
         self._relay.join(_EXIT_S)
+        companions.discard(self._pid or 0)
+        shutil.rmtree(self._file.parent / SCRATCH, ignore_errors=True)
 
     def _ask(self, message: bytes, calls: int, within_s: float) -> Answer:
         self._connection.settimeout(within_s)

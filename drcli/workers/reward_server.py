@@ -61,7 +61,7 @@ class _Server:
         except self._error as error:
             self._send(Answer(failures=[_failure(0, error)]))
             return
-        self._send(Answer(free=sorted(free)))
+        self._send(Answer(free=sorted(free), pid=os.getpid()))
         while True:
             self._send(self._answer(Calls.decode(receive(self._connection, MOST_BYTES))))
 
