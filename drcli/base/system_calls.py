@@ -8,7 +8,6 @@ Windows itself has neither these modules nor signals and sessions; there, drcli 
 which is Linux.
 """
 
-import ctypes
 import os
 import select
 import signal
@@ -28,8 +27,8 @@ try:
 except ImportError:  # Windows
     fcntl = resource = None
 
-_DESCRIPTORS = ("/proc/{}/fd", "/dev/fd")
-"""Where Linux lists the open files of a process, and where macOS and the BSDs do for this one."""
+_DESCRIPTORS = (Path("/proc/self/fd"), Path("/dev/fd"))
+"""Where Linux lists the open files of a process, and where macOS and the BSDs do."""
 
 _END_WITH_PARENT, _ADOPT_ORPHANS = 1, 36
 """PR_SET_PDEATHSIG and PR_SET_CHILD_SUBREAPER. Source: linux/prctl.h."""
@@ -122,10 +121,11 @@ def cores_of_process() -> int:
     return os.cpu_count() or 1
 
 
-def open_files(process: int | str = "self") -> int:
-    """Number of files that a process has open; 0 if the system does not tell."""
-    for folder in _DESCRIPTORS[: 2 if process == "self" else 1]:
-        with suppress(OSError), os.scandir(folder.format(process)) as entries:
+def open_files(process: int | None = None) -> int:
+    """Number of files that a process, or this one, has open; 0 if the system does not tell."""
+    folders = _DESCRIPTORS if process is None else [Path(f"/proc/{process}/fd")]
+    for folder in folders:
+        with suppress(OSError), os.scandir(folder) as entries:
             return sum(1 for _ in entries)
     return 0
 
@@ -151,6 +151,8 @@ def end_with_parent() -> None:
 
 def _control_process(what: int, value: int) -> None:
     if sys.platform == "linux":
+        import ctypes  # loaded here: not every Python has it
+
         ctypes.CDLL(None).prctl(what, value, 0, 0, 0)
 
 

@@ -15,7 +15,6 @@ from typing import cast
 
 import torch
 
-from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
 from drcli.base.log import plain, traces
 from drcli.config.run_config import EvaluationConfig, RunConfig
@@ -350,7 +349,6 @@ def laps_of(race: Episode) -> list[Episode]:
 
 def main(job: Job, lifeline: Lifeline) -> None:
     """Run an evaluation in this process."""
-    signal_guard.install()
     stamp, *checkpoints = sys.argv[1:]
     entered = entries(job.config, stamp, checkpoints, job.sources)
     facts = facts_of(job.config.race(), [entered[0].name])

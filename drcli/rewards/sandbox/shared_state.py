@@ -7,7 +7,6 @@ are drawn from the same seed for the same call, and a function that depends on a
 changes, such as the time, is not judged.
 """
 
-import contextlib
 import json
 import os
 import random
@@ -15,7 +14,8 @@ import select
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from copy import deepcopy
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from time import monotonic
 from types import FunctionType, ModuleType
@@ -30,8 +30,8 @@ from drsim.errors import RewardError
 _PASS_S = 1.0
 """Longest time for the calls of a pass; the rest is not called."""
 
-_PATIENCE_S = 10.0
-"""Longest time for all passes. They load the file six times."""
+_PATIENCE_S = 20.0
+"""Longest time for all passes."""
 
 _MOST_CALLS = 300
 _PIECE = 1 << 16
@@ -41,7 +41,8 @@ class SharedStateTrial:
     """A copy of this process, which tries when it is told to; a context manager ends it."""
 
     def __init__(self, file: Path, calls: Sequence[Sequence[RewardParams]]) -> None:
-        self._copy = _Copy(lambda go: _judged(file, calls) if os.read(go, 1) else None)
+        self._before = set(sys.modules)
+        self._copy = _Copy(lambda loaded: _judged(file, calls, loaded))
 
     def __enter__(self) -> "SharedStateTrial":
         return self
@@ -52,7 +53,8 @@ class SharedStateTrial:
     def result(self) -> SharedState | None:
         """What the cars would share; None for nothing, and where that cannot be told."""
         try:
-            answer = parse_json(self._copy.answer(_PATIENCE_S))
+            loaded = [name for name in sys.modules if name not in self._before]
+            answer = parse_json(self._copy.answer(" ".join(loaded), _PATIENCE_S))
             return None if answer is None else from_json(SharedState, answer)
         except RecordError:  # it ended, or took too long
             return None
@@ -62,10 +64,10 @@ class _Copy:
     """A copy of this process that does one thing, answers in JSON, and ends without a trace.
 
     Args:
-        work: Gets a descriptor that can be read once `answer` is called.
+        work: Gets the line that `answer` tells it.
     """
 
-    def __init__(self, work: Callable[[int], object]) -> None:
+    def __init__(self, work: Callable[[str], object]) -> None:
         go, self._go = os.pipe()
         self._read, write = os.pipe()
         self._pid = os.fork()
@@ -76,16 +78,18 @@ class _Copy:
         try:
             os.close(self._go)
             os.close(self._read)
-            answer = json.dumps(work(go)).encode()
+            with os.fdopen(go) as told:
+                answer = json.dumps(work(told.readline())).encode()
             while answer:
                 answer = answer[os.write(write, answer) :]
         finally:
             os.kill(os.getpid(), signal.SIGKILL)  # nothing of this process ends twice
 
-    def answer(self, within_s: float) -> bytes:
+    def answer(self, told: str, within_s: float) -> bytes:
         """Let it work, and return what it says; nothing if it takes longer."""
         said, end_s = b"", monotonic() + within_s
-        os.write(self._go, b"g")
+        with suppress(BrokenPipeError):
+            os.write(self._go, f"{told}\n".encode())
         while select.select([self._read], [], [], max(0.0, end_s - monotonic()))[0]:
             piece = os.read(self._read, _PIECE)
             if not piece:
@@ -101,27 +105,38 @@ class _Copy:
         os.close(self._read)
 
 
-def _judged(file: Path, calls: Sequence[Sequence[RewardParams]]) -> dict[str, Any] | None:
-    """The `SharedState` as JSON; None without one."""
+def _judged(
+    file: Path, calls: Sequence[Sequence[RewardParams]], loaded: str
+) -> dict[str, Any] | None:
+    """The `SharedState` as JSON; None without one. Packages that the file loads are loaded once."""
+    for name in loaded.split():
+        if name != USER_MODULE:
+            with suppress(Exception):
+                import_module(name)
     own = calls[0][:_MOST_CALLS]
     other = (calls[1] if len(calls) > 1 else calls[0][::-1])[:_MOST_CALLS]
-    passes: list[Any] = [_in_copy(file, own, beside) for beside in (None, other, None, other)]
-    if None in passes:
+    alone, again = (_in_copy(file, own) for _ in range(2))
+    if alone is None or again is None or not _alike(alone, again):
         return None
-    count = min(len(each["values"]) for each in passes)
-    alone, beside, again, once_more = (each["values"][:count] for each in passes)
-    if alone != again or beside != once_more:
+    beside, once_more = (_in_copy(file, own, other) for _ in range(2))
+    if beside is None or once_more is None or not _alike(beside, once_more):
         return None
-    wrong = sum(a != b for a, b in zip(alone, beside, strict=True))
-    return {"names": passes[1]["names"], "times": wrong, "of": count} if wrong else None
+    pairs = [*zip(alone["values"], beside["values"], strict=False)]
+    wrong = sum(a != b for a, b in pairs)
+    return {"names": beside["names"], "times": wrong, "of": len(pairs)} if wrong else None
+
+
+def _alike(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether two passes gave the same rewards, as far as there was time for both."""
+    return all(a == b for a, b in zip(one["values"], other["values"], strict=False))
 
 
 def _in_copy(
-    file: Path, own: Sequence[RewardParams], other: Sequence[RewardParams] | None
+    file: Path, own: Sequence[RewardParams], other: Sequence[RewardParams] = ()
 ) -> dict[str, Any] | None:
     copy = _Copy(lambda _: _played(file, own, other))
     try:
-        played: dict[str, Any] | None = parse_json(copy.answer(_PATIENCE_S))
+        played: dict[str, Any] | None = parse_json(copy.answer("", _PATIENCE_S))
         return played
     except RecordError:
         return None
@@ -130,24 +145,23 @@ def _in_copy(
 
 
 def _played(
-    file: Path, own: Sequence[RewardParams], other: Sequence[RewardParams] | None
+    file: Path, own: Sequence[RewardParams], other: Sequence[RewardParams]
 ) -> dict[str, Any]:
     """The rewards of a car, and what its calls and those of the other car have set elsewhere."""
-    before = dict(_elsewhere())
-    car = load_reward_function(file)
-    beside = load_reward_function(file) if other is not None else None
-    before = dict(_elsewhere()) | before
+    before = dict(_elsewhere()) if other else {}
+    car, beside = load_reward_function(file), load_reward_function(file) if other else None
+    before = (dict(_elsewhere()) if other else {}) | before
     loaded = set(sys.modules)
     values, end_s = [], monotonic() + _PASS_S
     for number, params in enumerate(own):
         if monotonic() > end_s:
             break
         values.append(_reward(car, params, number))
-        if beside is not None and other is not None and number < len(other):
+        if beside is not None and number < len(other):
             _reward(beside, other[number], -1 - number)
     names = {
         name
-        for name, (module, value) in _elsewhere()
+        for name, (module, value) in (_elsewhere() if other else ())
         if module in loaded and (name not in before or before[name][1] is not value)
     }
     return {"values": values, "names": sorted(names)}
@@ -157,9 +171,13 @@ def _reward(function: Callable[[RewardParams], float], params: RewardParams, see
     random.seed(seed)
     if numpy := sys.modules.get("numpy"):
         numpy.random.seed(seed % (1 << 32))
-    with contextlib.suppress(RewardError):
-        return checked_reward(function, deepcopy(params), _PASS_S)
+    with suppress(RewardError):
+        return checked_reward(function, _copied(params), _PASS_S)
     return None
+
+
+def _copied(params: RewardParams) -> RewardParams:
+    return {key: [*each] if isinstance(each, list) else each for key, each in params.items()}
 
 
 def _elsewhere() -> Iterator[tuple[str, tuple[str, Any]]]:
