@@ -11,7 +11,6 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import IO
@@ -32,7 +31,6 @@ from drcli.learn.encoders import compute_in
 from drcli.learn.gpu_policy import GpuPolicy
 from drcli.learn.learner import Learner
 from drcli.learn.rollout_buffer import Rollout
-from drcli.learn.update_result import UpdateInterruptedError
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.workers.build_learner import build_learner
@@ -240,17 +238,17 @@ def _learn(
     calls, clock = 0, _Clock()
 
     def should_stop() -> bool:
-        """Asked before each minibatch; the first one, which takes fresh memory, does not count."""
+        """Asked after each minibatch; the first one, which takes fresh memory, does not count."""
         nonlocal calls, clock
         calls += 1
-        if calls == 2:
+        if calls == 1:
             clock = _Clock()
-        return calls > 2 and clock.wall_s >= seconds
+        return calls > 1 and clock.wall_s >= seconds
 
-    with suppress(UpdateInterruptedError):
-        for seed in itertools.count():
-            learner.update(rollout, seed, should_stop=should_stop)
-    return calls - 2, clock
+    seeds = itertools.count()
+    while calls < 2 or clock.wall_s < seconds:
+        learner.update(rollout, next(seeds), should_stop=should_stop)
+    return calls - 1, clock
 
 
 def _say(answers: IO[str], answer: Ready | Rates) -> None:

@@ -1,5 +1,6 @@
 """Prints: results to stdout, everything else to stderr."""
 
+import errno
 import json
 import os
 import shlex
@@ -24,7 +25,19 @@ Advance = Callable[[int], None]
 
 
 class _Console(Console):
-    """A console that survives a closed pipe: `dr-status | head -1` ends as without `head`."""
+    """A console that survives a closed pipe: `dr-status | head -1` ends as without `head`.
+
+    It also survives a closed terminal: what goes on without one has its own exit code.
+    """
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print, or drop it if the terminal is gone."""
+        try:
+            super().print(*objects, **options)
+        except OSError as error:
+            if error.errno != errno.EIO:
+                raise
+            _discard(self.file)
 
     def on_broken_pipe(self) -> None:
         _discard(self.file)

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from drcli.base.atomic_file import load_record, save_record
+from drcli.base.atomic_file import load_record, reserve, save_record
 from drcli.base.errors import DrError, NoAnswer, SettingsError
 from drcli.base.fingerprint import Fingerprint
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
@@ -87,6 +87,7 @@ class Job:
         trainer: How often the trainer was started before, if an earlier process of it may still
             live on another machine: only the one with the highest number may write.
         ends_with: Number of the process whose end interrupts the training; 0 for none.
+        began_s: When this start began, on the monotonic clock of its machine; 0 elsewhere.
         inputs: The racer's files that the start trains with, and its parameter files, by name.
             Those of the model are the ones that its newest checkpoint was trained with.
     """
@@ -113,6 +114,7 @@ class Job:
     ray_trainer: bool = False
     trainer: int | None = None
     ends_with: int = 0
+    began_s: float = 0.0
     inputs: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -252,8 +254,14 @@ class WorkerExit:
 
     @staticmethod
     def delete(folder: Path, name: str) -> None:
-        """Delete the record of an earlier process of this name."""
-        _exit_file(folder, name).unlink(missing_ok=True)
+        """Delete the record of an earlier process of this name; the next one has room for it.
+
+        The disk may be full when that process ends, and for that reason.
+        """
+        path = _exit_file(folder, name)
+        path.unlink(missing_ok=True)
+        with suppress(OSError):
+            reserve(path)
 
 
 def _exit_file(folder: Path, name: str) -> Path:

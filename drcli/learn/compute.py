@@ -1,9 +1,11 @@
 """Chooses device and number format of the learner by a fixed rule."""
 
 import os
+import time
 from dataclasses import dataclass
 
 import torch
+from torch import nn
 
 from drcli.learn.data_parallel import parts_of
 
@@ -30,6 +32,7 @@ class Compute:
         reason: Why, for the log.
         threads: Processor cores of an update; unused on a GPU.
         parts: Number of parts of a minibatch; see `DataParallel`.
+        warning: What a racer should know about the format; empty for nothing.
         graphs: Whether a GPU gets a gradient step as one CUDA graph; see `CapturedStep`.
     """
 
@@ -39,6 +42,7 @@ class Compute:
     threads: int = 1
     parts: int = 1
     graphs: bool = False
+    warning: str = ""
 
     @property
     def number_format(self) -> str:
@@ -67,14 +71,15 @@ def choose_compute(
 
     bfloat16 is for processors with instructions for it: matrix units (AMX), or vectors
     (AVX512_BF16), where it computes 1.1 to 1.9 times as many samples/s as float32. Without these it
-    is emulated, 0.32 to 0.43 times as many. On a GPU whose tensor cores have it, it was 1.4 to 2.3
-    times as fast (NVIDIA H200, `scripts/bench gpu`).
+    is emulated and several times slower, how much differs between processors; so a training that
+    comes from elsewhere goes on in float32 (`bf16_slowdown` tells what that saves). On a GPU whose
+    tensor cores have it, it was 1.4 to 2.3 times as fast (NVIDIA H200, `scripts/bench gpu`).
 
     Args:
         wanted: "fp32", "bf16", or "auto" for the rule.
         batch_size: Steps in a minibatch.
         threads: Processor cores to use.
-        before: The format that a resumed training began with; "auto" keeps it.
+        before: The format that a resumed training began with; "auto" does, unless it is emulated.
     """
     torch.set_num_threads(threads)
     if torch.cuda.is_available():
@@ -88,8 +93,22 @@ def choose_compute(
             where = f"{threads} thread" + "s" * (threads != 1)
     usual = "bf16" if units else "fp32"
     name = wanted if wanted in FORMATS else before if before in FORMATS else usual
+    warning = ""
+    if name == "bf16" and not units:
+        times = bf16_slowdown(device)
+        slow = f"bf16 takes {times:.1f} times as long as fp32 here (convolutions, measured now)"
+        if wanted == "bf16":
+            warning = f"{slow}. DR_TORCH_PRECISION=bf16 in system.env asks for it; auto does not."
+        else:
+            name = usual
+            warning = (
+                f"{slow}, so this training, which began in bf16, goes on in fp32. "
+                "DR_TORCH_PRECISION=bf16 in system.env keeps bf16."
+            )
     if wanted in FORMATS:
         why = "as set"
+    elif warning:
+        why = "faster here than bf16, with which this training began"
     elif name != usual:
         why = f"kept from the start of this training ({usual} is faster here: DR_TORCH_PRECISION)"
     elif device == "cuda":
@@ -101,7 +120,33 @@ def choose_compute(
     graphs = device == "cuda"
     how = _GRAPHS if graphs else _EAGER
     reason = f"{name} on {where}: {why}; minibatches of {batch_size}, {how}"
-    return Compute(torch.device(device), name == "bf16", reason, threads, parts, graphs)
+    return Compute(torch.device(device), name == "bf16", reason, threads, parts, graphs, warning)
+
+
+def bf16_slowdown(device: str) -> float:
+    """How many times as long convolutions take in bfloat16 as in float32, with their gradients.
+
+    The layers and the size of the pictures are those of the shallow network; other networks may
+    lose more or less. Takes a few tenths of a second where bfloat16 is emulated.
+    """
+    # Other programs would change the wall time, which alone can tell how long a GPU works.
+    clock = time.perf_counter if device == "cuda" else time.process_time
+    seconds = []
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    for number_format in (torch.float32, torch.bfloat16):
+        first = nn.Conv2d(1, 32, 8, 4)
+        layers = nn.Sequential(first, nn.ReLU(), nn.Conv2d(32, 64, 4, 2)).to(device, number_format)
+        frames = torch.zeros(2, 1, 120, 160, dtype=number_format, device=device)
+        taken = []
+        for _ in range(3):  # the first one takes fresh memory and chooses kernels
+            began = clock()
+            layers(frames).sum().backward()
+            float(first.weight.detach().sum())  # waits for a GPU
+            taken.append(clock() - began)
+        seconds.append(min(taken))
+    torch.set_num_threads(threads)
+    return seconds[1] / seconds[0]
 
 
 def driving_format(learner: str | None) -> torch.dtype:

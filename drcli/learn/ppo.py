@@ -22,7 +22,6 @@ from drcli.learn.rollout_buffer import Rollout, RolloutTensors
 from drcli.learn.update_result import (
     NonFiniteLossError,
     PPOStats,
-    UpdateInterruptedError,
     require_finite_losses,
     require_finite_weights,
 )
@@ -108,12 +107,12 @@ class PPO:
             rollout: The episodes, driven with the present weights.
             seed: Decides the order of the minibatches.
             on_epoch: Called after each epoch.
-            should_stop: Called before each minibatch; stops the update.
+            should_stop: Called after each minibatch; ends the update early. What was learned until
+                then is a smaller step of the policy, and as sound as that of a whole update.
             steps_before: Environment steps learned from so far, for the schedules.
 
         Raises:
             NonFiniteLossError: A return, a loss or a weight is NaN or infinite.
-            UpdateInterruptedError: `should_stop` returned True.
             LearnerLostError: Another process of the group has ended.
         """
         config, history = self.config, []
@@ -129,16 +128,18 @@ class PPO:
             for epoch in range(config.num_epochs):
                 totals, count = torch.zeros(NUM_STATISTICS, device=self.compute.device), 0
                 shuffled = torch.randperm(rollout.steps, generator=order).to(totals.device)
+                ends = False
                 for rows in minibatches(shuffled, config.batch_size):
-                    if should_stop():
-                        raise UpdateInterruptedError
                     totals += self._step(rows)
                     count += 1
+                    if ends := should_stop():
+                        break
                 numbers = [*(totals / count).tolist(), explained]
                 require_finite_losses(dict(zip(LOSSES, numbers, strict=False)))
                 history.append(PPOStats(epoch, self.optimizer.lr, *numbers))
                 on_epoch(history[-1])
-                if config.target_kl is not None and history[-1].approx_kl > config.target_kl:
+                target_kl = config.target_kl
+                if ends or (target_kl is not None and history[-1].approx_kl > target_kl):
                     break
         self._batch = None
         require_finite_weights(self.model)

@@ -23,7 +23,6 @@ from drcli.learn.sac_networks import SACAgent, squash
 from drcli.learn.update_result import (
     NonFiniteLossError,
     SACStats,
-    UpdateInterruptedError,
     require_finite_losses,
     require_finite_weights,
 )
@@ -145,18 +144,20 @@ class SAC:
         self.model.train()
         with self._parallel.optimizer_threads():
             for part in range(parts):
-                totals = torch.zeros(NUM_STATISTICS, device=self.compute.device)
-                count = total * (part + 1) // parts - total * part // parts
-                for _ in range(count):
-                    if should_stop():
-                        raise UpdateInterruptedError
+                totals, count = torch.zeros(NUM_STATISTICS, device=self.compute.device), 0
+                ends, all_of_part = False, total * (part + 1) // parts - total * part // parts
+                while count < all_of_part and not ends:
                     batch = self.replay.sample(self._own_batch_size, draw)
                     noise = torch.randn((2, *batch.actions.shape), generator=draw)
                     totals += self._step(noise, *batch.before, *batch.after, *batch[1:3], batch[4])
+                    count += 1
+                    ends = should_stop()
                 means = (totals / count).tolist()
                 require_finite_losses(dict(zip(LOSSES, means, strict=False)))
                 history.append(SACStats(part, self.optimizer.lr, *means))
                 on_epoch(history[-1])
+                if ends:
+                    break
         require_finite_weights(self.model)
         return history
 

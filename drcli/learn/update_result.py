@@ -71,10 +71,6 @@ class NonFiniteLossError(ArithmeticError):
     """The loss, a return or a weight became NaN or infinite."""
 
 
-class UpdateInterruptedError(RuntimeError):
-    """The caller asked to stop during an update."""
-
-
 def require_finite_losses(losses: Mapping[str, float]) -> None:
     """Check the mean losses of an epoch.
 

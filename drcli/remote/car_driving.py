@@ -1,6 +1,5 @@
 """Starts and stops a car, and limits its speed."""
 
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -10,6 +9,7 @@ from math import inf
 from types import FrameType
 
 from drcli.base.errors import DrError, SettingsError
+from drcli.base.termination import handle, restore
 from drcli.remote.car_errors import CarError, CarRefused, NotLoggedIn
 from drcli.remote.car_models import LOADED, LOADING, loading_state
 from drcli.remote.car_web import CarWeb
@@ -222,10 +222,8 @@ def _ending_signals() -> Iterator[_Signals]:
     if threading.current_thread() is not threading.main_thread():
         yield signals
         return
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.signal(number, signals.handle) for number in numbers}
+    before = handle(signals.handle)
     try:
         yield signals
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        restore(before)

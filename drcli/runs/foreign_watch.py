@@ -12,6 +12,7 @@ from types import FrameType
 
 from drcli.base.errors import Absent, SettingsError
 from drcli.base.process_identity import is_alive, started_s
+from drcli.base.termination import STOPS, handle, restore
 from drcli.runs.interruption_watch import MARGIN_S, SAVE_S, due
 from drcli.runs.outcome import INTERRUPTED
 from drcli.spot.cloud_notices import Notice
@@ -75,20 +76,21 @@ class NoticeHandling:
 class ForeignWatch:
     """Waits for a notice or for the end of a program, whichever comes first.
 
-    SIGTERM for this process is a notice too: schedulers send it.
+    SIGTERM for this process is a notice too, because schedulers send it; so is SIGHUP.
     """
 
     def __init__(self, watch: NoticeWatch, handling: NoticeHandling) -> None:
         self._watch = watch
         self._handling = handling
-        self._terminated = False
+        self._terminated: signal.Signals | None = None
 
     def run(self, command: Sequence[str]) -> WatchReport:
         """Run a command until it ends or the notice comes."""
-        before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
-        signal.signal(signal.SIGTERM, self._note_signal)
         # Ctrl-C goes to the command as well, and its exit code says what became of it.
-        signal.signal(signal.SIGINT, lambda *_: None)
+        before = {
+            **handle(self._note_signal, STOPS),
+            **handle(lambda *_: None, (signal.SIGINT,)),
+        }
         try:
             # The handlers above are not inherited, because exec resets them.
             with subprocess.Popen(list(command)) as process:
@@ -106,8 +108,7 @@ class ForeignWatch:
             return WatchReport(None, None, None, None, text, NOT_EXECUTABLE)
         finally:
             self._watch.stop()
-            for number, handler in before.items():
-                signal.signal(number, handler)
+            restore(before)
 
     def follow(self, pid: int) -> WatchReport:
         """Watch for a process that runs already, until it ends or the notice comes.
@@ -118,7 +119,7 @@ class ForeignWatch:
         began_s = started_s(pid)
         if began_s is None:
             raise Absent(f"No process {pid} runs here.", remedy="Look for it with `ps aux`.")
-        before = signal.signal(signal.SIGTERM, self._note_signal)
+        before = handle(self._note_signal, STOPS)
 
         def has_ended() -> bool:
             return not is_alive(pid, began_s)
@@ -130,7 +131,7 @@ class ForeignWatch:
             return self._act(found, pid, has_ended)
         finally:
             self._watch.stop()
-            signal.signal(signal.SIGTERM, before)
+            restore(before)
 
     def wait(self) -> WatchReport:
         """Wait for the notice."""
@@ -156,16 +157,16 @@ class ForeignWatch:
             return WatchReport(None, None, None, None, "There is no notice.", 1)
         return WatchReport.of(found.notice, 0)
 
-    def _note_signal(self, _number: int, _frame: FrameType | None) -> None:
-        self._terminated = True
+    def _note_signal(self, number: int, _frame: FrameType | None) -> None:
+        self._terminated = signal.Signals(number)
 
     def _await(self, has_ended: Callable[[], bool]) -> Announced | None:
         """Wait for a notice; None if the program ends before."""
         self._watch.start()
         while not has_ended():
             now_s = time.monotonic()
-            if self._terminated:
-                text = "SIGTERM came."
+            if self._terminated is not None:
+                text = f"{self._terminated.name} came."
                 notice = Notice("signal", "interruption", "terminate", TERM_GRACE_S, text)
                 return Announced(notice, now_s)
             announced = self._watch.announced()

@@ -18,6 +18,7 @@ from types import FrameType
 from drcli.base.errors import OwnershipLost, SettingsError
 from drcli.base.json_record import RecordError, from_json
 from drcli.base.process_identity import started_s
+from drcli.base.termination import handle, restore
 from drcli.checks.start_rules import refuse_second_run
 from drcli.config.run_config import RaceConfig
 from drcli.config.settings import Settings
@@ -186,12 +187,11 @@ class JoinedMachine:
         def note(number: int, _frame: FrameType | None) -> None:
             self._signal = number
 
-        before = {each: signal.signal(each, note) for each in (signal.SIGTERM, signal.SIGINT)}
+        before = handle(note)
         try:
             yield
         finally:
-            for each, handler in before.items():
-                signal.signal(each, handler)
+            restore(before)
 
     def _find(self) -> tuple[JoinRecord, bool] | _Ended | None:
         """The training, and whether its machine is gone; its end; None to stop.

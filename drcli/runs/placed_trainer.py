@@ -302,7 +302,7 @@ def place(ray: Any, job: Job, gpus: int, cores: int) -> Any:
     if not gpus:
         train = train.replaced(threads=train.threads or train.train_learners)
     public = job.without_addresses()
-    sent = replace(public, config=replace(public.config, train=train))
+    sent = replace(public, config=replace(public.config, train=train), began_s=0.0)
     data = json.loads(json.dumps(asdict(sent), default=json_default))
     options = ray.remote(TrainerHost).options(num_cpus=cores, num_gpus=gpus, max_restarts=0)
     return options.remote(data, versions(), keys_for_nodes(*FIGURE_KEYS))

@@ -9,6 +9,7 @@ from types import FrameType
 
 from drcli.base.errors import DrError
 from drcli.base.log import get_logger
+from drcli.base.termination import handle
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.log_places import log_file
 from drcli.exchange.run_record import RunRecord, State, StopRequest, WorkerRecord
@@ -100,8 +101,7 @@ class Supervisor:
 
     def run(self) -> int:
         """Supervise until the training is over; returns the exit code of the command."""
-        signal.signal(signal.SIGTERM, self._note_signal)
-        signal.signal(signal.SIGINT, self._note_signal)
+        handle(self._note_signal)
         outcome = Outcome(1, "The supervisor failed.", "Read its log with `dr-logs supervisor`.")
         try:
             self._server.start()
@@ -122,6 +122,8 @@ class Supervisor:
 
     def _note_signal(self, number: int, _frame: FrameType | None) -> None:
         if self._signal is not None:
+            if number == signal.SIGHUP:  # a shell repeats that of its terminal
+                return
             self._hurried = True
             for child in self._children:
                 if child.running and child.process is not None:
@@ -152,6 +154,8 @@ class Supervisor:
         while True:
             if self._signal is not None:
                 return self._stopped_by(signal.Signals(self._signal))
+            if not RunRecord.is_in(self._job.folder):
+                self._write_record()  # or no command would know of this run
             if self._renewal.lost is not None:
                 lost = self._renewal.lost
                 return Outcome(lost.code, str(lost), lost.remedy)
@@ -178,7 +182,7 @@ class Supervisor:
         save_s = unattended.sigterm_grace_seconds - SIGTERM_MARGIN_S
         if not self._job.whole_run:
             return Outcome(TERMINATED, f"Stopped by {number.name}.", save_within_s=save_s)
-        self._journal.note("notice", "SIGTERM came.", source="signal", what="interruption")
+        self._journal.note("notice", f"{number.name} came.", source="signal", what="interruption")
         return interrupted(
             f"Interrupted by {number.name}.",
             save_s,

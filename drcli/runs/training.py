@@ -114,7 +114,7 @@ def supervise_job(job: Job) -> int:
 
 
 def _supervise(job: Job) -> int:
-    job = replace(job, launcher_pid=os.getpid())
+    job = replace(job, launcher_pid=os.getpid(), began_s=time.monotonic())
     storage, prefix = job.config.storage, job.config.model.prefix
 
     def impatient(patience_s: float) -> S3Bucket:

@@ -235,9 +235,9 @@ class TuneSweep:
         else:
             self._say(f"The sweep {name} was interrupted.")
         self._say("Continue it with the same command.")
-        codes = {None: WorkerDied.code, signal.SIGINT: CTRL_C, signal.SIGTERM: TERMINATED}
+        codes = {None: WorkerDied.code, signal.SIGINT: CTRL_C}
         sys.stderr.flush()
-        os._exit(codes[self._signals.first])
+        os._exit(codes.get(self._signals.first, TERMINATED))
 
     def _task(self, trial: TrialRecord, place: Place) -> TrialTask:
         plan = self._plan

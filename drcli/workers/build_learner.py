@@ -64,6 +64,8 @@ def learner_of_training(
     )
     where = f" in each of {size} processes" if size > 1 else ""
     _logger.info("Learning%s in %s", where, compute.reason)
+    if compute.warning:
+        _logger.warning("%s", compute.warning)
     if group is None:
         learner = build_learner(metadata, parameters, compute)
     else:

@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from drcli.base.errors import SettingsError
 from drcli.base.log import get_logger
 from drcli.base.problems import Problem, ProblemsError
@@ -29,6 +31,7 @@ from drsim.episode.simulation import Simulation
 from drsim.errors import RewardError, TrackError
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race
 from drsim.race.traffic import Traffic
+from drsim.race.way_past import closed_at_m
 from drsim.sensing.observations import Randomize
 from drsim.sensing.sensors import Sensors
 from drsim.track.track import Track
@@ -112,6 +115,46 @@ def load_race(config: RaceConfig, track: Track) -> Race:
         problem = Problem("V-07", "error", *place, f"{number}: {error}", remedy, number)
         raise ProblemsError([problem]) from None
     return race
+
+
+DRAWS = 20
+"""Episodes whose drawn places are looked at before a start."""
+
+
+def race_warnings(config: RaceConfig, track: Track, race: Race) -> list[Problem]:
+    """V-07: obstacles or bots that no car can pass, and obstacles in the same place."""
+    rules = race.obstacles or race.bots
+    if rules is None:
+        return []
+    is_obstacle = race.obstacles is not None
+    places = race.obstacles.positions if race.obstacles is not None else ()
+    drawn = rules.randomize and not places
+    name = "DR_OA_NUMBER_OF_OBSTACLES" if is_obstacle else "DR_H2B_NUMBER_OF_BOT_CARS"
+    remedy = "Set a smaller number or a larger least distance."
+    if places:
+        name, remedy = "DR_OA_OBJECT_POSITIONS", "Move one of them."
+    found = []
+    known: set[tuple[float, bool]] = set()
+    for fraction, lane in places:
+        where = (fraction % 1.0 if track.closed else fraction, lane == -1)
+        if where in known:
+            found.append(f"two obstacles stand in the same place, {fraction:g},{lane:g}")
+        known.add(where)
+    traffic = Traffic((track, track.reversed()), DRAWS if drawn else 1, race)
+    cars = np.arange(len(traffic.xy))
+    forward = np.zeros(len(cars), np.int64)
+    traffic.begin(cars, np.zeros(len(cars)), forward, np.arange(len(cars), dtype=np.uint64))
+    closed_m = closed_at_m(track, traffic.objects())
+    closed_m = closed_m[~np.isnan(closed_m)]
+    what = "obstacles" if is_obstacle else "bots"
+    if drawn and len(closed_m):
+        often = f"in {len(closed_m)} of {DRAWS} drawn episodes"
+        found.append(f"nobody can pass some {what} {often}, because they close both lanes")
+    elif len(closed_m):
+        fraction = closed_m[0] / track.length_m
+        found.append(f"nobody can pass the {what} at {fraction:.3f} of the lap")
+    place = config.place(name)
+    return [Problem("V-07", "warning", *place, f"{name}: {text}.", remedy, name) for text in found]
 
 
 def realism_of(config: RaceConfig, job: Literal["training", "evaluation"]) -> Realism:

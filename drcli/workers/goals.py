@@ -158,9 +158,22 @@ class Goals:
         self._job = job
         self._parameters = parameters
         self._clock = clock
-        self._began_s = clock() - (before_s if job.whole_run else 0.0)
         # On the monotonic clock, so that nobody ends the training by setting the machine's clock.
-        self._ends_s = None if job.ends_at is None else clock() + job.ends_at - now()
+        now_s = clock()
+        # A trainer that died and starts again begins no new start.
+        began_s = now_s - before_s if job.whole_run else job.began_s or now_s
+        self._ends_s: list[tuple[float, str]] = []
+        if (minutes := job.max_minutes) is not None:
+            why = f"the time limit ({_minutes(minutes)}) was reached."
+            self._ends_s.append((began_s + 60.0 * minutes, why))
+        if job.ends_at is not None:
+            lived = _minutes(job.config.unattended.time_to_live_minutes)
+            why = f"{lived} have passed since its first start."
+            self._ends_s.append((clock() + job.ends_at - now(), why))
+
+    def late_s(self) -> float:
+        """For how long a time limit has been over; negative before, -inf without one."""
+        return self._clock() - min((at_s for at_s, _ in self._ends_s), default=float("inf"))
 
     def reached(
         self,
@@ -189,12 +202,9 @@ class Goals:
     def _limit(self, count: int, episodes: int, steps: int) -> str | None:
         """Why the training is complete, however well the car drives."""
         job, settings = self._job, self._job.config.train
-        minutes = job.max_minutes
-        if minutes is not None and self._clock() - self._began_s > 60.0 * minutes:
-            return f"Training is complete: the time limit ({_minutes(minutes)}) was reached."
-        if self._ends_s is not None and self._clock() >= self._ends_s:
-            lived = _minutes(job.config.unattended.time_to_live_minutes)
-            return f"Training is complete: {lived} have passed since its first start."
+        for at_s, why in self._ends_s:
+            if self._clock() >= at_s:
+                return f"Training is complete: {why}"
         most, name = _iteration_limit(job, self._parameters)
         if most <= count:
             done = "1 iteration is" if count == 1 else f"{count} iterations are"

@@ -121,10 +121,16 @@ class StageProgress:
         ):
             if limit is not None and done >= limit:
                 return "1 " + words[:-1] + " is done" if done == 1 else f"{done:,} {words} are done"
-        if goal.minutes is not None and now.elapsed_s - mark.elapsed_s >= 60.0 * goal.minutes:
+        if self.is_time_over(now.elapsed_s):
             one = goal.minutes == 1
             return "1 minute has passed" if one else f"{goal.minutes:g} minutes have passed"
         return self._good_enough(own)
+
+    def is_time_over(self, elapsed_s: float) -> bool:
+        """Whether the minutes of the stage have passed, after so much wall time of training."""
+        if self.stage is None or self.mark is None or self.stage.goal.minutes is None:
+            return False
+        return elapsed_s - self.mark.elapsed_s >= 60.0 * self.stage.goal.minutes
 
     def _good_enough(self, own: Sequence[IterationRecord]) -> str | None:
         """Which targets are reached, if all are."""

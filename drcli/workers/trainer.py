@@ -23,13 +23,14 @@ from drcli.formats.build_network import load_weights
 from drcli.learn.compute import flush_denormals
 from drcli.learn.gradient_group import LearnerLostError
 from drcli.learn.learner import Learner
-from drcli.learn.update_result import NonFiniteLossError, Stats, UpdateInterruptedError
+from drcli.learn.update_result import NonFiniteLossError, Stats
 from drcli.modelfiles.custom_files import write_model_files
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.checkpoint_retention import KeepRules
 from drcli.store.checkpoints import KEEP, CheckpointStore
 from drcli.store.history import History
+from drcli.store.lost_checkpoints import refuse_lost
 from drcli.store.repair import Model, repair
 from drcli.store.rollout_reader import FIRST_LOOK_S, WOKEN_LOOK_S, RolloutReader
 from drcli.store.trace_retention import TraceRetention
@@ -58,6 +59,9 @@ _logger = get_logger(__name__)
 
 NOBODY_S = 0.25
 """Pause between two looks for workers while there is nobody who drives."""
+
+LATE_S = 2.0
+"""How long after a time limit an evaluation is still waited for."""
 
 SEED_STRIDE = 1_000_003
 """Keeps the random numbers of iterations apart."""
@@ -161,7 +165,12 @@ class Trainer:
             enabled=train.train_frozen_graph,
         )
         self._publisher = CheckpointPublisher(
-            self._checkpoints, graphs, self._traces, lifeline.should_stop, self._wake_workers
+            self._checkpoints,
+            graphs,
+            self._traces,
+            lifeline.should_stop,
+            self._wake_workers,
+            near=not frugal,
         )
 
     def _build_learner(self, number_format: str | None) -> Learner:
@@ -254,6 +263,7 @@ class Trainer:
         """Continue from the newest intact checkpoint, or publish the first one."""
         found, self._found = self._found, None
         if found is None:
+            refuse_lost(self._bucket, self._prefix)
             self._publish()
             return
         for damage in found.damaged:
@@ -395,12 +405,9 @@ class Trainer:
                 collected.rollout,
                 seed,
                 on_epoch=self._log_epoch,
-                should_stop=self._lifeline.step_done,
+                should_stop=self._ends_update,
                 steps_before=steps_before,
             )
-        except UpdateInterruptedError:
-            # Nothing is lost: a resumed training drives this iteration again.
-            raise StopRequested from None
         except NonFiniteLossError as error:
             self._await_evaluation(collected)
             self._scoring.score_all(self._progress.newest)
@@ -451,6 +458,24 @@ class Trainer:
         if fallen is not None and reason is None:
             self._roll_back("collapse", fallen[0].upper() + fallen[1:])
 
+    def _ends_update(self) -> bool:
+        """Whether time is over, so that an update ends with what it has learned until now.
+
+        Raises:
+            StopRequested: Somebody wants this process to stop. Nothing is lost: a resumed training
+                drives this iteration again.
+        """
+        if self._lifeline.step_done():
+            raise StopRequested
+        # Other processes learn on, so an update that ends early must be their last one.
+        may_be_stage = self._group is None or self._stages.is_last
+        ends = self.goals.late_s() >= 0.0 or (
+            may_be_stage and self._stages.is_time_over(self._progress.elapsed_s)
+        )
+        if ends:
+            _logger.info("The time is over: this update ends with what it has learned until now.")
+        return ends
+
     def _report(self, row: Row) -> None:
         """Give an iteration that is in the history to the log, the metrics and other tools."""
         plain.info("%s", line_of(row), extra={"event": "iteration", "facts": row})
@@ -486,7 +511,11 @@ class Trainer:
         """Wait for the evaluation that a worker still drives, if there is one."""
         if collected.evaluates is not None:
             self._activity.wait(f"waits for the evaluation of checkpoint {collected.evaluates}")
-            self._scoring.wait(collected.evaluates, collected.drive_s, self._lifeline.should_stop)
+            self._scoring.wait(
+                collected.evaluates,
+                collected.drive_s,
+                lambda: self._lifeline.should_stop() or self.goals.late_s() > LATE_S,
+            )
 
     def _publish(self, learned: IterationRecord | None = None) -> None:
         """Publish the weights and the iteration that made them, None for the first ones."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.run_config import RaceConfig
-from drcli.workers.build_race import MAX_EPISODE_STEPS, SLACK, load_race, load_world
+from drcli.workers.build_race import MAX_EPISODE_STEPS, SLACK, load_race, load_world, race_warnings
 from drsim.car.car import CONTROL_HZ
 from drsim.episode.params import Situation, params_of
 from drsim.episode.reward import RewardParams
@@ -55,6 +55,7 @@ def sample_races(
             problems += error.problems
             continue
         if (own.world_name, race) not in samples:
+            problems += race_warnings(own, track, race)
             samples[own.world_name, race] = sample_params(track, race)
             names.append(f"{own.world_name}, {own.race_type}")
     if not samples:

@@ -3,18 +3,18 @@
 Started as `python -m drcli.store.server.moto_server PORT`.
 """
 
-import signal
 import sys
 import threading
 
 from moto.server import ThreadedMotoServer
 
+from drcli.base.termination import handle
+
 
 def main(port: int) -> None:
-    """Serve until SIGTERM or SIGINT."""
+    """Serve until a signal asks to stop."""
     stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    handle(lambda *_: stop.set())
     server = ThreadedMotoServer("127.0.0.1", port, verbose=False)
     server.start()
     stop.wait()

@@ -1,20 +1,21 @@
-"""SIGTERM ends a block as an error, after its cleanup."""
+"""SIGTERM and the end of the terminal end a block as an error, after its cleanup."""
 
 import signal
 
 import pytest
 
-from drcli.base.termination import NotedSignals, Stopped, until_sigterm
+from drcli.base.termination import STOPS, NotedSignals, Stopped, handle, restore, until_sigterm
 
 
-def test_sigterm_ends_the_block_with_cleanup_and_is_handled_as_before_afterwards():
-    before = signal.getsignal(signal.SIGTERM)
+@pytest.mark.parametrize("number", STOPS)
+def test_a_signal_ends_the_block_with_cleanup_and_is_handled_as_before_afterwards(number):
+    before = signal.getsignal(number)
     cleaned = []
 
     def work():
         with until_sigterm("The work was stopped.", "Begin again."):
             try:
-                signal.raise_signal(signal.SIGTERM)
+                signal.raise_signal(number)
             except Exception:
                 pytest.fail("it must not look like a failure of the work")
             finally:
@@ -25,10 +26,11 @@ def test_sigterm_ends_the_block_with_cleanup_and_is_handled_as_before_afterwards
 
     assert cleaned == [True]
     assert (stopped.value.code, stopped.value.remedy) == (143, "Begin again.")
-    assert signal.getsignal(signal.SIGTERM) is before
+    assert signal.getsignal(number) is before
 
 
-def test_a_second_sigterm_does_not_interrupt_the_cleanup():
+@pytest.mark.parametrize("number", STOPS)
+def test_a_second_signal_does_not_interrupt_the_cleanup(number):
     cleaned = []
 
     def work():
@@ -36,7 +38,7 @@ def test_a_second_sigterm_does_not_interrupt_the_cleanup():
             try:
                 signal.raise_signal(signal.SIGTERM)
             finally:
-                signal.raise_signal(signal.SIGTERM)
+                signal.raise_signal(number)
                 cleaned.append(True)
 
     with pytest.raises(Stopped):
@@ -65,3 +67,25 @@ def test_ctrl_c_is_a_keyboard_interrupt():
 
         with pytest.raises(KeyboardInterrupt):
             noted.refuse("Stopped.", "Begin again.")
+
+
+def test_the_end_of_the_terminal_is_noted_once_however_often_a_shell_repeats_it():
+    with NotedSignals() as noted:
+        for _ in range(3):
+            signal.raise_signal(signal.SIGHUP)
+
+        with pytest.raises(Stopped):
+            noted.refuse("Stopped.", "Begin again.")
+        assert noted.count == 1
+
+
+def test_what_nohup_has_started_goes_on_without_its_terminal():
+    own = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        before = handle(lambda *_: pytest.fail("nohup wants it ignored"))
+        signal.raise_signal(signal.SIGHUP)
+        restore(before)
+
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, own)

@@ -48,6 +48,11 @@ def action(steering: float, speed: float = 1, **more: object) -> dict[str, objec
     return {"steering_angle": steering, "speed": speed, **more}
 
 
+def obstacles(positions: str) -> dict[str, object]:
+    """Settings for obstacles in these places."""
+    return {"DR_RACE_TYPE": "OBJECT_AVOIDANCE", "DR_OA_OBJECT_POSITIONS": positions}
+
+
 def reward(*lines: str) -> str:
     """A reward function whose body is these lines."""
     return "def reward_function(params):\n" + "".join(f"    {line}\n" for line in lines)
@@ -186,6 +191,20 @@ CASES = (
         lambda f: f.settings(DR_RACE_TYPE="OBJECT_AVOIDANCE", DR_OA_NUMBER_OF_OBSTACLES=400),
         "error",
         ("run.env line 4", "DR_OA_NUMBER_OF_OBSTACLES"),
+    ),
+    Case(
+        "V-07",
+        lambda f: f.settings(**obstacles("0.25,1;0.5,-1")),
+        lambda f: f.settings(**obstacles("0.25,1;0.25,-1")),
+        "warning",
+        ("run.env line 4", "nobody can pass the obstacles at 0.250 of the lap"),
+    ),
+    Case(
+        "V-07",
+        lambda f: f.settings(**obstacles("0,1;0.5,1")),
+        lambda f: f.settings(**obstacles("0,1;1,1")),
+        "warning",
+        ("run.env line 4", "two obstacles stand in the same place, 1,1"),
     ),
     Case(
         "V-08",

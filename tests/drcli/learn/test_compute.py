@@ -1,3 +1,5 @@
+import os
+import re
 import subprocess
 import sys
 
@@ -86,15 +88,35 @@ def test_a_racer_who_insists_gets_the_format(processor, amx, wanted, bf16):
     assert choose_compute(wanted, batch_size=64, threads=1, before="fp32").bf16 == bf16
 
 
-@pytest.mark.parametrize(("before", "amx"), [("fp32", True), ("bf16", False)])
-def test_a_training_keeps_its_format_on_another_processor_and_says_so(processor, before, amx):
-    processor(amx)
+def test_a_training_in_float32_keeps_that_on_another_processor_and_says_so(processor):
+    processor(amx=True)
 
-    compute = choose_compute("auto", batch_size=64, threads=1, before=before)
+    compute = choose_compute("auto", batch_size=64, threads=1, before="fp32")
 
-    assert compute.number_format == before
+    assert compute.number_format == "fp32"
     assert "kept from the start of this training" in compute.reason
     assert "DR_TORCH_PRECISION" in compute.reason
+
+
+def test_a_training_in_bfloat16_goes_on_in_float32_where_that_is_emulated_unless_it_is_pinned():
+    # The limit switches the instructions off in the libraries, and not only in our own look.
+    code = (
+        "from drcli.learn.compute import choose_compute as choose\n"
+        "for wanted in ('auto', 'bf16'):\n"
+        "    found = choose(wanted, batch_size=64, threads=1, before='bf16')\n"
+        "    print(found.number_format, found.warning)"
+    )
+    limited = {**os.environ, "ONEDNN_MAX_CPU_ISA": "AVX2", "CUDA_VISIBLE_DEVICES": ""}
+
+    said = subprocess.run(
+        [sys.executable, "-c", code], env=limited, capture_output=True, text=True, check=True
+    ).stdout
+
+    auto, pinned = said.splitlines()
+    slow = r"bf16 takes (\S+) times as long as fp32 here"
+    assert all(float(re.search(slow, line)[1]) > 1.0 for line in (auto, pinned))
+    assert re.match(r"fp32 .*goes on in fp32\. DR_TORCH_PRECISION=bf16", auto)
+    assert re.match(r"bf16 .*DR_TORCH_PRECISION=bf16 in system\.env asks for it", pinned)
 
 
 def test_a_checkpoint_that_names_no_format_gets_that_of_the_processor(processor):

@@ -10,7 +10,7 @@ from drcli.learn.compute import Compute
 from drcli.learn.policy import Observation, PolicySpec, decide
 from drcli.learn.ppo import PPO, minibatches
 from drcli.learn.rollout_buffer import Rollout
-from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
+from drcli.learn.update_result import NonFiniteLossError
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
 
@@ -52,15 +52,20 @@ def test_a_reward_that_is_not_a_number_ends_the_update_at_the_first_step():
     assert torch.equal(model.policy_head.weight, before)
 
 
-def test_an_update_can_be_interrupted_between_minibatches():
+def test_an_update_that_ends_early_has_learned_from_the_minibatches_until_then():
     model = _model(continuous=False)
     rollout = _rollout(model, np.zeros((8, 1, 120, 160), dtype=np.uint8))
-    answers = iter([False, True])
+    before = model.value_head.bias.detach().clone()
+    answers, heard = iter([False, False, True]), []
 
-    with pytest.raises(UpdateInterruptedError):
-        PPO(model, PPOConfig(batch_size=4), CPU).update(
-            rollout, 1, should_stop=lambda: next(answers)
-        )
+    stats = PPO(model, PPOConfig(batch_size=4), CPU).update(
+        rollout, 1, heard.append, should_stop=lambda: next(answers)
+    )
+
+    assert [s.epoch for s in stats] == [0, 1]
+    assert heard == stats
+    assert all(np.isfinite(s.value_loss) for s in stats)
+    assert not torch.equal(model.value_head.bias, before)
 
 
 def test_an_epoch_uses_full_minibatches_and_no_row_twice():

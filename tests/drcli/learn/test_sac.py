@@ -14,7 +14,7 @@ from drcli.learn.replay_buffer import Transitions
 from drcli.learn.rollout_buffer import Rollout
 from drcli.learn.sac import SAC
 from drcli.learn.sac_networks import SACAgent
-from drcli.learn.update_result import NonFiniteLossError, UpdateInterruptedError
+from drcli.learn.update_result import NonFiniteLossError
 from observations import camera_only
 
 CPU = Compute(torch.device("cpu"), bf16=False, reason="test")
@@ -264,12 +264,15 @@ def test_a_reward_that_is_not_a_number_ends_the_update_at_the_first_step():
     assert _same(sac.model, _agent())
 
 
-def test_an_update_can_be_interrupted_between_gradient_steps():
-    sac = SAC(_agent(), SMALL, CPU)
+def test_an_update_that_ends_early_has_learned_with_the_gradient_steps_until_then():
+    sac = SAC(_agent(), replace(SMALL, sac_updates_per_step=10.0), CPU)
     answers = iter([False, True])
 
-    with pytest.raises(UpdateInterruptedError):
-        sac.update(_rollout(), seed=1, should_stop=lambda: next(answers))
+    stats = sac.update(_rollout(), seed=1, should_stop=lambda: next(answers))
+
+    assert [s.epoch for s in stats] == [0]
+    assert math.isfinite(stats[0].qf_loss)
+    assert not _same(sac.model, _agent())
 
 
 def test_a_restored_learner_goes_on_as_the_first_one_would_have():

@@ -3,6 +3,7 @@
 import errno
 import logging
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from drcli.base.log import LogFile
+from drcli.base.termination import STOPS
 from drcli.config.loading import load_settings
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.log_places import log_file
@@ -123,7 +125,7 @@ class Stage:
 
 @pytest.fixture
 def stage(tmp_path, monkeypatch):
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, *STOPS)}
     stage = Stage(tmp_path)
     monkeypatch.setattr(supervisor, "start_process", stage.start_process)
     monkeypatch.setattr(supervisor, "POLL_S", 0.01)
@@ -306,7 +308,10 @@ def test_a_silent_bucket_holds_up_neither_the_workers_nor_the_end(stage, monkeyp
     assert RunRecord.read(stage.job.folder).state == "stopped"
 
 
-def test_the_trainer_leaves_after_the_simulation_so_that_it_can_score_what_was_evaluated(stage):
+@pytest.mark.parametrize("number", STOPS)
+def test_the_trainer_leaves_after_the_simulation_so_that_it_can_score_what_was_evaluated(
+    stage, number
+):
     order = stage.job.folder / "order"
     tells = (
         "import signal, sys, time\n"
@@ -325,13 +330,16 @@ def test_the_trainer_leaves_after_the_simulation_so_that_it_can_score_what_was_e
         while not all(order.with_name(f"order-{name}").exists() for name in names):
             assert time.monotonic() < deadline
             time.sleep(0.01)
-        os.kill(os.getpid(), signal.SIGTERM)
+        for _ in range(1 + (number == signal.SIGHUP)):  # a shell repeats that of its terminal
+            os.kill(os.getpid(), number)
 
     threading.Thread(target=stop_once_they_run).start()
 
     assert stage.run() == 143
 
     assert order.read_text().split() == ["sim-0", "trainer"]
+    assert RunRecord.read(stage.job.folder).message == f"Stopped by {number.name}."
+    assert lease.holder(stage.bucket, "model") is None
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no full disk to try it on")
@@ -396,3 +404,31 @@ def test_a_worker_that_somebody_stops_is_replaced(stage, monkeypatch):
 
     restarts = {w.name: w.restarts for w in RunRecord.read(stage.job.folder).workers}
     assert restarts["sim-0"] == 1
+
+
+class Removes(Duty):
+    """Removes the folder of the run once, as somebody who tidies up, and waits for its record."""
+
+    name = "removes"
+
+    def __init__(self, folder: Path, back: Path) -> None:
+        self._folder, self._back = folder, back
+        self._removed = False
+
+    def check(self) -> None:
+        if not self._removed:
+            shutil.rmtree(self._folder)
+        elif RunRecord.read(self._folder) is not None:
+            self._back.touch()
+        self._removed = True
+
+
+def test_a_run_whose_folder_is_removed_is_known_again(stage, tmp_path):
+    back = tmp_path / "back"
+    stage.job = replace(stage.job, folder=tmp_path / "runs" / "0")
+    stage.job.folder.mkdir(parents=True)
+    waits = f"import os, time\nwhile not os.path.exists({str(back)!r}): time.sleep(0.01)"
+    stage.scripts = {"trainer": [waits, ENDS], "sim-0": [STAYS]}
+    stage.duties = [Removes(stage.job.folder, back)]
+
+    assert stage.run() == 0

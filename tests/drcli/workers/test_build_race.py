@@ -20,6 +20,7 @@ from drcli.workers.build_race import (
     car_parameters_of,
     load_race,
     race_of,
+    race_warnings,
     randomize_of,
     realism_of,
 )
@@ -44,6 +45,58 @@ def settings(tmp_path):
         return load_settings(tmp_path, environ={}).race
 
     return load
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        (("DR_RACE_TYPE=OBJECT_AVOIDANCE",), ()),
+        (("DR_RACE_TYPE=OBJECT_AVOIDANCE", "DR_OA_RANDOMIZE_OBSTACLE_LOCATIONS=True"), ()),
+        (
+            (
+                "DR_RACE_TYPE=OBJECT_AVOIDANCE",
+                "DR_OA_RANDOMIZE_OBSTACLE_LOCATIONS=True",
+                "DR_OA_MIN_DISTANCE_BETWEEN_OBSTACLES=0",
+            ),
+            ("of 20 drawn episodes",),
+        ),
+        (
+            (
+                "DR_RACE_TYPE=OBJECT_AVOIDANCE",
+                "DR_OA_OBJECT_POSITIONS=0.25,1;0.29,-1;0.5,1;0.5,1",
+            ),
+            ("in the same place, 0.5,1", "nobody can pass the obstacles at 0.250"),
+        ),
+        (("DR_RACE_TYPE=HEAD_TO_BOT",), ()),
+        (
+            (
+                "DR_RACE_TYPE=HEAD_TO_BOT",
+                "DR_H2B_NUMBER_OF_BOT_CARS=80",
+                "DR_H2B_MIN_DISTANCE_BETWEEN_BOT_CARS=0.1",
+            ),
+            ("nobody can pass the bots at",),
+        ),
+        ((), ()),
+    ],
+)
+def test_a_race_in_which_nobody_can_pass_is_told(settings, lines, words):
+    track = load_track("reinvent_base")
+
+    found = race_warnings(settings(*lines), track, race_of(settings(*lines)))
+
+    assert {problem.severity for problem in found} <= {"warning"}
+    assert len(found) == len(words)
+    assert all(word in problem.message for word, problem in zip(words, found, strict=True))
+
+
+def test_a_wide_road_leaves_a_way_between_two_obstacles(settings):
+    narrow = load_track("reinvent_base")
+    inner, outer = (2 * border - narrow.center for border in (narrow.inner, narrow.outer))
+    wide = replace(narrow, inner=inner, outer=outer)
+    side_by_side = Race(obstacles=ObstacleRules(positions=((0.25, 1), (0.25, -1))))
+
+    assert race_warnings(settings(), narrow, side_by_side)
+    assert not race_warnings(settings(), wide, side_by_side)
 
 
 def test_every_setting_of_obstacles_reaches_the_simulation(settings):
