@@ -40,6 +40,13 @@ _COUNTED: tuple[FailureKind, ...] = ("raises", "undefined", "type", "range")
 
 _MOST_NAMES = 5
 
+_CONFINED = (
+    "Do without: a reward function reads packages and the working folder, but no settings and "
+    "hidden files, writes to the working folder and temporary files, and has no network "
+    "(docs/reward-functions.md)."
+)
+"""What to do about a PermissionError."""
+
 _FLOATS = {"float", "numpy.float64"}
 
 _EFFECTS: dict[EffectKind, tuple[str, str]] = {
@@ -106,6 +113,8 @@ def _failures(
         if counted:
             message += "\nA training counts such calls and goes on (DR_REWARD_ON_ERROR)."
         remedy = _missing_module(source, failure, directory) or REMEDIES[failure.kind]
+        if failure.reason.startswith("PermissionError"):
+            remedy = _CONFINED
         if name := _parameter(source, failure):
             message += f"\n`{name}` is not a parameter."
             remedy = likely_parameter(name)
