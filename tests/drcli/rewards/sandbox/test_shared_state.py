@@ -1,5 +1,10 @@
 """State that a reward function keeps outside of its file, where all cars share it (issue 35)."""
 
+import math
+import os
+import sys
+from collections.abc import Iterator
+
 import pytest
 
 from drcli.modelfiles.custom_files import InputFile
@@ -20,8 +25,8 @@ def reward_function(params):
 """
 IN_A_LIST = """import sys
 def reward_function(params):
-    sys.path_hooks.append(None)
-    return float(len(sys.path_hooks))
+    sys.warnoptions.append("")
+    return float(len(sys.warnoptions))
 """
 BY_ITS_OWN_NAME = """import sys
 last = 0.0
@@ -53,6 +58,16 @@ def reward_function(params):
     colorsys.seen = True
     return square(params["speed"])
 """
+
+
+@pytest.fixture(autouse=True)
+def _clean() -> Iterator[None]:
+    """Here the functions run in the process of the tests."""
+    options = [*sys.warnoptions]
+    yield
+    sys.warnoptions[:] = options
+    vars(math).pop("last_progress", None)
+    os.environ.pop("LAST_PROGRESS", None)
 
 
 @pytest.mark.parametrize(
