@@ -11,6 +11,7 @@ from drcli.store import keys
 from drcli.store.history import read_history
 from drcli.store.repair import read_all_metrics
 from drcli.store.reward_errors import read_reward_errors
+from drcli.store.rollout_reader import RolloutReader
 from drcli.workers.reward_failures import (
     WINDOW_CALLS,
     AllEpisodesDiscarded,
@@ -210,6 +211,30 @@ def test_a_training_counts_failures_and_leaves_broken_episodes_out(working_folde
     marked = [r for r in metrics if r.episode_status == "Discarded" and r.phase == "training"]
     assert len(marked) == len(broken)
     assert history[0].second_world == "willow", "failures are counted on the second track, too"
+
+
+def test_by_default_a_failure_once_in_a_while_costs_its_step_and_nothing_else(
+    working_folder, monkeypatch
+):
+    training = TrainingInMemory(working_folder, monkeypatch, DR_TRAIN_MAX_ITERATIONS=2)
+    training.write(
+        "custom_files/reward_function.py",
+        "calls = 0\n\n\ndef reward_function(params):\n    global calls\n    calls += 1\n"
+        "    return 1.0 / (calls % 300 != 20)\n",
+    )
+
+    training.train()
+
+    bucket = training.bucket
+    total = sum_of(record.total for record in read_reward_errors(bucket, PREFIX))
+    reader = RolloutReader(bucket, PREFIX)
+    rollouts = [reader.read(reader.find_manifests(number)).rollout for number in (0, 1)]
+    reader.close()
+    unlearned = [(~each.learned).sum() for each in rollouts]
+    assert len(read_history(bucket, PREFIX)) == 2
+    assert unlearned == [r.reward_errors for r in read_history(bucket, PREFIX)]
+    assert total.failed >= sum(unlearned) > 0
+    assert all((each.rewards[~each.learned] == 0.001).all() for each in rollouts)
 
 
 def test_failures_are_counted_in_every_stage(working_folder, monkeypatch):
