@@ -57,16 +57,15 @@ def test_the_reward_in_place_of_a_failed_one_changes_nothing():
     for instead in (0.001, 90_000.0):
         model = _model(continuous=False)
         frames = np.random.default_rng(0).integers(0, 255, (20, 1, 120, 160), dtype=np.uint8)
+        driven = _rollout(model, frames)
         rollout = replace(
-            _rollout(model, frames), lengths=np.array([20]), learned=np.arange(20) != 7
-        )
-        rollout = replace(
-            rollout,
+            driven,
+            rewards=np.where(np.arange(20) == 7, instead, driven.rewards),
+            lengths=np.array([20]),
             last_values=np.zeros(1),
             cut=np.zeros(1, np.bool_),
-            rewards=rollout.rewards.copy(),
+            learned=np.arange(20) != 7,
         )
-        rollout.rewards[7] = instead
 
         PPO(model, PPOConfig(batch_size=19, num_epochs=2), CPU).update(rollout, 1)
         weights.append(model.policy_head.weight.detach())
