@@ -321,7 +321,7 @@ class SimWorker:
                 )
                 # Trace and metrics first: once the manifest is there, the trainer learns, and the
                 # iteration is not driven again if this worker dies. Rollouts are sent meanwhile.
-                self._failures.save(always=self._job.config.train.reward_on_error == "count")
+                self._failures.save()
                 clock = begin, begin + driven_s()
                 self._results.publish_training(iteration, name, training, clock)
                 writer.finish(notes)

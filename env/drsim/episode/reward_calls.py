@@ -35,8 +35,8 @@ class RewardCalls:
 
     def rewards(
         self, tracks: tuple[Track, Track], situation: Situation, driven: Bools
-    ) -> tuple[Floats, Floats, Bools]:
-        """Rewards, seconds of the calls, and whose episodes are declared broken.
+    ) -> tuple[Floats, Floats, Bools, Bools]:
+        """Rewards, seconds of the calls, whose calls failed, whose episodes are declared broken.
 
         `driven` are the cars that get a reward; the others get 0. Shape (n,) each.
 
@@ -45,7 +45,7 @@ class RewardCalls:
         """
         cars = np.flatnonzero(driven)
         rewards, seconds = np.zeros(len(driven)), np.zeros(len(driven))
-        discarded = np.zeros(len(driven), np.bool_)
+        failed, discarded = np.zeros(len(driven), np.bool_), np.zeros(len(driven), np.bool_)
 
         def instead(call: int, error: RewardError) -> float:
             made = begun + call + 1
@@ -56,6 +56,7 @@ class RewardCalls:
                 return 0.0
             if self._on_error is None:
                 raise error from error.__cause__
+            failed[cars[call]] = True
             return self._on_error(error, made)
 
         begun = self.made
@@ -67,7 +68,7 @@ class RewardCalls:
             own = [self._functions[car] for car in cars.tolist()]
             found = checked_rewards(own, calls, self._deadline_s, instead, self._clock)
         rewards[cars], seconds[cars] = found
-        return rewards, seconds, discarded
+        return rewards, seconds, failed, discarded
 
     def close(self) -> None:
         """No call follows."""

@@ -211,7 +211,7 @@ class Simulation:
         status = np.where(self._episodes.state.over, Status.PARK, Status.IN_PROGRESS)
         status[self._episodes.state.pause_steps > 0] = Status.PAUSE
         status[cars] = Status.PREPARE
-        result = self._result(nobody, nothing, nothing, nobody, nobody, status)
+        result = self._result(nobody, nothing, nobody, nothing, nobody, nobody, status)
         self._observations.finish()
         return result
 
@@ -255,7 +255,7 @@ class Simulation:
             situation = self._situation(
                 steering_deg, speed_mps, driven & (verdict.status == Status.CRASHED)
             )
-            rewards, reward_time_s, discarded = self._rewards.rewards(
+            rewards, reward_time_s, failed, discarded = self._rewards.rewards(
                 self._tracks, situation, driven
             )
             if discarded.any():
@@ -264,7 +264,7 @@ class Simulation:
             self._observations.finish()
         status = np.where(waiting, Status.PAUSE, np.where(driven, verdict.status, Status.PARK))
         result = self._result(
-            driven, rewards, reward_time_s, verdict.terminated, verdict.truncated, status
+            driven, rewards, failed, reward_time_s, verdict.terminated, verdict.truncated, status
         )
         if verdict.put_back.any():
             forgiven = np.flatnonzero(verdict.put_back)
@@ -354,6 +354,7 @@ class Simulation:
         self,
         driven: Bools,
         reward: Floats,
+        failed: Bools,
         reward_time_s: Floats,
         terminated: Bools,
         truncated: Bools,
@@ -364,6 +365,7 @@ class Simulation:
         return StepResult(
             driven=driven,
             reward=reward,
+            failed=failed,
             reward_time_s=reward_time_s,
             terminated=terminated,
             truncated=truncated,
