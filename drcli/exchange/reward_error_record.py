@@ -92,6 +92,14 @@ class RewardCounts:
         """Share of the calls that failed, 0 to 1."""
         return self.failed / self.calls if self.calls else 0.0
 
+    def failures(self) -> str:
+        """How many calls failed, as a sentence without its full stop."""
+        share = f"{100.0 * self.share:.2g} %"
+        return (
+            f"{self.failed:,} of {self.calls:,} calls of the reward function failed ({share}); "
+            "nothing was learned from these steps"
+        )
+
 
 def sum_of(counts: Iterable[RewardCounts]) -> RewardCounts:
     """The numbers of several workers together."""

@@ -35,6 +35,7 @@ _STEP = {
     "rewards": ("rewards", np.float64),
     "scans": ("extra.scans", np.float32),
     "states": ("extra.states", np.float32),
+    "learned": ("extra.learned", np.bool_),
 }
 """Columns with a row for each step, besides the frames: name in the file, and type."""
 
@@ -185,12 +186,15 @@ class _Packed:
         if header.get("schema") != SCHEMA:
             raise ValueError(f"schema {header.get('schema')} instead of {SCHEMA}")
         tensors = load(data)
-        columns = {name: tensors[key] for name, (key, _) in (_STEP | _EPISODE).items()}
+        names = (_STEP | _EPISODE).items()
+        columns = {n: tensors[key] for n, (key, _) in names if n != "learned" or key in tensors}
         for name in ("values", "rewards", "last_values"):  # float32 in rollouts of version 0.1.0
             columns[name] = columns[name].astype(np.float64, copy=False)
         frames_shape = _checked_shape(json.loads(header["frames_shape"]))
         found = _Packed(columns, tensors["frames"], frames_shape)
         found.refuse_false_claims()
+        # Version 0.1.0 wrote no such column, and learned from all steps.
+        columns.setdefault("learned", np.ones(found.steps, np.bool_))
         return found
 
     def refuse_false_claims(self) -> None:

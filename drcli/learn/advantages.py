@@ -16,6 +16,7 @@ def gae(
     gamma: float,
     lam: float,
     last_values: Float64s | None = None,
+    learned: NDArray[np.bool_] | None = None,
 ) -> Float64s:
     """Generalized advantage estimation (Schulman et al., 2016, equation 16).
 
@@ -28,6 +29,8 @@ def gae(
         last_values: The value after each episode's last step. 0 when left out, for laps completed
             as well as for failures and cuts: this is the reference's rule, on which
             hyperparameters tuned there depend. Shape (e,).
+        learned: Where the reward is known; None for everywhere. Elsewhere the advantage is 0, and
+            `values` stands for everything from that step on. Shape (t,).
 
     Returns:
         A(t) = delta(t) + gamma * lam * A(t + 1), with
@@ -36,10 +39,14 @@ def gae(
     advantages = np.empty(len(rewards))
     end = len(rewards)
     after = np.zeros(len(lengths)) if last_values is None else last_values
+    known = [True] * end if learned is None else learned.tolist()
     for length, last_value in zip(lengths[::-1].tolist(), after[::-1].tolist(), strict=True):
         next_value, next_advantage = last_value, 0.0
         for t in range(end - 1, end - length - 1, -1):
             value = float(values[t])
+            if not known[t]:
+                next_value, next_advantage, advantages[t] = value, 0.0, 0.0
+                continue
             delta = float(rewards[t]) + gamma * next_value - value
             next_advantage = delta + gamma * lam * next_advantage
             advantages[t] = next_advantage

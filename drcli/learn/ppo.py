@@ -115,7 +115,11 @@ class PPO:
             NonFiniteLossError: A return, a loss or a weight is NaN or infinite.
             LearnerLostError: Another process of the group has ended.
         """
-        config, history = self.config, []
+        config = self.config
+        history: list[PPOStats] = []
+        learned = torch.from_numpy(np.flatnonzero(rollout.learned))
+        if not len(learned):
+            return history
         explained = self._prepare(rollout)
         order = torch.Generator().manual_seed(seed)
         self.optimizer.lr = self.lr_factor * config.lr_at(steps_before)
@@ -127,7 +131,7 @@ class PPO:
         with self._parallel.optimizer_threads():
             for epoch in range(config.num_epochs):
                 totals, count = torch.zeros(NUM_STATISTICS, device=self.compute.device), 0
-                shuffled = torch.randperm(rollout.steps, generator=order).to(totals.device)
+                shuffled = learned[torch.randperm(len(learned), generator=order)].to(totals.device)
                 ends = False
                 for rows in minibatches(shuffled, config.batch_size):
                     totals += self._step(rows)
@@ -181,13 +185,17 @@ class PPO:
             config.discount_factor,
             config.gae_lambda,
             rollout.last_values if config.bootstrap_cut else None,
+            rollout.learned,
         )
         values = torch.from_numpy(np.asarray(rollout.values, np.float64)).to(device)
         targets = advantages + rollout.values
         returns = torch.from_numpy(targets).to(device)
         if not bool(torch.isfinite(returns).all()):
             raise NonFiniteLossError("A return is nan or infinite.")
-        self.model.follow_returns(returns, values)
+        known = torch.from_numpy(rollout.learned).to(device)
+        self.model.follow_returns(returns[known], values[known])
+        better = np.zeros(rollout.steps)
+        better[rollout.learned] = normalized(advantages[rollout.learned])
         clip = np.inf if config.clip_advantage is None else config.clip_advantage
         moves = 0 if self._memory is None else self._memory.moves
         self._batch = RolloutTensors.of(
@@ -195,7 +203,7 @@ class PPO:
             self.model.spec.stack,
             self.model.body.block if self.compute.bf16 else 1,
             values=self.model.returns.units(values),
-            advantages=normalized(advantages).clip(-clip, clip),
+            advantages=better.clip(-clip, clip),
             returns=self.model.returns.units(returns),
             memory=self._memory,
         )
@@ -203,7 +211,7 @@ class PPO:
             self._step.enabled = self._batch.frames.is_cuda
             if self._memory.moves != moves:
                 self._step.forget()
-        return explained_variance(rollout.values, targets)
+        return explained_variance(rollout.values[rollout.learned], targets[rollout.learned])
 
     def _loss(self, rows: Tensor, model: ActorCritic, part: slice) -> tuple[Tensor, Tensor]:
         """The loss of a part of a minibatch's rows, and its means of the numbers in `PPOStats`.

@@ -129,6 +129,11 @@ class ReplayBuffer:
         # return of an episode that was cut off needs an observation after its rewards.
         self._left[rows] = torch.arange(length - 1, -1, -1)
         self._rewarded[rows] = self._left[rows] + (0 if cut else 1)
+        for unknown in np.flatnonzero(~rollout.learned[steps]).tolist()[::-1]:
+            # Returns count rewards up to there, where the observation is known but not the reward.
+            ahead = torch.arange(unknown, -1, -1)
+            before = rows[: unknown + 1]
+            self._rewarded[before] = torch.minimum(self._rewarded[before], ahead)
         self._ages[rows] = torch.arange(length)
         self._usable[rows] = self._rewarded[rows] > 0
         self._lengths.append(length)

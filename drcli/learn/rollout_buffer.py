@@ -1,7 +1,7 @@
 """The rollout of one iteration: as arrays, and as tensors for an update."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -36,6 +36,9 @@ class Rollout:
         cut: Which episodes the step limit cut off. Shape (e,).
         scans: Lidar values. Shape (t, d), d = 0 without a lidar.
         states: Values that only the critic sees. Shape (t, k), k = 0 if there are none.
+        learned: Which steps may be learned from: those whose reward is known. Nothing is learned
+            from the others, and the critic's estimate stands for what follows before them. Shape
+            (t,); if left out, all steps.
     """
 
     frames: NDArray[np.uint8]
@@ -48,6 +51,12 @@ class Rollout:
     cut: NDArray[np.bool_]
     scans: Float32s
     states: Float32s
+    learned: NDArray[np.bool_] = field(default_factory=lambda: np.ones(0, np.bool_))
+
+    def __post_init__(self) -> None:
+        """Fill in `learned`."""
+        if not len(self.learned):
+            object.__setattr__(self, "learned", np.ones(len(self.rewards), np.bool_))
 
     @property
     def steps(self) -> int:
@@ -71,6 +80,7 @@ class Rollout:
             cut=self.cut[episodes],
             scans=self.scans[steps],
             states=self.states[steps],
+            learned=self.learned[steps],
         )
 
     def stacked_rows(self, stack: int) -> Ints:

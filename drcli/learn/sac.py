@@ -188,10 +188,13 @@ class SAC:
         nothing = np.zeros(rollout.steps)
         # With lambda 1 and values of 0, advantages are returns.
         gamma = self.config.discount_factor
-        returns = gae(rollout.rewards, nothing, rollout.lengths, gamma, 1.0)
+        known = rollout.learned
+        returns = gae(rollout.rewards, nothing, rollout.lengths, gamma, 1.0, learned=known)[known]
+        if not len(returns):
+            return
         if not np.isfinite(returns).all():
             raise NonFiniteLossError("A return is nan or infinite.")
-        values = np.asarray(rollout.values, np.float64)
+        values = np.asarray(rollout.values, np.float64)[known]
         device = self.compute.device
         self.model.follow_returns(
             torch.from_numpy(returns).to(device), torch.from_numpy(values).to(device)

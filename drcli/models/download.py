@@ -23,7 +23,7 @@ from drcli.models.download_source import (
     read_pointers,
 )
 from drcli.models.files_as_bucket import source_on_disk
-from drcli.models.put_model import POINTERS, Delivery, Progress, TransferReport
+from drcli.models.put_model import POINTERS, Delivery, Progress, TransferReport, replay_bytes
 from drcli.models.repair_model import repair_or_warn
 from drcli.models.source_files import open_source
 from drcli.models.transfer_buckets import (
@@ -129,6 +129,7 @@ def download(planned: PlannedDownload, settings: Settings, progress: Progress) -
         planned.target_url,
         _last(source.bucket, source.prefix),
         dry_run=options.dry_run,
+        replay_bytes=replay_bytes(source.bucket, source.prefix),
     )
     if options.dry_run:
         return _rehearsed(report, delivery, source, listed, options)
@@ -176,7 +177,7 @@ def _rehearsed(
 
 def _source(settings: Settings, options: DownloadOptions, *, patience_s: float) -> Source:
     """The model at the address of the options."""
-    if Path(options.url).expanduser().exists():
+    if options.url and Path(options.url).expanduser().exists():
         return source_on_disk(open_source(settings.transfer, options.url, local=False))
     name, prefix = parse_url(options.url)
     bucket = source_bucket(settings.transfer, name, local=options.local, patience_s=patience_s)

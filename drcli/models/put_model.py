@@ -10,8 +10,9 @@ from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-from drcli.base.errors import StorageError
+from drcli.base.errors import DrError, StorageError
 from drcli.exchange.scores import Score, Scores, encode_single
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.models.checkpoint_choice import missing_parts
 from drcli.models.checkpoint_files import Item
 from drcli.store import keys
@@ -48,6 +49,7 @@ class TransferReport:
         unchanged: Names of the objects that already existed.
         deleted: Names of the objects that -w deleted.
         dry_run: Whether -d was given, so that nothing was changed.
+        replay_bytes: Size of the replay buffer of SAC, which is not copied.
     """
 
     source: str
@@ -58,6 +60,18 @@ class TransferReport:
     unchanged: list[str] = field(default_factory=list)
     deleted: list[str] = field(default_factory=list)
     dry_run: bool = False
+    replay_bytes: int = field(default=0, kw_only=True)
+
+
+def replay_bytes(bucket: Bucket, prefix: str) -> int:
+    """Size of the rollouts that a model of SAC learns from again; 0 if they cannot be listed."""
+    with suppress(DrError):
+        metadata = ModelMetadata.from_bytes(bucket.get(keys.model_metadata(prefix)), "")
+        if metadata.training_algorithm == "sac":
+            listed = bucket.list(keys.rollouts_folder(prefix))
+            own = (info for info in listed if keys.rollout_key(prefix, info.key) is not None)
+            return sum(info.size_bytes for info in own)
+    return 0
 
 
 Report = TypeVar("Report", bound=TransferReport)

@@ -15,7 +15,7 @@ from drcli.models.checkpoint_files import (
     read_model_files,
     refuse_incomplete,
 )
-from drcli.models.put_model import POINTERS, Delivery, Progress, TransferReport
+from drcli.models.put_model import POINTERS, Delivery, Progress, TransferReport, replay_bytes
 from drcli.models.repair_model import repair_or_warn
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
@@ -137,6 +137,7 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
         checkpoint=chosen.name,
         metric=chosen.score.avg_eval_metric,
         dry_run=options.dry_run,
+        replay_bytes=replay_bytes(here, planned.source),
     )
     if options.dry_run:
         return _rehearsed(

@@ -184,7 +184,7 @@ def try_in_each_race(
     the trial early when it is set. The first result has the samples of all races.
     """
     tried: list[TriedReward] = []
-    tolerated = tolerated_share(settings.run.train)
+    tolerated = tolerated_share(settings.run)
     for own in each_race(settings.races):
         races = None if tried else races_of(settings.run)
         course = course_of(own)

@@ -6,7 +6,6 @@ from threading import Event
 
 from drcli.base import installation
 from drcli.base.problems import Problem
-from drcli.config.groups.failures import FailureSettings
 from drcli.config.run_config import RaceConfig, RunConfig
 from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import Source
@@ -32,7 +31,7 @@ def try_inputs(
         result = sandbox.result(given_up)
     found = [as_given(problem, run) for problem in result.problems]
     if source is not None and not given_up.is_set():
-        found += problems_of(source, result, directory, tolerated_share(run.train))
+        found += problems_of(source, result, directory, tolerated_share(run))
     return found
 
 
@@ -42,10 +41,14 @@ def races_of(run: RunConfig) -> list[RaceConfig]:
     return [*run.races, *([] if second is None else [second])]
 
 
-def tolerated_share(settings: FailureSettings) -> float:
-    """Share of failing calls up to which a training counts them and goes on."""
-    counts = settings.reward_on_error == "count"
-    return settings.reward_max_error_share if counts else 0.0
+def tolerated_share(run: RunConfig) -> float:
+    """Share of failing calls up to which a training begins.
+
+    By default it is 0: failures are counted for the sake of the unforeseen, and those of a check
+    can be corrected now.
+    """
+    counts = run.given.get("DR_REWARD_ON_ERROR") == "count"
+    return run.train.reward_max_error_share if counts else 0.0
 
 
 def as_given(problem: Problem, run: RunConfig) -> Problem:

@@ -8,7 +8,7 @@ from contextlib import suppress
 
 from drcli.base.errors import DrError
 from drcli.exchange.job import Job
-from drcli.exchange.reward_error_record import RewardErrorEntry, RewardErrorRecord
+from drcli.exchange.reward_error_record import RewardErrorEntry, RewardErrorRecord, sum_of
 from drcli.exchange.rollback_record import Rollbacks
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.outcome import Outcome
@@ -23,6 +23,10 @@ LOOK_S = 60.0
 
 LAST_LOOK_S = 3.0
 """Longest time for the look when the workers have exited."""
+
+TOLD_SHARE = 0.001
+"""A share of failing calls of the reward function that a racer should know of, although it harms
+the training little: nothing is learned from these steps."""
 
 ErrorKey = tuple[str, str, int | None]
 
@@ -47,6 +51,7 @@ class FailureWatch(Duty):
         self._records: list[RewardErrorRecord] = []
         self._told_rollbacks = 0
         self._told_errors: set[ErrorKey] = set()
+        self._told_share = False
 
     def start(self, run: RunningTraining) -> None:
         """Begin to look, and take what is there as told."""
@@ -56,6 +61,7 @@ class FailureWatch(Duty):
             prefix = self._job.config.model.prefix
             self._told_rollbacks = read_rollbacks(run.bucket, prefix).count
             records = read_reward_errors(run.bucket, prefix)
+            self._told_share = sum_of(each.total for each in records).share > TOLD_SHARE
             self._told_errors = {entry.key for record in records for entry in record.total.errors}
         self._thread = Periodic(self.name, self.look, LOOK_S)
         self._thread.start()
@@ -108,6 +114,17 @@ class FailureWatch(Duty):
                 if entry.key not in self._told_errors:
                     self._told_errors.add(entry.key)
                     self._tell_error(record.worker, entry)
+        counts = sum_of(record.total for record in self._records)
+        if counts.share > TOLD_SHARE and not self._told_share:
+            self._told_share = True
+            most = self._job.config.train.reward_max_error_share
+            self._board.tell(
+                "fault",
+                f"{counts.failures()} (DR_REWARD_MAX_ERROR_SHARE={most:g} of the last 2,000 calls "
+                "ends the training).",
+                calls=counts.calls,
+                failed=counts.failed,
+            )
 
     def _tell_error(self, worker: int, entry: RewardErrorEntry) -> None:
         broken = entry.kind == "discard"

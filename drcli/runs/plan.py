@@ -13,7 +13,7 @@ from drcli.checks.storage_rules import probe, review_prefix
 from drcli.config.bucket_config import CustomFilesConfig
 from drcli.config.run_env import written
 from drcli.config.settings import Settings, catalogue
-from drcli.exchange.checkpoint import Counters
+from drcli.exchange.checkpoint import CheckpointName, Counters
 from drcli.exchange.job import Job
 from drcli.exchange.journal_entry import JournalEntry
 from drcli.exchange.run_outcome import RunOutcome
@@ -163,6 +163,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
     found = of_severity([*clock, *examined.problems], "warning")
     warnings = [*damaged, *settings.warnings, *staged.warnings, *map(str, found)]
+    if resumes is not None and design.metadata.training_algorithm == "sac":
+        warnings += _replay_lost(bucket, prefix, CheckpointName.parse(resumes))
     job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
     source = transfer.source if transfer is not None else None
     if source is not None:
@@ -264,6 +266,21 @@ def resumed_files(places: CustomFilesConfig, prefix: str) -> CustomFilesConfig:
         hyperparameters_key=keys.hyperparameters(prefix),
         metadata_key=keys.model_metadata(prefix),
     )
+
+
+def _replay_lost(bucket: Bucket, prefix: str, newest: CheckpointName | None) -> list[str]:
+    """A sentence if there are no steps left for the replay buffer of a model that has learned."""
+    listed = (
+        keys.rollout_key(prefix, info.key) for info in bucket.list(keys.rollouts_folder(prefix))
+    )
+    learned = range(0 if newest is None else newest.number)
+    if not learned or any(each is not None and each.iteration in learned for each in listed):
+        return []
+    return [
+        "SAC starts with an empty replay buffer, because the steps of earlier iterations are not in "
+        "the bucket: a copy of a model has none. It learns from new steps only, which costs some "
+        "iterations."
+    ]
 
 
 def _resumable(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:

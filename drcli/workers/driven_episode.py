@@ -65,6 +65,7 @@ class Driven(Episode):
         actions: An index, or unclipped values of shape (dims,).
         log_probs: Log-probability of each action.
         values: The critic's estimates.
+        learned: Whether the reward is known, so that the step may be learned from.
         cut: Whether the step limit ended it.
         last_value: The critic's estimate of the rest if the step limit ended it, else 0.
         objects: If the driver keeps them, x, y and yaw of what stood and drove around the car at
@@ -78,6 +79,7 @@ class Driven(Episode):
     actions: list[NDArray[np.float32] | int] = field(default_factory=list)
     log_probs: list[float] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
+    learned: list[bool] = field(default_factory=list)
     cut: bool = False
     last_value: float = 0.0
     objects: list[NDArray[np.float64]] = field(default_factory=list)
@@ -108,6 +110,7 @@ def rollout_of(driven: Sequence[Driven]) -> Rollout:
         cut=np.array([e.cut for e in driven]),
         scans=np.stack([scan for e in driven for scan in e.scans]),
         states=np.stack([state for e in driven for state in e.states]),
+        learned=np.array([each for e in driven for each in e.learned]),
     )
 
 

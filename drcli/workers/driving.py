@@ -362,3 +362,4 @@ def _record(
             episode.actions.append(actions[row])
             episode.log_probs.append(decision.log_probs.item(row))
             episode.values.append(decision.values.item(row))
+            episode.learned.append(not result.failed.item(seat.car))

@@ -93,7 +93,7 @@ def columns_of(rollout: Rollout) -> dict[str, Tensor]:
 def rollout_from(columns: Mapping[str, Tensor]) -> Rollout:
     """The rollout with such columns."""
     arrays = {name: column.numpy() for name, column in columns.items()}
-    return Rollout(**(arrays | {"cut": arrays["cut"].view(np.bool_)}))
+    return Rollout(**(arrays | {each: arrays[each].view(np.bool_) for each in ("cut", "learned")}))
 
 
 def kinds_of(tensors: Mapping[str, Tensor]) -> Kinds:

@@ -23,7 +23,8 @@ _logger = get_logger(__name__)
 WINDOW_CALLS = 2_000
 """Over so many of a worker's newest calls the share of failures is taken. A car makes 15 calls in a
 simulated second, so twenty cars make them in seven. A function that always fails ends a training
-after 100 calls with the default share, and one that fails once in a while never does."""
+after 101 calls with the default share, and one that fails once a lap never does, even if all cars
+come to that place at the same time."""
 
 
 class RewardErrorsExceeded(SettingsError):
@@ -110,10 +111,10 @@ class RewardFailures:
             )
         return self._settings.reward_fallback
 
-    def save(self, *, always: bool = False) -> None:
-        """Write the counts into the bucket; as long as nothing failed, only with `always`."""
+    def save(self) -> None:
+        """Write the counts into the bucket, unless nothing has failed."""
         total = self.record.total
-        if self._bucket is not None and (always or total.failed or total.discarded):
+        if self._bucket is not None and (total.failed or total.discarded):
             self._bucket.put(self._key, self.record.encode())
 
     def _note(self, error: RewardError, *, failed: int = 0, discarded: int = 0) -> None:

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import torch
 
-from drcli.base import signal_guard
 from drcli.base.fingerprint import Fingerprint
 from drcli.base.log import get_logger, plain
 from drcli.base.wakeup import Wakeup, wake
@@ -194,6 +193,7 @@ class SimWorker:
                 _logger.info("Evaluations took %s.", self._budget)
             self._activity.close()
             self._wakeup.close()
+            self._simulation.close()
         self._results.close()
 
     def _drive(self) -> None:
@@ -321,7 +321,7 @@ class SimWorker:
                 )
                 # Trace and metrics first: once the manifest is there, the trainer learns, and the
                 # iteration is not driven again if this worker dies. Rollouts are sent meanwhile.
-                self._failures.save(always=self._job.config.train.reward_on_error == "count")
+                self._failures.save()
                 clock = begin, begin + driven_s()
                 self._results.publish_training(iteration, name, training, clock)
                 writer.finish(notes)
@@ -459,7 +459,6 @@ class SimWorker:
 def main(job: Job, lifeline: Lifeline) -> None:
     """Run a simulation worker in this process."""
     flush_denormals()
-    signal_guard.install()
     worker, *divisor = (int(word) for word in sys.argv[1:])
     facts = facts_of(job.config.race(worker), [job.config.model.prefix])
     with live_show(job, f"sim-{worker}", lambda: lifeline.pulse.activity, facts) as live:

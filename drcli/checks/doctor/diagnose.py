@@ -24,7 +24,12 @@ from drcli.checks.doctor.libraries import (
     examine_trainer,
 )
 from drcli.checks.doctor.room import examine_disks, examine_memory
-from drcli.checks.doctor.surroundings import examine_language, examine_limits, examine_place
+from drcli.checks.doctor.surroundings import (
+    examine_confinement,
+    examine_language,
+    examine_limits,
+    examine_place,
+)
 from drcli.checks.machine_rules import review_access
 from drcli.checks.start_rules import start_problems
 from drcli.config.loading import load_settings
@@ -116,6 +121,7 @@ def _on_this_machine(directory: Path, settings: Settings | None) -> list[Probe]:
         Probe("disk", lambda: examine_disks(directory, data_dir)),
         Probe("place", lambda: examine_place(os.environ)),
         Probe("limits", examine_limits),
+        Probe("reward", examine_confinement),
         Probe("locale", lambda: examine_language(os.environ)),
         Probe("runs", lambda: examine_runs(directory)),
     ]

@@ -35,7 +35,7 @@ def upload(report: "UploadReport") -> str:
             f"Older checkpoints are kept: {len(report.older)}, {decimal(report.older_bytes)}; "
             "-w deletes them."
         )
-    return "\n".join(lines)
+    return "\n".join([*lines, *_replay(report)])
 
 
 def download(report: "DownloadReport") -> str:
@@ -49,7 +49,17 @@ def download(report: "DownloadReport") -> str:
     if report.strays:
         strays = counted(len(report.strays), "file")
         lines.append(f"Not part of it: {strays} at the target; -w deletes them.")
-    return "\n".join([*lines, *(f"Wrote {path}" for path in report.custom_files)])
+    wrote = (f"Wrote {path}" for path in report.custom_files)
+    return "\n".join([*lines, *_replay(report), *wrote])
+
+
+def _replay(report: "UploadReport | DownloadReport") -> list[str]:
+    if not report.replay_bytes:
+        return []
+    return [
+        f"Its replay buffer ({decimal(report.replay_bytes)}) is not copied: SAC goes on from the "
+        "copy with an empty one, which costs some iterations."
+    ]
 
 
 def _copied(report: "UploadReport | DownloadReport") -> str:

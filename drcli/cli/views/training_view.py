@@ -268,7 +268,9 @@ def end_text(report: "RunReport") -> str:
     """How a training ended, and how its best checkpoint drives."""
     best = report.best
     told = f" Best checkpoint {best.text}." if best is not None and best.metric is not None else ""
-    return f"{report.message}{told} {report.remedy}".strip()
+    counts = report.reward_errors
+    failed = f" {counts.failures()}." if counts is not None and counts.failed else ""
+    return f"{report.message}{told}{failed} {report.remedy}".strip()
 
 
 def next_commands(report: "RunReport", prefix: str) -> list[tuple[str, str]]:

@@ -10,14 +10,15 @@ class FailureSettings(Group, title="Failures during a training"):
 
     reward_on_error: Literal["stop", "count"] = setting(
         "DR_REWARD_ON_ERROR",
-        "stop",
-        "When the reward function fails: stop ends the training, count goes on with "
-        "DR_REWARD_FALLBACK.",
+        "count",
+        "When the reward function fails: stop ends the training, count goes on and learns nothing "
+        "from that step.",
     )
     reward_fallback: float = setting(
         "DR_REWARD_FALLBACK",
         0.001,
-        "Reward of a step whose call of the reward function failed; only with count.",
+        "What traces and metrics show as the reward of a step whose call of the reward function "
+        "failed; only with count.",
         between=(-100_000, 100_000),
     )
     reward_max_error_share: float = setting(

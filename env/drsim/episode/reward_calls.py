@@ -6,7 +6,7 @@ import numpy as np
 
 from drsim.arrays import Bools, Floats
 from drsim.episode.params import Situation, params_of
-from drsim.episode.reward import RewardFunction, checked_rewards
+from drsim.episode.reward import RewardFunction, RewardHost, checked_rewards
 from drsim.errors import RewardError
 from drsim.track.track import Track
 
@@ -22,7 +22,7 @@ class RewardCalls:
 
     def __init__(
         self,
-        functions: Sequence[RewardFunction],
+        functions: Sequence[RewardFunction] | RewardHost,
         deadline_s: float,
         on_error: Callable[[RewardError, int], float] | None,
         clock: Callable[[], float],
@@ -35,8 +35,8 @@ class RewardCalls:
 
     def rewards(
         self, tracks: tuple[Track, Track], situation: Situation, driven: Bools
-    ) -> tuple[Floats, Floats, Bools]:
-        """Rewards, seconds of the calls, and whose episodes are declared broken.
+    ) -> tuple[Floats, Floats, Bools, Bools]:
+        """Rewards, seconds of the calls, whose calls failed, whose episodes are declared broken.
 
         `driven` are the cars that get a reward; the others get 0. Shape (n,) each.
 
@@ -45,7 +45,7 @@ class RewardCalls:
         """
         cars = np.flatnonzero(driven)
         rewards, seconds = np.zeros(len(driven)), np.zeros(len(driven))
-        discarded = np.zeros(len(driven), np.bool_)
+        failed, discarded = np.zeros(len(driven), np.bool_), np.zeros(len(driven), np.bool_)
 
         def instead(call: int, error: RewardError) -> float:
             made = begun + call + 1
@@ -56,13 +56,21 @@ class RewardCalls:
                 return 0.0
             if self._on_error is None:
                 raise error from error.__cause__
+            failed[cars[call]] = True
             return self._on_error(error, made)
 
         begun = self.made
         self.made += len(cars)
         calls = params_of(tracks, situation, cars)
-        own = [self._functions[car] for car in cars.tolist()]
-        rewards[cars], seconds[cars] = checked_rewards(
-            own, calls, self._deadline_s, instead, self._clock
-        )
-        return rewards, seconds, discarded
+        if isinstance(self._functions, RewardHost):
+            found = self._functions.rewards(cars.tolist(), calls, self._deadline_s, instead)
+        else:
+            own = [self._functions[car] for car in cars.tolist()]
+            found = checked_rewards(own, calls, self._deadline_s, instead, self._clock)
+        rewards[cars], seconds[cars] = found
+        return rewards, seconds, failed, discarded
+
+    def close(self) -> None:
+        """No call follows."""
+        if isinstance(self._functions, RewardHost):
+            self._functions.close()

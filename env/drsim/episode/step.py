@@ -16,6 +16,7 @@ class StepResult:
         driven: The action of this step moved the car; false while it waits or is parked, and in
             the first step of an episode. Only driven steps can be learned from.
         reward: What the reward function returned; 0 where the car was not driven.
+        failed: The call of the reward function failed, so that the reward is one in place of it.
         reward_time_s: Wall time of the call of the reward function; 0 where the car was not driven.
             It is measured, so it differs between equal drives.
         terminated: The episode ended by its rules in this step.
@@ -41,6 +42,7 @@ class StepResult:
 
     driven: Bools
     reward: Floats
+    failed: Bools
     reward_time_s: Floats
     terminated: Bools
     truncated: Bools

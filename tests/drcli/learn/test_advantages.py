@@ -11,6 +11,15 @@ def test_gae_equals_three_steps_worked_by_hand():
     np.testing.assert_allclose(got, [-0.5, -3.0, 2.0])
 
 
+def test_the_critic_stands_for_what_follows_a_step_without_a_known_reward():
+    known = np.array([True, False, True])
+
+    got = gae(_f(1, 1e9, 2), _f(2, 4, 0), np.array([3]), gamma=0.5, lam=1.0, learned=known)
+
+    # 1 + 0.5 * 4 - 2 = 1 before it, nothing for itself, 2 + 0 - 0 = 2 after it.
+    np.testing.assert_allclose(got, [1.0, 0.0, 2.0])
+
+
 def test_lambda_zero_leaves_only_the_temporal_difference():
     got = gae(_f(1, 0, 2), _f(2, 4, 0), np.array([3]), gamma=0.5, lam=0.0)
 

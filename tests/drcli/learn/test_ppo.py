@@ -52,6 +52,38 @@ def test_a_reward_that_is_not_a_number_ends_the_update_at_the_first_step():
     assert torch.equal(model.policy_head.weight, before)
 
 
+def test_the_reward_in_place_of_a_failed_one_changes_nothing():
+    weights = []
+    for instead in (0.001, 90_000.0):
+        model = _model(continuous=False)
+        frames = np.random.default_rng(0).integers(0, 255, (20, 1, 120, 160), dtype=np.uint8)
+        driven = _rollout(model, frames)
+        rollout = replace(
+            driven,
+            rewards=np.where(np.arange(20) == 7, instead, driven.rewards),
+            lengths=np.array([20]),
+            last_values=np.zeros(1),
+            cut=np.zeros(1, np.bool_),
+            learned=np.arange(20) != 7,
+        )
+
+        PPO(model, PPOConfig(batch_size=19, num_epochs=2), CPU).update(rollout, 1)
+        weights.append(model.policy_head.weight.detach())
+
+    assert torch.equal(weights[0], weights[1])
+
+
+def test_nothing_is_learned_from_a_rollout_without_a_known_reward():
+    model = _model(continuous=False)
+    rollout = _rollout(model, np.zeros((8, 1, 120, 160), dtype=np.uint8))
+    before = model.value_head.bias.detach().clone()
+
+    unknown = replace(rollout, learned=np.zeros(8, np.bool_))
+
+    assert PPO(model, PPOConfig(batch_size=4), CPU).update(unknown, 1) == []
+    assert torch.equal(model.value_head.bias, before)
+
+
 def test_an_update_that_ends_early_has_learned_from_the_minibatches_until_then():
     model = _model(continuous=False)
     rollout = _rollout(model, np.zeros((8, 1, 120, 160), dtype=np.uint8))

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -151,6 +153,23 @@ def test_equal_seeds_draw_equal_steps():
 
     np.testing.assert_array_equal(first, second)
     assert first.tolist() != other.tolist()
+
+
+def test_a_step_without_a_known_reward_is_neither_drawn_nor_counted():
+    rollout = _rollout([6])
+    replay = ReplayBuffer(SPEC, 10, discount_factor=0.5, n_step=3)
+    known = np.array([True, True, True, False, True, True])
+
+    replay.add(replace(rollout, rewards=np.where(known, rollout.rewards, 1e9), learned=known))
+
+    # Rewards are a tenth of a step's number: 0.1 * 0.5 + 0.2 * 0.25 for the first, and so on.
+    assert _returns(replay) == {
+        0: (pytest.approx(0.1), 3, 0.125),
+        1: (pytest.approx(0.2), 3, 0.25),
+        2: (pytest.approx(0.2), 3, 0.5),
+        4: (pytest.approx(0.65), None, 0.0),
+        5: (pytest.approx(0.5), None, 0.0),
+    }
 
 
 def _rollout(

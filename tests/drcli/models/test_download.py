@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from drcli.base.errors import SettingsError, StorageError
+from drcli.cli.views import models_view
 from drcli.models.download import DownloadOptions, plan_download
 from drcli.store import keys, lease
 from drcli.store.checkpoints import CheckpointStore
@@ -34,6 +35,30 @@ def test_everything_but_the_signals_of_a_training_is_fetched(mover, theirs, name
     assert sorted(report.copied) == fetched
     assert driven(mover.here, "mine") == "weights 2 of design a"
     assert report.checkpoint == "8_Step-800.ckpt"
+
+
+SAC = (
+    b'{"training_algorithm": "sac", "action_space_type": "continuous", "action_space": '
+    b'{"steering_angle": {"low": -20, "high": 20}, "speed": {"low": 1, "high": 2}}, '
+    b'"sensor": ["FRONT_FACING_CAMERA"], "version": "5"}'
+)
+
+
+@pytest.mark.parametrize(("metadata", "left"), [(SAC, 3_000_000), (None, 0)])
+def test_a_copy_of_a_sac_model_says_that_its_replay_buffer_stays_there(
+    mover, theirs, metadata, left
+):
+    if metadata is not None:
+        theirs.put(keys.model_metadata("theirs/fast"), metadata)
+    theirs.put(keys.rollout_part("theirs/fast", 7, 0, "session", 0), bytes(3_000_000))
+    theirs.put(keys.rollout_part("theirs/fast/other", 7, 0, "session", 0), bytes(5))
+
+    report = mover.download(URL, "mine")
+
+    assert report.replay_bytes == left
+    assert ("Its replay buffer (3.0 MB) is not copied" in models_view.download(report)) == bool(
+        left
+    )
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,8 @@ def test_each_distinct_error_and_rollback_is_told_once(tmp_path):
         "line 12: KeyError: 'x'.",
         "The reward function failed, and the training goes on (sim-1, iteration 0): "
         "line 40: KeyError: 'x'.",
+        "9 of 200 calls of the reward function failed (4.5 %); nothing was learned from these "
+        "steps (DR_REWARD_MAX_ERROR_SHARE=0.05 of the last 2,000 calls ends the training).",
     ]
     assert watch.end_facts() == {"rollbacks": 1, "reward_errors": 9, "discarded_episodes": 2}
 
@@ -63,4 +65,4 @@ def test_each_distinct_error_and_rollback_is_told_once(tmp_path):
     put_errors(bucket, 1, 12, 40, 55)
     assert resumed.end_facts()["reward_errors"] == 12
     assert [text for text in run.told if "line 55" in text] == [run.told[-1]]
-    assert len(run.told) == 4
+    assert len(run.told) == 5

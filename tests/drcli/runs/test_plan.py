@@ -9,10 +9,12 @@ import pytest
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.checks import before_start
+from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.log_places import log_file
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.runs import plan, training
 from drcli.store import keys, lease
+from memory_bucket import MemoryBucket
 from own_run import own_run
 
 THEIRS = {"session": "theirs", "host": "elsewhere", "pid": 1}
@@ -126,6 +128,18 @@ def test_a_start_that_fails_halfway_gives_the_prefix_back(racer, monkeypatch):
         racer.start()
 
     assert lease.holder(racer.bucket, "model-1") is None
+
+
+@pytest.mark.parametrize(("rollouts", "warned"), [((), True), ((9,), True), ((7,), False)])
+def test_a_start_says_that_a_copied_model_of_sac_has_lost_its_replay_buffer(rollouts, warned):
+    bucket = MemoryBucket()
+    for iteration in rollouts:
+        bucket.put(keys.rollout_part("model-1", iteration, 0, "session", 0), b"steps")
+
+    told = plan._replay_lost(bucket, "model-1", CheckpointName(8, 800))
+
+    assert ["empty replay buffer" in text for text in told] == [True] * warned
+    assert plan._replay_lost(bucket, "model-1", CheckpointName(0, 0)) == []
 
 
 def test_a_start_over_begins_new_logs_and_a_resumed_one_goes_on_with_them(trained):

@@ -11,12 +11,14 @@ from drcli.store import keys
 from drcli.store.history import read_history
 from drcli.store.repair import read_all_metrics
 from drcli.store.reward_errors import read_reward_errors
+from drcli.workers.collect_rollouts import Collected
 from drcli.workers.reward_failures import (
     WINDOW_CALLS,
     AllEpisodesDiscarded,
     RewardErrorsExceeded,
     RewardFailures,
 )
+from drcli.workers.trainer import Trainer
 from drsim.errors import RewardError
 from memory_bucket import MemoryBucket
 from training_in_memory import PREFIX, TrainingInMemory
@@ -210,6 +212,33 @@ def test_a_training_counts_failures_and_leaves_broken_episodes_out(working_folde
     marked = [r for r in metrics if r.episode_status == "Discarded" and r.phase == "training"]
     assert len(marked) == len(broken)
     assert history[0].second_world == "willow", "failures are counted on the second track, too"
+
+
+def test_by_default_a_failure_once_in_a_while_costs_its_step_and_nothing_else(
+    working_folder, monkeypatch
+):
+    training = TrainingInMemory(working_folder, monkeypatch, DR_TRAIN_MAX_ITERATIONS=2)
+    training.write(
+        "custom_files/reward_function.py",
+        "calls = 0\n\n\ndef reward_function(params):\n    global calls\n    calls += 1\n"
+        "    return 1.0 / (calls % 300 != 20)\n",
+    )
+
+    learned, learn = [], Trainer._learn
+
+    def noted(self: Trainer, collected: Collected) -> None:
+        learned.append(collected.rollout)
+        learn(self, collected)
+
+    monkeypatch.setattr(Trainer, "_learn", noted)
+
+    training.train()
+
+    unknown = [(~rollout.learned).sum() for rollout in learned]
+    counted = [each.reward_errors for each in read_history(training.bucket, PREFIX)]
+    assert len(counted) == 2
+    assert 0 < sum(unknown) <= sum(counted)  # those of evaluations are counted, too
+    assert all((rollout.rewards[~rollout.learned] == 0.001).all() for rollout in learned)
 
 
 def test_failures_are_counted_in_every_stage(working_folder, monkeypatch):
