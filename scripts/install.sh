@@ -1,5 +1,7 @@
 #!/usr/bin/env bash
-# Creates .venv and installs the project into it. Does nothing when that is already done.
+# Creates .venv and installs the project into it. When that is already done, it only imports every
+# library that is needed, and installs again what is broken, such as a package whose files the upgrade
+# of another one has deleted.
 #
 #   scripts/install.sh          what training, analysis, videos and the console need
 #   scripts/install.sh dev      and what the tests need
@@ -45,7 +47,11 @@ install_torch() {
     fi
 }
 
+# drcli/base/installation.py
+mend() { PIP_CONSTRAINT=$locked "$venv/bin/python" -P -m drcli.base.installation; }
+
 if [ -e "$stamp" ] && [ "$stamp" -nt pyproject.toml ] && [ "$stamp" -nt "$locked" ]; then
+    mend
     exit 0
 fi
 [ -x "$venv/bin/python" ] || "$(find_python)" -m venv "$venv"
@@ -61,4 +67,5 @@ PIP_CONSTRAINT=$locked PIP_BUILD_CONSTRAINT=$locked \
 for packages in "$venv"/lib/python3.*/site-packages; do
     printf '%s\n' ../../../.. ../../../../env >"$packages/_editable_impl_drcli.pth"
 done
+mend
 touch "$stamp"

@@ -15,7 +15,7 @@ mkdir -p "$work"
 cp "$project/run.env" "$project/system.env" "$work/"
 cd "$work"
 dr-stop-training
-dr-start-training -w --until-laps 5 --max-minutes 8
+dr-start-training -w -f --until-laps 5 --max-minutes 8
 dr-evaluate
 echo "Everything is in $work. To use the commands there:"
 printf '  cd %q && source %q\n' "$work" "$project/.venv/bin/activate"

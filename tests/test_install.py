@@ -29,6 +29,9 @@ def clone(tmp_path) -> Path:
     clone = tmp_path / "Müllers Wagen"
     for package in ("drcli", "env/drsim"):
         (clone / package).mkdir(parents=True)
+    for module in ("base/errors", "base/installation"):
+        (clone / "drcli" / "base").mkdir(exist_ok=True)
+        shutil.copy(ROOT / "drcli" / f"{module}.py", clone / "drcli" / "base")
         (clone / package / "__init__.py").touch()
     shutil.copy(ROOT / "pyproject.toml", clone)
     shutil.copytree(ROOT / "constraints", clone / "constraints")
@@ -78,6 +81,32 @@ def test_every_package_has_its_locked_version(clone, extra, lock):
     assert asked[0].split() == [*f"install --quiet --upgrade --constraint {file} pip".split()]
     assert asked[1].split() == [file, file, "install", "--quiet", "--editable", wanted]
     assert len(asked) == 2
+
+
+def test_a_library_that_is_installed_but_broken_is_installed_again_or_ends_the_script(clone):
+    [packages] = (clone / ".venv" / "lib").glob("python3*/site-packages")
+    for name, lines in {"drcli": "Requires-Dist: pieces>=1\n", "pieces": ""}.items():
+        (packages / f"{name}-1.0.dist-info").mkdir()
+        head = f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n{lines}"
+        (packages / f"{name}-1.0.dist-info" / "METADATA").write_text(head)
+    record = "pieces/__init__.py,,24\npieces/core.py,,0\npieces-1.0.dist-info/RECORD,,\n"
+    (packages / "pieces-1.0.dist-info" / "RECORD").write_text(record)
+    (packages / "pieces").mkdir()
+    (packages / "pieces" / "__init__.py").write_text("from . import core as core\n"[:24])
+    environment = {**os.environ, "PYTHON": sys.executable}
+    install = [clone / "scripts" / "install.sh"]
+
+    broken = subprocess.run(install, env=environment, capture_output=True, text=True)
+    (packages / "pieces" / "core.py").touch()
+    mended = subprocess.run(install, env=environment, capture_output=True, text=True)
+
+    asked = (clone / "asked.txt").read_text().splitlines()
+    assert asked[2].split()[1:] == [
+        *["install", "--force-reinstall", "--no-deps", "pieces==1.0", "--quiet"]
+    ]
+    assert broken.returncode == 7
+    assert "pieces cannot be imported" in broken.stderr
+    assert mended.returncode == 0
 
 
 def test_new_locked_versions_are_installed(clone):

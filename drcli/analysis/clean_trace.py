@@ -7,36 +7,17 @@ whole columns into text at others.
 
 import csv
 import io
-import math
-from collections.abc import Callable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-WHOLE_COLUMNS = ("episode", "closest_waypoint")
-"""Columns of whole numbers that every trace has."""
+from drcli.exchange.trace_rows import COLUMNS, TraceRow, number_or_nan, read_rows
 
-NUMBER_COLUMNS = ("steps", "X", "Y", "yaw", "steer", "throttle", "progress", "track_len", "tstamp")
-"""Columns of finite numbers that every trace has."""
+_UNTOLD = ("episode_status", "pause_duration", "obstacle_crash_counter", "wall_clock")
+"""Columns that older simulators do not write."""
 
-FLAG_COLUMNS = ("done", "all_wheels_on_track")
+NEEDED = tuple(name for name in COLUMNS if name not in _UNTOLD)
 
-NEEDED = (*WHOLE_COLUMNS, *NUMBER_COLUMNS, *FLAG_COLUMNS, "action", "reward", "episode_status")
-
-_LATER_NUMBERS = ("pause_duration", "wall_clock", "reward_ms")
-"""Columns of numbers that older simulators do not write; an unreadable one is left empty."""
-
-_FLAGS = {"True": "True", "False": "False", "true": "True", "false": "False", "1": "True"}
-_FLAGS["0"] = "False"
-
-_LARGEST = {"tstamp": 1e12, "episode": 1e9}
-
-
-def largest(column: str) -> float:
-    """The magnitude from which on a number in a column of a trace is damage.
-
-    No place, angle, speed, step or waypoint of a car comes near a million. Times may be those of a
-    wall clock, and episodes are counted over a whole training. A reward may be anything.
-    """
-    return _LARGEST.get(column, 1e6)
+_WRITTEN = tuple(name for name in COLUMNS if name != "obstacle_crash_counter")
 
 
 @dataclass(frozen=True)
@@ -46,12 +27,10 @@ class CleanTrace:
     Attributes:
         data: The file without damaged rows; None if nothing is left.
         fault: What was wrong, to be read after the name of the file; None if nothing was.
-        rows: How many rows are left.
     """
 
     data: bytes | None
     fault: str | None
-    rows: int = 0
 
 
 def clean(data: bytes) -> CleanTrace:
@@ -61,86 +40,36 @@ def clean(data: bytes) -> CleanTrace:
     """
     if not data.strip(b"\0 \r\n\t"):
         return CleanTrace(None, "is empty")
-    text = data.decode("utf-8-sig", "replace").replace("\0", "")
-    lines = text.splitlines()
-    header = [name.strip() for name in lines[0].split(",")]
-    missing = [name for name in NEEDED if name not in header]
+    found = read_rows(data)
+    missing = [name for name in NEEDED if name not in found.names]
     if missing:
         named = ", ".join(missing[:3]) + (" ..." if len(missing) > 3 else "")
         return CleanTrace(None, f"is not a trace: its first line does not name {named}")
-    if len(set(header)) < len(header):
+    if len(set(found.names)) < len(found.names):
         return CleanTrace(None, "is not a trace: its first line names a column twice")
-    tidy = _row_reader(header)
-    kept, damaged, first = [], 0, 0
-    for number, fields in enumerate(_split(lines[1:]), start=2):
-        row = tidy(fields)
-        if row is not None:
-            kept.append(row)
-        elif any(fields):
-            damaged += 1
-            first = first or number
-    if not kept:
+    if not found.rows:
         return CleanTrace(None, "has no readable row")
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(kept)
     fault = None
-    if damaged:
-        rows = "a damaged row" if damaged == 1 else f"{damaged:,} damaged rows, the first"
-        fault = f"has {rows} in line {first}"
-    return CleanTrace(out.getvalue().encode(), fault, len(kept))
+    if found.damaged:
+        number = len(found.damaged)
+        rows = "a damaged row" if number == 1 else f"{number:,} damaged rows, the first"
+        fault = f"has {rows} in line {found.damaged[0]}"
+    more = [name for name in found.names if name not in COLUMNS]
+    return CleanTrace(written(found.rows, more), fault)
 
 
-def _split(lines: list[str]) -> list[list[str]]:
-    """Fields of each line. Traces have no quotes, so a stray one is damage of its line only."""
-    return [line.split(",") for line in lines]
-
-
-def _row_reader(header: list[str]) -> Callable[[list[str]], list[str] | None]:
-    """A function that returns a row as it is to be read, or None if that cannot be done."""
-    at = {name: place for place, name in enumerate(header)}
-    wholes = [(at[name], largest(name)) for name in WHOLE_COLUMNS]
-    numbers = [(at[name], largest(name)) for name in NUMBER_COLUMNS]
-    flags = [at[name] for name in FLAG_COLUMNS]
-    later = [at[name] for name in _LATER_NUMBERS if name in at]
-    action, reward, status = at["action"], at["reward"], at["episode_status"]
-
-    def tidy(fields: list[str]) -> list[str] | None:
-        if len(fields) == len(header) + 1 and fields[action].startswith("["):
-            # A continuous action that was written as Python writes a list, with a comma.
-            fields[action : action + 2] = [f"{fields[action]} {fields[action + 1].strip()}"]
-        if len(fields) != len(header):
-            return None
-        if not all(_is_whole(fields[i], limit) for i, limit in wholes):
-            return None
-        if not all(_is_finite(fields[i], limit) for i, limit in numbers):
-            return None
-        for i in flags:
-            fields[i] = _FLAGS.get(fields[i].strip(), "")
-            if not fields[i]:
-                return None
-        if not fields[status].strip() or not fields[status].isascii():
-            return None
-        if not _is_finite(fields[reward]):
-            fields[reward] = "nan"
-        for i in later:
-            if not _is_finite(fields[i]):
-                fields[i] = "nan"
-        for i, _ in wholes:
-            fields[i] = str(int(float(fields[i])))
-        return fields
-
-    return tidy
-
-
-def _is_finite(text: str, limit: float = math.inf) -> bool:
-    """Whether a text is a number of a smaller magnitude than the limit."""
-    try:
-        return abs(float(text)) < limit and "_" not in text
-    except ValueError:
-        return False
-
-
-def _is_whole(text: str, limit: float) -> bool:
-    return _is_finite(text, limit) and float(text).is_integer() and float(text) >= 0
+def written(rows: Iterable[TraceRow], more: Iterable[str] = ()) -> bytes:
+    """Rows as a simtrace that deepracer-utils reads; `more` names the columns of their `more`."""
+    more = list(more)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*_WRITTEN, *more])
+    for row in rows:
+        cells = row._asdict()
+        del cells["line"], cells["more"]
+        own = [
+            number_or_nan(each) if name == "reward_ms" else each
+            for name, each in zip(more, row.more, strict=True)
+        ]
+        writer.writerow([*cells.values(), *own])
+    return text.getvalue().encode()

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from drcli.analysis.run import Layout
+from drcli.base.left_behind import is_left_behind
 
 _TRACES: tuple[tuple[Layout, re.Pattern[str]], ...] = (
     (
@@ -115,6 +116,8 @@ class _Root:
 
 def is_read(name: str) -> bool:
     """Whether the analysis reads a file of this name, as far as the name tells."""
+    if is_left_behind(name):
+        return False
     patterns = (*(pattern for _, pattern in _TRACES), *_EVALUATIONS, _OTHER)
     return any(pattern.fullmatch(name) for pattern in patterns)
 
@@ -125,7 +128,7 @@ def find_models(names: Iterable[str]) -> list[ModelFiles]:
     Args:
         names: Of all files, with `/` between folders.
     """
-    names = sorted(names)
+    names = sorted(name for name in names if not is_left_behind(name))
     roots: dict[str, _Root] = defaultdict(_Root)
     marked = {match["root"] for name in names if (match := _MARK.fullmatch(name))}
     for root in marked:
@@ -163,6 +166,12 @@ def _model(root: str, found: _Root, names: list[str]) -> ModelFiles:
     problems = []
     layout: Layout = "upload"
     traces: list[Trace] = []
+    if {"drfc", "drfc-workers"} <= found.traces.keys():
+        # Workers joined a training of one. Where both have a trace of the first one, that of the
+        # time with others is the newer one.
+        shared = found.traces["drfc-workers"]
+        known = {trace[1:] for _, trace in shared}
+        shared += [each for each in found.traces.pop("drfc") if each[1][1:] not in known]
     if found.traces:
         # A folder that was copied about may hold two layouts: the larger one is the training.
         layout = max(found.traces, key=lambda each: len(found.traces[each]))
@@ -176,8 +185,8 @@ def _model(root: str, found: _Root, names: list[str]) -> ModelFiles:
         left = sum(len(each) for other, each in found.traces.items() if other != layout)
         if left:
             problems.append(
-                f"Traces lie in the folders of one worker and in those of several; the {left} of "
-                "the smaller part are left out."
+                f"Traces lie in the folders of two layouts; the {left} of the smaller part are "
+                "left out."
             )
     others = {
         name.removeprefix(root): name

@@ -9,6 +9,7 @@ from typing import Any
 
 from drcli.analysis.find_world import world_in_log, world_in_parameters
 from drcli.analysis.model_source import ModelSource
+from drcli.analysis.read_log import simulation_logs
 from drcli.base.errors import DrError
 from drcli.base.json_record import RecordError
 from drcli.exchange.spending import StartSpending
@@ -25,8 +26,6 @@ _TEXT_BYTES = 1 << 20
 
 _LOG_START_BYTES = 4 << 20
 """Of a log, in which a simulation describes itself."""
-
-_LOGS = re.compile(r"logs/training/[^/]+\.log")
 
 _LINE_START = re.compile(r"^\s*(?:\[[^\]\n]*\]\s+)+", re.MULTILINE)
 """What the launcher of DeepRacer on AWS puts before each line."""
@@ -153,10 +152,10 @@ class _Texts:
 
     def log_start(self) -> str:
         """How the log of a console begins, without what its launcher puts before each line."""
-        logs = [name for name in self._source.files.others if _LOGS.fullmatch(name)]
+        logs = simulation_logs(self._source.files.others)
         if not logs:
             return ""
-        return _LINE_START.sub("", self.read(logs[-1], _LOG_START_BYTES))
+        return _LINE_START.sub("", self.read(logs[-1][0], _LOG_START_BYTES))
 
     def of_racer(self, start: TrainingStart | None) -> dict[str, str]:
         """The racer's files, and the settings that differ from their defaults."""

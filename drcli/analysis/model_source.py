@@ -11,18 +11,16 @@ from drcli.base.errors import SettingsError, StorageError
 from drcli.base.problems import closest, shown
 from drcli.base.regular_file import read_regular
 from drcli.config.settings import Settings
-from drcli.formats.archive import read_packed, unpack_readable
-from drcli.formats.zip_archive import unzip_readable
+from drcli.formats.archive import ENDINGS, read_packed, unpack_readable
+from drcli.models.files_as_bucket import FilesAsBucket
 from drcli.models.source_files import LARGEST_BYTES, files_in_folder
 from drcli.models.transfer_buckets import bucket_to_look_at, source_bucket
 from drcli.store import keys
-from drcli.store.bucket import Bucket, Listing, ObjectInfo, ObjectMissing
+from drcli.store.bucket import Bucket
 from drcli.store.complete_files import read_complete
 from drcli.store.model_traces import models_in
 
-ARCHIVES = (".tar.gz", ".tgz", ".tar", ".zip")
-
-_ENDINGS = (*ARCHIVES, ".csv")
+_ENDINGS = (*ENDINGS, ".csv", ".log")
 
 PATIENCE_S = 30.0
 """How long a bucket that does not answer is asked again."""
@@ -62,7 +60,7 @@ class Objects:
 
     def read_whole(self, name: str) -> bytes:
         """The same with the parts that a running training has written beside the file."""
-        return read_complete(_ReadOnly(self), name)
+        return read_complete(FilesAsBucket("", self.sizes, self.read), name)
 
 
 @dataclass(frozen=True)
@@ -94,8 +92,9 @@ def open_model(settings: Settings, what: str | None, *, local: bool = False) -> 
     Args:
         settings: Of the working folder.
         what: A model of our bucket by its prefix, s3://bucket/prefix, a folder, an archive
-            (.tar.gz, .tgz, .tar, .zip) or a trace (.csv); None for the model of run.env. A name
-            that is both a model and a folder is the model: `./NAME` is the folder.
+            (.tar.gz, .tgz, .tar, .zip), a trace (.csv) or a simulation log (.log); None for the
+            model of run.env. A name that is both a model and a folder is the model: `./NAME` is
+            the folder.
         local: Whether any s3:// address is one of our own server.
 
     Raises:
@@ -171,7 +170,6 @@ def _in_bucket(
         for info in bucket.list(keys.folder(metrics)):
             name = "metrics/" + info.key.removeprefix(keys.folder(metrics))
             infos[name], real[name] = info, info.key
-    infos = {name: info for name, info in infos.items() if not name.endswith("/")}
     origin = f"s3://{bucket.name}/{prefix}".rstrip("/")
     if not infos:
         remedy = "`dr-list-models` lists the models that there are."
@@ -202,20 +200,20 @@ def _on_disk(path: Path, what: str) -> ModelSource:
     try:
         if path.is_dir():
             return _in_folder(path)
-        if path.is_file() and path.name.casefold().endswith(ARCHIVES):
+        if path.is_file() and path.name.casefold().endswith(ENDINGS):
             return _in_archive(path)
-        if path.is_file() and path.suffix.casefold() == ".csv":
+        if path.is_file() and path.suffix.casefold() in (".csv", ".log"):
             return _single_trace(path)
     except OSError as e:
         raise SettingsError(
             f"{e.filename or path}: cannot be read ({e.strerror or e}).",
             remedy="Check its name and permissions.",
         ) from e
-    state = "is not a folder, an archive or a trace" if path.exists() else "does not exist"
+    state = "is not a folder, an archive, a trace or a log" if path.exists() else "does not exist"
     raise SettingsError(
         f"{shown(what)} {state}.",
         remedy="Name a model of `dr-list-models`, s3://bucket/prefix, a folder, or an archive "
-        f"({', '.join(ARCHIVES)}).",
+        f"({', '.join(ENDINGS)}).",
     )
 
 
@@ -231,9 +229,7 @@ def _in_folder(path: Path) -> ModelSource:
 
 
 def _in_archive(path: Path) -> ModelSource:
-    data = read_packed(path)
-    is_zip = data.startswith(b"PK")
-    members, fault = (unzip_readable if is_zip else unpack_readable)(BytesIO(data), is_read)
+    members, fault = unpack_readable(BytesIO(read_packed(path)), is_read)
     problems: tuple[str, ...] = ()
     if fault is not None:
         member = f" ({shown(fault.member)})" if fault.member else ""
@@ -248,7 +244,7 @@ def _in_archive(path: Path) -> ModelSource:
     files = _only_model(find_models(sizes), str(path))
     name = files.root.rstrip("/").rpartition("/")[2]
     if not name:
-        end = next(end for end in ARCHIVES if path.name.casefold().endswith(end))
+        end = next(end for end in ENDINGS if path.name.casefold().endswith(end))
         name = path.name[: -len(end)]
     objects = Objects(sizes, members.__getitem__)
     return ModelSource(name, str(path), files, objects, problems=problems)
@@ -257,6 +253,8 @@ def _in_archive(path: Path) -> ModelSource:
 def _single_trace(path: Path) -> ModelSource:
     digits = re.match(r"(\d+)", path.name)
     name = f"{digits[1] if digits else 0}-iteration.csv"
+    if path.suffix.casefold() == ".log":
+        name = f"logs/training/{path.stem}.log"
     objects = Objects({name: path.stat().st_size}, lambda _: read_regular(path))
     return ModelSource(path.stem, str(path), find_models([name])[0], objects)
 
@@ -285,38 +283,3 @@ def _only_model(models: list[ModelFiles], origin: str, *, at_root: bool = False)
         f"{origin} contains {len(roots)} models: {listed}.",
         remedy=f"Name one of them, such as {origin}/{roots[0]}.",
     )
-
-
-class _ReadOnly:
-    """Files as a bucket, for readers that expect one."""
-
-    def __init__(self, objects: Objects) -> None:
-        self.name = ""
-        self._objects = objects
-
-    def get(self, key: str, *, watch: object = None) -> bytes:
-        if key not in self._objects.sizes:
-            raise ObjectMissing(f"There is no {key}.", remedy="Check the name.")
-        return self._objects.read(key)
-
-    def get_with_age(self, key: str) -> tuple[bytes, float | None]:
-        return self.get(key), None
-
-    def put(self, key: str, data: bytes, *, watch: object = None) -> None:
-        raise TypeError("These files are only read.")
-
-    def delete(self, keys: object) -> None:
-        raise TypeError("These files are only read.")
-
-    def exists(self, key: str) -> bool:
-        return key in self._objects.sizes
-
-    def list(self, folder: str) -> Listing:
-        from datetime import UTC, datetime
-
-        never = datetime.fromtimestamp(0, UTC)
-        return [
-            ObjectInfo(name, self._objects.sizes[name], "", never)
-            for name in sorted(self._objects.sizes)
-            if name.startswith(folder)
-        ]

@@ -1,92 +1,101 @@
-"""Reads the steps of a training from its simulation log, for archives that have no traces.
+"""Reads the steps of a training from its simulation logs, for archives that have no traces."""
 
-deepracer-utils reads the lines (`SimulationLogsIO`); what is ours is to leave out damaged ones,
-which stop it.
-"""
-
-import io
+import math
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator
+from itertools import groupby
 
-from drcli.analysis.clean_trace import largest
-from drcli.analysis.extra import deepracer_logs
+from drcli.analysis.clean_trace import written
 from drcli.analysis.model_source import ModelSource
-from drcli.analysis.read_traces import TraceReading, packed
+from drcli.analysis.read_traces import TraceFile, TraceReading, read_traces
 from drcli.base.errors import DrError
+from drcli.exchange.trace_rows import TraceRow, read_rows
 
-if TYPE_CHECKING:
-    import pandas as pd
+_FILE = re.compile(r"(?P<log>.+?\.log)(?:\.(?P<start>\d{8}-\d{6}))?(?:\.(?:part-)?(?P<part>\d+))?")
+_TRAINER = re.compile(
+    r"logs/(?:.+/)?(?:sagemaker/[^/]+|[^/]*(?:sagemaker|trainer|-training\.)[^/]*)"
+)
+_SIMULATION = re.compile(r"logs/(?:training|robomaker)/[^/]+")
+_WORKER = re.compile(r"logs/robomaker/(sim-\d+|joined-.+)\.log")
 
-_LOG = re.compile(r"logs/(?:training|robomaker)/[^/]+\.log(?:\.\d+)?")
 
-_LEAST_FIELDS = 16
+def trainer_logs(names: Iterable[str]) -> list[list[str]]:
+    """The logs of the trainer, the oldest start first, each with its parts in their order."""
+    return _starts(name for name in names if _TRAINER.fullmatch(name))
 
-_NUMBERS = {
-    **{0: "episode", 1: "steps", 2: "X", 3: "Y", 4: "yaw", 5: "steer", 6: "throttle", 8: "reward"},
-    **{11: "progress", 12: "closest_waypoint", 13: "track_len", 14: "tstamp"},
-}
-"""Places of the fields that must be numbers within the limits of a trace, and their columns there;
-any reward will do."""
+
+def simulation_logs(names: Iterable[str]) -> list[list[str]]:
+    """The same of simulation workers, worker by worker."""
+    logs = (name for name in names if _SIMULATION.fullmatch(name))
+    return _starts(name for name in logs if not _TRAINER.fullmatch(name))
+
+
+def _starts(names: Iterable[str]) -> list[list[str]]:
+    # What was moved away is older: the log of an earlier start, and the first parts of a long one.
+    found = sorted(
+        (match["log"], match["start"] or "~", float(match["part"] or math.inf), name)
+        for name in names
+        if (match := _FILE.fullmatch(name))
+    )
+    return [[each[-1] for each in start] for _, start in groupby(found, lambda each: each[:2])]
 
 
 def read_console_log(
     source: ModelSource, episodes_per_iteration: int, problems: list[str]
 ) -> TraceReading:
-    """The steps of the newest training log; none if there is no such log."""
-    names = sorted(name for name in source.files.others if _LOG.fullmatch(name))
-    reading = TraceReading()
-    if not names:
-        return reading
-    # A log that was rolled over continues the one with the next number.
-    newest = re.sub(r"\.\d+$", "", names[-1])
-    parts = sorted((n for n in names if n.startswith(f"{newest}.")), key=_part)
-    lines: list[str] = []
-    damaged = 0
-    for name in [*parts, *([newest] if newest in names else [])]:
+    """The steps in all simulation logs; none if there is no such log.
+
+    Logs of ours are those of a worker each. Others are starts of one worker: where episodes are
+    counted from the beginning again, the iterations follow those before.
+    """
+    logs = simulation_logs(source.files.others)
+    workers = list(dict.fromkeys(_worker(log) for log in logs))
+    share = max(1, episodes_per_iteration // max(1, len(workers)))
+    contents: dict[TraceFile, bytes] = {}
+    for number, worker in enumerate(workers):
+        starts = [_rows(source, log, problems) for log in logs if _worker(log) == worker]
+        for iteration, rows in _iterations(starts, share):
+            contents[TraceFile(f"{worker}, iteration {iteration}", number, iteration)] = written(
+                rows
+            )
+    files = sorted(contents, key=lambda file: (file.iteration, file.worker))
+    by_name = {file.name: content for file, content in contents.items()}
+    return read_traces(files, by_name.__getitem__)
+
+
+def _worker(log: list[str]) -> str:
+    """Who wrote a log: of a console, there is one worker, and its name has the time of a start."""
+    match = _FILE.fullmatch(log[0])
+    own = match and _WORKER.fullmatch(match["log"])
+    return own[1] if own else "the log"
+
+
+def _rows(source: ModelSource, log: list[str], problems: list[str]) -> list[TraceRow]:
+    """The rows of a log with all its parts."""
+    data = b""
+    for name in log:
         try:
-            text = source.objects.read(source.files.others[name]).decode("utf-8", "replace")
+            data += source.objects.read(source.files.others[name])
         except DrError as error:
             problems.append(f"{name} cannot be read: {error}")
-            continue
-        found, bad = _trace_lines(text)
-        lines += found
-        damaged += bad
-    if damaged:
-        problems.append(f"{newest}: {damaged:,} damaged lines with steps were left out.")
-    if lines:
-        reading.steps = _steps(lines, episodes_per_iteration)
-    return reading
+    found = read_rows(data)
+    if found.damaged:
+        problems.append(
+            f"{log[-1]}: {len(found.damaged):,} damaged lines with steps were left out."
+        )
+    return found.rows
 
 
-def _part(name: str) -> int:
-    return int(name.rpartition(".")[2])
-
-
-def _trace_lines(text: str) -> tuple[list[str], int]:
-    """The steps in a log, as the library's parser takes them, and how many lines are damaged."""
-    logs = deepracer_logs().SimulationLogsIO
-    marked = (line for line in text.splitlines() if "SIM_TRACE_LOG:" in line)
-    found = [line for each in marked for line in logs.load_buffer(io.StringIO(each))]
-    whole = [line for line in found if _is_whole(line)]
-    return whole, len(found) - len(whole)
-
-
-def _is_whole(line: str) -> bool:
-    fields = line.rstrip().split(",")
-    if len(fields) < _LEAST_FIELDS:
-        return False
-    try:
-        values = {name: float(fields[place]) for place, name in _NUMBERS.items()}
-        wholes = [int(fields[place]) for place in (0, 1, 12)]
-        later = [float(field) for field in fields[16:19]]
-    except ValueError:
-        return False
-    within = all(abs(value) < largest(name) for name, value in values.items() if name != "reward")
-    return within and min(wholes) >= 0 and len(later) >= 0
-
-
-def _steps(lines: list[str], episodes_per_iteration: int) -> "pd.DataFrame":
-    logs = deepracer_logs().SimulationLogsIO
-    frame = logs.convert_to_pandas(lines, episodes_per_iteration)
-    frame["worker"] = 0
-    return packed(frame)
+def _iterations(
+    starts: Iterable[list[TraceRow]], share: int
+) -> Iterator[tuple[int, list[TraceRow]]]:
+    """The rows of a worker by iterations of so many episodes."""
+    found: dict[int, list[TraceRow]] = {}
+    begin, before = 0, -1
+    for rows in starts:
+        for row in rows:
+            if row.episode == 0 < before:
+                begin = max(found) + 1
+            found.setdefault(begin + row.episode // share, []).append(row)
+            before = row.episode
+    yield from found.items()

@@ -10,9 +10,11 @@ import io
 import math
 import re
 from collections.abc import Callable, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drcli.analysis.model_source import ModelSource
+from drcli.analysis.read_log import trainer_logs
 from drcli.base.errors import DrError
 from drcli.base.json_record import RecordError
 from drcli.exchange.episode_metrics import EpisodeMetrics, decode_metrics, most_episodes
@@ -35,7 +37,6 @@ _POLICY_LINE = re.compile(
     r"Policy training> Surrogate loss=(\S+), KL divergence=(\S+), Entropy=(\S+), "
     r"training epoch=(\d+), learning_rate=(\S+)"
 )
-_TRAINER_LOGS = re.compile(r"logs/.*(?:sagemaker|trainer|training).*\.log")
 
 _LOG_BYTES = 64 << 20
 """Of a trainer's log; later lines are left out."""
@@ -145,7 +146,7 @@ def learner_table(
     for iteration, values in _learner_csv(source, problems).items():
         rows[iteration] = {**values, **rows.get(iteration, {})}
     if not rows:
-        rows = _trainer_log(source)
+        rows = _trainer_logs(source)
     frame = pd.DataFrame.from_dict(rows, orient="index").sort_index()
     frame.index.name = "iteration"
     return frame.astype(float).dropna(axis="columns", how="all")
@@ -175,26 +176,22 @@ def _column(title: str) -> str:
     return _LEARNER_NAMES.get(title, title.rpartition("/")[2])
 
 
-def _trainer_log(source: ModelSource) -> dict[int, dict[str, float]]:
-    """The numbers of the last epoch of each update in the log of the reference's trainer."""
+def _trainer_logs(source: ModelSource) -> dict[int, dict[str, float]]:
+    """The numbers of the last epoch of each update in all logs of the reference's trainer."""
     rows: dict[int, dict[str, float]] = {}
-    for name, real in source.files.others.items():
-        if not _TRAINER_LOGS.fullmatch(name):
-            continue
+    iteration, last_epoch = -1, math.inf
+    for name in chain.from_iterable(trainer_logs(source.files.others)):
         try:
-            text = source.objects.read(real)[:_LOG_BYTES].decode("utf-8", "replace")
+            data = source.objects.read(source.files.others[name])
         except DrError:
             continue
-        iteration, last_epoch = -1, math.inf
-        for match in _POLICY_LINE.finditer(text):
+        for match in _POLICY_LINE.finditer(data[:_LOG_BYTES].decode("utf-8", "replace")):
             epoch = int(match[4])
             iteration += epoch <= last_epoch
             last_epoch = epoch
             names = ("policy_loss", "kl", "entropy", "learning_rate")
             cells = (match[1], match[2], match[3], match[5])
             rows[iteration] = dict(zip(names, map(_number, cells), strict=True))
-        if rows:
-            break
     return rows
 
 

@@ -16,9 +16,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from drcli.analysis.clean_trace import clean, largest
+from drcli.analysis.clean_trace import clean
 from drcli.analysis.extra import deepracer_logs
 from drcli.base.errors import DrError
+from drcli.exchange.trace_rows import largest
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -122,13 +123,14 @@ def _batch(
 
 
 def _looks_whole(data: bytes) -> bool:
-    """Whether the first row has as many fields as the header.
+    """Whether the first row has as many fields as the header, and the last one an end.
 
     If all rows have one more, pandas takes the first column for names of rows, and shifts the rest.
     """
     header, _, rest = data.partition(b"\n")
     row = rest.partition(b"\n")[0]
-    return bool(row) and header.count(b",") == row.count(b",") and b"\0" not in data
+    fits = bool(row) and header.count(b",") == row.count(b",")
+    return fits and data.endswith(b"\n") and b"\0" not in data
 
 
 def _repaired(data: Mapping[TraceFile, bytes], reading: TraceReading) -> dict[TraceFile, bytes]:

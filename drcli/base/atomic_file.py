@@ -1,6 +1,5 @@
-"""Writes files completely or not at all."""
+"""Writes files completely or not at all; our own records even on a full disk, if they fit."""
 
-import errno
 import json
 import os
 import shutil
@@ -12,13 +11,17 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from drcli.base.errors import SettingsError
 from drcli.base.json_record import RecordError, from_json, parse_json
 from drcli.base.regular_file import read_regular
+from drcli.base.system_calls import flush_descriptor, flush_to_disk, is_disk_full
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 T = TypeVar("T")
 
-_DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+_RESERVED_BYTES = 4096
+"""A block of most file systems: an error with its remedy fits."""
+
+_STAT_BLOCK_BYTES = 512
 
 
 def rewrite(path: Path, data: bytes) -> None:
@@ -52,6 +55,16 @@ def write_json(path: Path, value: object) -> None:
     _replace(path, json.dumps(value, indent=2).encode(), keep_owner=False)
 
 
+def reserve(path: Path) -> None:
+    """Make an empty record for which there is room even when the disk is full.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _overwrite(path, b" " * _RESERVED_BYTES)
+
+
 def write_private_json(path: Path, value: object) -> None:
     """Write JSON that only this user may read, in a folder that only this user may enter.
 
@@ -74,8 +87,21 @@ def read_json(path: Path) -> Any:
 
 
 def save_record(path: Path, record: "DataclassInstance") -> None:
-    """Write a record as with `write_json`."""
-    write_json(path, asdict(record))
+    """Write a record as with `write_json`; on a full disk, over the old one.
+
+    That has room of its own. How a training ended is worth more than that nobody reads half of it.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    value = asdict(record)
+    try:
+        write_json(path, value)
+    except OSError as error:
+        data = json.dumps(value).encode()
+        if not is_disk_full(error) or not _has_room(path, len(data)):
+            raise
+        _overwrite(path, data)
 
 
 def load_record(kind: type[T], path: Path) -> T | None:
@@ -104,16 +130,34 @@ def _replace(target: Path, data: bytes, *, keep_owner: bool, private: bool = Fal
         with scratch.open("wb") as file:
             file.write(data)
             file.flush()
-            os.fsync(file.fileno())
+            flush_descriptor(file.fileno())
         scratch.replace(target)
+        with suppress(OSError):  # a reader sees the new content already
+            flush_to_disk(target.parent)
     except OSError:
         with suppress(OSError):
             scratch.unlink()
         raise
 
 
+def _has_room(path: Path, size_bytes: int) -> bool:
+    """Whether so many bytes fit into what the file has of the disk already."""
+    return path.is_file() and path.stat().st_blocks * _STAT_BLOCK_BYTES >= size_bytes
+
+
+def _overwrite(path: Path, data: bytes) -> None:
+    """Write over a file, or write a new one; it keeps the length that it had."""
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        size = os.fstat(descriptor).st_size
+        os.pwrite(descriptor, data.ljust(size), 0)
+        flush_descriptor(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def remedy_for(error: OSError, path: Path, otherwise: str) -> str:
     """What to do if a file or folder cannot be written; `otherwise` unless the disk is full."""
-    if error.errno in _DISK_FULL:
+    if is_disk_full(error):
         return f"Make room on the disk that holds {path}, and run the command again."
     return otherwise

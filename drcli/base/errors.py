@@ -39,6 +39,19 @@ class NoAnswer(StorageError):
     """The server of the bucket does not answer: it is down or stuck."""
 
 
+class NoKeys(StorageError):
+    """This machine has no access keys for the bucket, or has none yet."""
+
+
+class NotYet(StorageError):
+    """A bucket or keys for it did not come; the same command may find them later.
+
+    Source of the code: EX_TEMPFAIL of sysexits.h. Service managers and schedulers try again.
+    """
+
+    code = 75
+
+
 class DiskFull(StorageError):
     """The bucket can be reached, but has no room left."""
 

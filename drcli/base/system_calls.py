@@ -8,6 +8,7 @@ Windows itself has neither these modules nor signals and sessions; there, drcli 
 which is Linux.
 """
 
+import errno
 import os
 import select
 import sys
@@ -108,6 +109,38 @@ def limit_data(most_bytes: int) -> bool:
     except (OSError, ValueError):
         return False
     return True
+
+
+def flush_to_disk(path: Path) -> None:
+    """Return when a file, or the names in a folder, would outlive a power cut.
+
+    On macOS, where `fsync` leaves the data in the memory of the disk, this asks the disk, too. File
+    systems that cannot flush are left as they are.
+
+    Raises:
+        OSError: The path does not exist, or the disk refuses the data.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        flush_descriptor(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def flush_descriptor(descriptor: int) -> None:
+    """The same for an open file."""
+    try:
+        os.fsync(descriptor)
+        if fcntl is not None and hasattr(fcntl, "F_FULLFSYNC"):
+            fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS):
+            raise
+
+
+def is_disk_full(error: OSError) -> bool:
+    """Whether a call failed because the disk, or the user's part of it, has no room."""
+    return error.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
 def cores_of_process() -> int:

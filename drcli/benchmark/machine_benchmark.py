@@ -13,6 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from drcli.base.errors import SettingsError, WorkerDied
+from drcli.base.installation import installation_error
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
 from drcli.base.memory_state import read_memory
 from drcli.benchmark.bucket_speed import BucketSpeed, measure_bucket
@@ -273,7 +274,7 @@ def _ask(order: WorkOrder, most_s: float) -> tuple[Ready, Rates]:
     except (KeyError, RecordError):
         lines = err.decode("utf-8", "replace").strip().splitlines()
         why = lines[-1] if lines else f"it ended with exit code {process.returncode}"
-        raise WorkerDied(
+        raise installation_error() or WorkerDied(
             f"The measuring process failed: {why}",
             remedy="Run `dr-doctor`, which examines the installation; `dr-validate` checks your "
             "files.",

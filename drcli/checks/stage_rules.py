@@ -6,7 +6,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError
 from drcli.base.problems import (
     BadValue,
@@ -120,9 +119,13 @@ def review_stages(
 
 
 def _frozen(settings: Settings, bucket: Bucket, found: list[Problem]) -> FrozenCurriculum | None:
-    """The model's copy of the curriculum; None if there is none that can be read."""
+    """The model's copy of the curriculum; None if there is none that can be read.
+
+    Raises:
+        StorageError: The bucket does not answer.
+    """
     key = keys.curriculum(settings.model_prefix)
-    with suppress(ObjectMissing, StorageError):
+    with suppress(ObjectMissing):
         try:
             return FrozenCurriculum.decode(bucket.get(key))
         except RecordError as error:

@@ -11,8 +11,10 @@ from drcli.models import pretrained
 from drcli.models.pretrained import Transfer
 from drcli.store import keys, lease
 from drcli.store.bucket import Bucket
+from drcli.store.lost_checkpoints import find_lost
 from drcli.store.model_kind import KIND_WORDS, model_kind
 from drcli.store.model_prefix import is_used
+from drcli.store.s3_errors import AccessRefused
 
 LARGEST_SKEW_S = 300.0
 """Servers refuse requests if the clocks differ by 15 minutes; a third of that is a warning."""
@@ -24,6 +26,9 @@ def review_prefix(prefix: str, bucket: Bucket) -> list[Problem]:
         return []
     model = f"s3://{bucket.name}/{prefix}"
     kind = model_kind(bucket, prefix)
+    lost = find_lost(bucket, prefix)
+    if lost is not None:
+        return [Problem("V-09", "error", model, None, lost.sentence, lost.refusal().remedy)]
     what = f"Selected path {model} exists. It holds {KIND_WORDS[kind]}. Exiting."
     remedy = "Choose another DR_LOCAL_S3_MODEL_PREFIX in run.env; -w would delete what is there."
     if kind in ("drcli", "tensorflow"):
@@ -76,12 +81,16 @@ def probe(bucket: Bucket, prefix: str) -> list[Problem]:
     """
     folder = f"{keys.run_folder(prefix)}{keys.TEST_FOLDER}-{uuid.uuid4().hex}/"
     key, content = f"{folder}object", b"probe"
-    bucket.put(key, content)
     try:
-        came_back = bucket.get(key) == content
-        written = [item for item in bucket.list(folder) if item.key == key]
-    finally:
-        bucket.delete([key])
+        bucket.put(key, content)
+        try:
+            came_back = bucket.get(key) == content
+            written = [item for item in bucket.list(folder) if item.key == key]
+        finally:
+            bucket.delete([key])
+    except AccessRefused as error:
+        needed = (keys.folder(prefix), keys.run_folder(prefix), keys.rollouts_folder(prefix))
+        raise error.below(needed) from error
     if not (came_back and written) or bucket.exists(key):
         raise StorageError(
             f"The bucket {bucket.name} does not correctly return, list or delete objects.",

@@ -9,7 +9,7 @@ import traceback
 from functools import cache
 from pathlib import Path
 
-from drcli.base import notices
+from drcli.base import installation, notices
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.garbage import search_rarely
 from drcli.base.problems import shown
@@ -76,6 +76,9 @@ def main(args: list[str] | None = None) -> None:
             remedy = _NOT_OUR_BUGS[error.errno]
             console.fail(f"{place} cannot be used: {os.strerror(error.errno)}.", remedy)
             raise SystemExit(SettingsError.code) from None
+        if broken := installation.installation_error(error):
+            console.fail(str(broken), broken.remedy)
+            raise SystemExit(broken.code) from None
         _report_bug(error)
         raise SystemExit(1) from None
 

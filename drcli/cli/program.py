@@ -22,6 +22,14 @@ def main() -> None:
         from drcli.cli.app import main as run  # takes a while; Ctrl-C may interrupt it
 
         run()
+    except ImportError as error:
+        from drcli.base.installation import import_error
+
+        broken = import_error(error)
+        if broken is None:
+            raise
+        sys.stderr.write(f"Error: {broken}\n  Try: {broken.remedy}\n")
+        raise SystemExit(broken.code) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None
     finally:

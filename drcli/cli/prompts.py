@@ -1,14 +1,26 @@
-"""Asks questions on stderr and reads the answers from stdin."""
+"""Asks questions on stderr and reads the answers from stdin.
 
+A terminal need not have a person: a cell of a notebook is one, too. So a question waits for a
+minute at most.
+"""
+
+import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from types import FrameType
+from typing import TypeVar
 
 from drcli.base.errors import Aborted, SettingsError
 from drcli.cli import console
 
+PATIENCE_S = 60.0
+"""How long a question on a terminal waits for an answer."""
+
 _PIPE_WAIT_S = 1.0
 """Longest time to wait for an answer in a pipe."""
+
+T = TypeVar("T")
 
 
 def agree(
@@ -20,9 +32,9 @@ def agree(
 ) -> None:
     """Ask before something is lost or replaced, unless an option has said yes already.
 
-    Waits for an answer on a terminal only. Elsewhere it takes the answer from standard input, as
-    in `echo y | dr-...`; without one, the answer is no. The remedy says how to avoid the question.
-    `words` are other answers that mean yes.
+    Waits for an answer on a terminal only, for a minute. Elsewhere it takes the answer from
+    standard input, as in `echo y | dr-...`; without one, the answer is no. The remedy says how to
+    avoid the question. `words` are other answers that mean yes.
 
     Raises:
         Aborted: The answer is no.
@@ -31,7 +43,7 @@ def agree(
         return
     if sys.stdin.isatty():
         console.err.print(f"{question} [y/N] ", end="", markup=False, soft_wrap=True)
-        answer = sys.stdin.readline()
+        answer = _within_patience(sys.stdin.readline, remedy)
     else:
         console.say(f"{question} [y/N]")
         answer = _line_in_pipe()
@@ -40,12 +52,17 @@ def agree(
 
 
 def ask(question: str, default: str, choices: Sequence[str] = ()) -> str:
-    """Ask for one of these words, or for any; Enter takes the default. For terminals only."""
+    """Ask for one of these words, or for any; Enter takes the default. For terminals only.
+
+    Raises:
+        Aborted: Nobody answers.
+    """
+    remedy = "Give the values as options, or add -f to take those in brackets without a question."
     offer = f" ({', '.join(choices)})" if choices else ""
     spelt = {choice.casefold(): choice for choice in choices}
     while True:
         console.err.print(f"{question}{offer} [{default}]: ", end="", markup=False, soft_wrap=True)
-        line = sys.stdin.readline()
+        line = _within_patience(sys.stdin.readline, remedy)
         answer = line.strip() or default
         if not choices or not line:
             return answer
@@ -61,15 +78,16 @@ def secret(question: str, remedy: str) -> str:
 
     Raises:
         SettingsError: There is none. The remedy says how to give it.
+        Aborted: Nobody answers.
     """
-    if may_ask():
+    if sys.stdin.isatty():
         import getpass
         import warnings
 
         with warnings.catch_warnings():
             warnings.simplefilter("error", getpass.GetPassWarning)
             try:
-                answer = getpass.getpass(f"{question}: ")
+                answer = _within_patience(lambda: getpass.getpass(f"{question}: "), remedy)
             except (getpass.GetPassWarning, EOFError):
                 answer = ""
     else:
@@ -82,6 +100,36 @@ def secret(question: str, remedy: str) -> str:
 def may_ask() -> bool:
     """Whether the command runs on a terminal, where somebody can answer."""
     return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+class _TooLate(Exception):
+    """Nobody has answered."""
+
+
+def _within_patience(read: Callable[[], T], remedy: str) -> T:
+    """What is read from a terminal.
+
+    Raises:
+        Aborted: Nobody answers within a minute; that is a no.
+    """
+
+    def give_up(_number: int, _frame: FrameType | None) -> None:
+        raise _TooLate
+
+    # A signal, because nothing else ends the reading of a password, or of half a line.
+    handler = signal.signal(signal.SIGALRM, give_up)
+    timer = signal.setitimer(signal.ITIMER_REAL, PATIENCE_S)
+    try:
+        return read()
+    except _TooLate:
+        console.say("")  # the cursor is behind the question
+        raise Aborted(
+            "Nobody answered within a minute, which counts as no. Nothing was changed.",
+            remedy=remedy,
+        ) from None
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, *timer)
+        signal.signal(signal.SIGALRM, handler)
 
 
 def _line_in_pipe() -> str:

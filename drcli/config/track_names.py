@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
+from drcli.base.left_behind import is_left_behind
 from drcli.base.problems import Problem, Severity, closest, shown
 from drcli.config.run_config import RaceConfig
 from drcli.config.setting_problems import setting_problem
@@ -153,4 +154,5 @@ def _stems(folder: Path, endings: tuple[str, ...]) -> list[str]:
         names = [path.name for path in folder.iterdir()]
     except OSError:
         return []
-    return sorted({Path(name).stem for name in names if name.endswith(endings)})
+    found = (name for name in names if name.endswith(endings) and not is_left_behind(name))
+    return sorted({Path(name).stem for name in found})

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from drcli.base.atomic_file import load_record, save_record
+from drcli.base.atomic_file import load_record, reserve, save_record
 from drcli.base.errors import DrError, NoAnswer, SettingsError
 from drcli.base.fingerprint import Fingerprint
 from drcli.base.json_record import RecordError, from_json, json_default, parse_json
@@ -254,8 +254,14 @@ class WorkerExit:
 
     @staticmethod
     def delete(folder: Path, name: str) -> None:
-        """Delete the record of an earlier process of this name."""
-        _exit_file(folder, name).unlink(missing_ok=True)
+        """Delete the record of an earlier process of this name; the next one has room for it.
+
+        The disk may be full when that process ends, and for that reason.
+        """
+        path = _exit_file(folder, name)
+        path.unlink(missing_ok=True)
+        with suppress(OSError):
+            reserve(path)
 
 
 def _exit_file(folder: Path, name: str) -> Path:

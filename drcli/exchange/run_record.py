@@ -126,6 +126,11 @@ class RunRecord:
         save_record(folder / _FILE, self)
 
     @staticmethod
+    def is_in(folder: Path) -> bool:
+        """Whether there is a record, damaged or not."""
+        return (folder / _FILE).exists()
+
+    @staticmethod
     def read(folder: Path) -> "RunRecord | None":
         """The record of the last start; None if there is none or it is damaged."""
         return load_record(RunRecord, folder / _FILE)

@@ -3,22 +3,18 @@
 Analysis tools define both formats: names, order, decimals and spelling.
 """
 
-import csv
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal
 
-CSV_HEADER = (
-    "episode,steps,X,Y,yaw,steer,throttle,action,reward,done,all_wheels_on_track,progress,"
-    "closest_waypoint,track_len,tstamp,episode_status,pause_duration,obstacle_crash_counter,"
-    "wall_clock,reward_ms"
-)
+from drcli.exchange.trace_rows import COLUMNS, LOG_MARK, TraceRow, read_rows
+
+CSV_HEADER = ",".join([*COLUMNS, "reward_ms"])
 """First line of a simtrace.
 
-Source: the reference simulator, version 6. Only the last column is ours; traces of the
-reference and of our earlier versions lack it.
+Only the last column is ours; traces of the reference and of our earlier versions lack it.
 """
 
 STATUS_LABELS = {
@@ -226,7 +222,7 @@ def _fields(episode: Episode, row: Row, track_length_m: float, wall_clock: float
 def log_lines(episode: Episode, track_length_m: float, wall_clock: float) -> str:
     """The episode as SIM_TRACE_LOG lines, which log-guru and other parsers read."""
     return "\n".join(
-        f"SIM_TRACE_LOG:{episode.number},{row.steps},{row.x:.4f},{row.y:.4f},{row.yaw_deg:.4f},"
+        f"{LOG_MARK}{episode.number},{row.steps},{row.x:.4f},{row.y:.4f},{row.yaw_deg:.4f},"
         f"{row.steering_deg:.2f},{row.speed_mps:.2f},{row.action},{row.reward:.4f},{row.done},"
         f"{row.all_wheels_on_track},{_progress(row)},{row.closest_waypoint},"
         f"{track_length_m:.2f},{episode.clock_s + row.time_s},{row.status},{row.pause_s:.2f},"
@@ -263,10 +259,10 @@ class TracedEpisode:
 
 def read_csv(data: bytes) -> list[TracedEpisode]:
     """The episodes of a simtrace file, in its order; damaged rows are left out."""
-    lines = data.decode("utf-8", "replace").replace("\0", "").splitlines()
-    episodes: dict[int, list[_CsvRow]] = {}
-    for row in _csv_rows(lines):
-        episodes.setdefault(row.episode, []).append(row)
+    episodes: dict[int, list[TraceRow]] = {}
+    for row in read_rows(data).rows:
+        if math.isfinite(row.reward + row.wall_s) and row.status in STATUS_LABELS:
+            episodes.setdefault(row.episode, []).append(row)
     return [
         TracedEpisode(
             number=number,
@@ -281,31 +277,3 @@ def read_csv(data: bytes) -> list[TracedEpisode]:
         for number, rows in episodes.items()
         if len(rows) > 1
     ]
-
-
-@dataclass(frozen=True)
-class _CsvRow:
-    episode: int
-    reward: float
-    progress: float
-    status: str
-    time_s: float
-    wall_s: float
-
-
-def _csv_rows(lines: list[str]) -> Iterator[_CsvRow]:
-    for fields in csv.DictReader(lines):
-        try:
-            row = _CsvRow(
-                episode=int(fields["episode"]),
-                reward=float(fields["reward"]),
-                progress=float(fields["progress"]),
-                status=fields["episode_status"],
-                time_s=float(fields["tstamp"]),
-                wall_s=float(fields["wall_clock"]),
-            )
-        except (KeyError, TypeError, ValueError):
-            continue
-        numbers = (row.reward, row.progress, row.time_s, row.wall_s)
-        if all(map(math.isfinite, numbers)) and row.status in STATUS_LABELS:
-            yield row

@@ -1,20 +1,38 @@
-"""Reads tar archives that anybody may have made, in memory: nothing is extracted to a folder.
+"""Reads archives that anybody may have made, in memory: nothing is extracted to a folder.
+
+The content decides what an archive is: a ZIP file, or a tar that may be compressed.
 
 Python's `tarfile` is not used for reading. It takes a damaged header for the end of the archive, so
 that damage goes unnoticed, and it reads headers of any size. This reader refuses what it does not
 expect; it knows the formats of GNU tar, BSD tar and Python (ustar, GNU, pax).
 """
 
+import lzma
 import stat
+import struct
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
 from drcli.base.errors import SettingsError
+from drcli.base.left_behind import is_left_behind
 from drcli.base.problems import shown
-from drcli.formats.gzip_stream import LARGEST_BYTES, READ_BYTES, ArchiveFault, Stream, open_stream
+from drcli.formats.gzip_stream import (
+    LARGEST_BYTES,
+    LARGEST_RATIO,
+    RATIO_FROM_BYTES,
+    READ_BYTES,
+    ArchiveFault,
+    Stream,
+    open_stream,
+)
 from drcli.formats.pickles import is_pickle, is_weight_file
+
+ENDINGS = (".tar.gz", ".tgz", ".tar", ".tar.bz2", ".tbz2", ".tar.xz", ".txz", ".zip")
+"""Ends of the names of archives that can be read."""
 
 LARGEST_MEMBER_BYTES = 512 << 20
 """More than any file of a model: the largest checkpoint of the reference has about 230 MB."""
@@ -42,14 +60,23 @@ _REFUSED = {
 }
 """Kinds of members that no model has."""
 
+_ENCRYPTED = 0x1
+
+_ZIP_DAMAGE = (
+    *(zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, ValueError, struct.error),
+    *(zlib.error, lzma.LZMAError, OSError),  # OSError: what is wrong with a bzip2 stream
+)
+"""What `zipfile` raises for a damaged archive, by the compression of its members."""
+
 _REMEDY = "Use another archive, or pack the model's files again with `tar czf NAME.tar.gz FILES`."
 
 
 def read_archive(path: Path) -> dict[str, bytes]:
-    """Read all files of a `.tar.gz` or `.tar` archive on this machine.
+    """Read all files of an archive on this machine.
 
     Returns:
-        The content by name, such as `agent/model.pb`; folders are left out.
+        The content by name, such as `agent/model.pb`; folders are left out, and so are files that
+        programs leave behind.
 
     Raises:
         SettingsError: The file cannot be read, is not such an archive, is damaged, or contains
@@ -64,7 +91,7 @@ def read_packed(path: Path) -> bytes:
     Raises:
         SettingsError: It cannot be read, or is larger than any archive may be.
     """
-    remedy = "Name an archive (.tar.gz or .tar) that you can read."
+    remedy = "Name an archive (.tar.gz, .tar or .zip) that you can read."
     try:
         found = path.stat()
         if not stat.S_ISREG(found.st_mode):  # opening a named pipe would wait for a writer
@@ -78,12 +105,19 @@ def read_packed(path: Path) -> bytes:
         raise SettingsError(f"{path} cannot be read: {reason}.", remedy=remedy) from e
 
 
-def unpack_archive(file: BinaryIO, origin: str) -> dict[str, bytes]:
-    """Read all files of an archive, which messages call `origin`; see `read_archive`."""
+def is_handed_over(name: str) -> bool:
+    """Whether a file was put into an archive by a person."""
+    return not is_left_behind(name)
+
+
+def unpack_archive(
+    file: BinaryIO, origin: str, *, wanted: Callable[[str], bool] = is_handed_over
+) -> dict[str, bytes]:
+    """Read the wanted files of an archive, which messages call `origin`; see `read_archive`."""
     found: dict[str, bytes] = {}
     folders: set[str] = set()
     try:
-        for name, data in _members(open_stream(file)):
+        for name, data in _members(file, wanted):
             if name in found or name in folders:
                 raise ArchiveFault("occurs twice", name)
             found[name] = data
@@ -110,7 +144,7 @@ def unpack_readable(
     reason to refuse it. The limits of `open_stream` hold.
 
     Args:
-        file: The archive, `.tar.gz` or `.tar`.
+        file: The archive.
         wanted: Whether a file of this name is to be kept; the others are only skipped.
 
     Returns:
@@ -119,17 +153,57 @@ def unpack_readable(
     """
     found: dict[str, bytes] = {}
     try:
-        for name, data in _members(open_stream(file)):
-            if not wanted(name):
-                continue
-            found[name] = data
+        found.update(_members(file, wanted))
     except ArchiveFault as fault:
         return found, fault
     return found, None
 
 
-def _members(stream: Stream) -> Iterator[tuple[str, bytes]]:
-    """Names and contents of the files."""
+def _members(file: BinaryIO, wanted: Callable[[str], bool]) -> Iterator[tuple[str, bytes]]:
+    """Names and contents of the wanted files."""
+    start = file.read(4)
+    file.seek(0)
+    if start.startswith(b"PK"):
+        yield from _zip_members(file, wanted)
+    else:
+        yield from (each for each in _tar_members(open_stream(file)) if wanted(each[0]))
+
+
+def _zip_members(file: BinaryIO, wanted: Callable[[str], bool]) -> Iterator[tuple[str, bytes]]:
+    """The sizes that its directory states may be wrong, so the bytes are counted as they come."""
+    budget = LARGEST_BYTES
+    try:
+        with zipfile.ZipFile(file) as archive:
+            infos = archive.infolist()
+            if len(infos) > MOST_MEMBERS:
+                raise ArchiveFault(f"has more than {MOST_MEMBERS:,} members")
+            for info in infos:
+                name = _plain(info.filename.replace("\\", "/"))
+                if stat.S_ISLNK(info.external_attr >> 16):
+                    raise ArchiveFault(f"{_REFUSED[b'2']}, which no model has", name)
+                if info.is_dir() or not wanted(name):
+                    continue
+                data = _unzipped(archive, info, min(budget, LARGEST_MEMBER_BYTES))
+                budget -= len(data)
+                yield name, data
+    except _ZIP_DAMAGE as error:
+        reason = error or "it ends too early"
+        raise ArchiveFault(f"is a ZIP file that is damaged: {reason}") from None
+
+
+def _unzipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo, limit: int) -> bytes:
+    if info.flag_bits & _ENCRYPTED:
+        raise ArchiveFault("is encrypted", info.filename)
+    with archive.open(info) as member:
+        data = member.read(limit + 1)
+    if len(data) > limit:
+        raise ArchiveFault(f"unpacks to more than {limit >> 20:,} MB", info.filename)
+    if len(data) > max(RATIO_FROM_BYTES, LARGEST_RATIO * info.compress_size):
+        raise ArchiveFault(f"unpacks to more than {LARGEST_RATIO} times its size", info.filename)
+    return data
+
+
+def _tar_members(stream: Stream) -> Iterator[tuple[str, bytes]]:
     attributes: dict[str, str] = {}
     count = 0
     while (header := _header(stream)) is not None:

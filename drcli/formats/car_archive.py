@@ -92,7 +92,8 @@ def check_car_archive(data: bytes, name: str) -> CarCheck:
         name: Its path or name, whose last part the car would see.
     """
     try:
-        files = unpack_archive(io.BytesIO(data), name)
+        # The car looks at all of them, also at those that macOS adds.
+        files = unpack_archive(io.BytesIO(data), name, wanted=lambda _: True)
     except SettingsError as error:
         return CarCheck((Problem("C-01", "error", name, None, str(error), error.remedy),))
     problems = list(file_name_problems(PurePath(name).name))

@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any
 
 from drcli.base.errors import NotAvailable
+from drcli.base.installation import import_error
 
 _INSTALL = {
     "onnx": 'pip install "drcli[onnx]"',
@@ -28,7 +29,7 @@ def library(name: str, module: str = "") -> Any:
         return importlib.import_module(module or name)
     except (ImportError, OSError) as error:
         reason = str(error).strip().splitlines()[0] if str(error).strip() else "no reason given"
-        raise NotAvailable(
+        raise import_error(error) or NotAvailable(
             f"The package {name} is installed but cannot be loaded: {reason}",
             remedy=f"Install it again with `{_INSTALL[name]}`.",
         ) from None

@@ -1,7 +1,9 @@
 """Reads the bytes of an archive, compressed or not, piece by piece and within limits."""
 
+import bz2
+import lzma
 import zlib
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 LARGEST_BYTES = 1 << 30
 """Of an unpacked archive. Importers of models have the same limit."""
@@ -12,12 +14,11 @@ LARGEST_RATIO = 100
 RATIO_FROM_BYTES = 16 << 20
 """Weights hardly shrink when they are compressed; a small archive that grows a lot is a trap."""
 
-_GZIP = b"\x1f\x8b"
+_XZ_BYTES = 256 << 20
+"""Memory for an xz file, which says itself how much it needs; `xz -9` needs 65 MB."""
+
+_COMPRESSED = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ\x00": "xz"}
 _OTHER_FORMATS = {
-    b"PK\x03\x04": "ZIP",
-    b"PK\x05\x06": "ZIP",
-    b"BZh": "bzip2",
-    b"\xfd7zXZ\x00": "xz",
     b"\x28\xb5\x2f\xfd": "Zstandard",
     b"7z\xbc\xaf": "7-Zip",
     b"Rar!": "RAR",
@@ -69,27 +70,45 @@ class Stream:
         return self._file.read(READ_BYTES)
 
 
-class _Gzip(Stream):
+class _Compressed(Stream):
     """The same for a compressed archive."""
 
-    def __init__(self, file: BinaryIO) -> None:
+    def __init__(self, file: BinaryIO, mark: bytes) -> None:
         super().__init__(file)
-        self._unpack = zlib.decompressobj(wbits=31)
+        self._mark = mark
+        self._unpack = self._begin()
         self._waiting = b""
         self._consumed = 0
+
+    def _begin(self) -> Any:
+        """What unpacks one compressed part."""
+        match _COMPRESSED[self._mark]:
+            case "gzip":
+                return zlib.decompressobj(wbits=31)
+            case "bzip2":
+                return bz2.BZ2Decompressor()
+            case _:
+                return lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=_XZ_BYTES)
+
+    def _fault(self, reason: str) -> ArchiveFault:
+        form = _COMPRESSED[self._mark]
+        return ArchiveFault(reason if form == "gzip" else f"is a {form} file that {reason}")
 
     def _next(self) -> bytes:
         while True:
             if self._unpack.eof and not self._continues():
                 return b""
-            packed = self._waiting or self._file.read(READ_BYTES)
-            if not packed:
-                raise ArchiveFault("is truncated")
+            packed = b""
+            if getattr(self._unpack, "needs_input", True):
+                packed = self._waiting or self._file.read(READ_BYTES)
+                if not packed:
+                    raise self._fault("is truncated")
+                self._waiting = b""
             try:
-                piece = self._unpack.decompress(packed, READ_BYTES)
-            except zlib.error:
-                raise ArchiveFault("is damaged: it cannot be decompressed") from None
-            self._waiting = self._unpack.unconsumed_tail
+                piece: bytes = self._unpack.decompress(packed, READ_BYTES)
+            except (zlib.error, lzma.LZMAError, OSError):
+                raise self._fault("is damaged: it cannot be decompressed") from None
+            self._waiting = getattr(self._unpack, "unconsumed_tail", b"")
             self._consumed += len(packed) - len(self._waiting)
             grown = self._produced + len(piece)
             if grown > max(RATIO_FROM_BYTES, LARGEST_RATIO * self._consumed):
@@ -99,22 +118,22 @@ class _Gzip(Stream):
 
     def _continues(self) -> bool:
         """Whether another compressed part follows; zeros after the last one are allowed."""
-        rest = self._unpack.unused_data or self._file.read(READ_BYTES)
-        if len(rest) == 1:
+        rest: bytes = self._unpack.unused_data or self._file.read(READ_BYTES)
+        if len(rest) < len(self._mark):
             rest += self._file.read(READ_BYTES)
         self._consumed -= len(self._unpack.unused_data)
-        if rest.startswith(_GZIP):
-            self._unpack, self._waiting = zlib.decompressobj(wbits=31), rest
+        if rest.startswith(self._mark):
+            self._unpack, self._waiting = self._begin(), rest
             return True
         while rest:
             if any(rest):
-                raise ArchiveFault("is damaged: other data follows its end")
+                raise self._fault("is damaged: other data follows its end")
             rest = self._file.read(READ_BYTES)
         return False
 
 
 def open_stream(file: BinaryIO) -> Stream:
-    """Read a file from its beginning, decompressed if it is a gzip file.
+    """Read a file from its beginning, decompressed if it is a gzip, bzip2 or xz file.
 
     Raises:
         ArchiveFault: It is empty, or of another format.
@@ -126,4 +145,7 @@ def open_stream(file: BinaryIO) -> Stream:
     for mark, name in _OTHER_FORMATS.items():
         if start.startswith(mark):
             raise ArchiveFault(f"is a {name} file instead of a .tar.gz")
-    return _Gzip(file) if start.startswith(_GZIP) else Stream(file)
+    for mark in _COMPRESSED:
+        if start.startswith(mark):
+            return _Compressed(file, mark)
+    return Stream(file)

@@ -9,7 +9,8 @@ from typing import Literal, NoReturn
 from drcli.base.errors import SettingsError
 from drcli.base.fingerprint import Fingerprint
 from drcli.base.problems import few, shown
-from drcli.formats.archive import read_archive
+from drcli.formats.archive import ENDINGS, read_archive
+from drcli.formats.pickles import is_pickle
 from drcli.modelfiles.model_metadata import ModelMetadata
 
 Form = Literal["pb", "onnx", "openvino", "tflite"]
@@ -29,9 +30,8 @@ _FORMS: dict[str, Form] = {
     ".bin": "openvino",
     ".tflite": "tflite",
 }
-_ARCHIVES = (".tar.gz", ".tgz", ".tar")
 _KINDS = ".pb, .onnx, .xml (with its .bin), .tflite or a car's .tar.gz"
-_PICKLES = (".zip", ".pt", ".pth", ".pkl", ".pickle")
+_PICKLES = (".pt", ".pth", ".pkl", ".pickle")
 
 
 @dataclass(frozen=True)
@@ -65,11 +65,11 @@ def read_policy_file(path: Path, metadata: Path | None = None) -> PolicyFile:
             is missing or wrong.
     """
     name = path.name.casefold()
-    if name.endswith(_PICKLES):
+    if name.endswith(_PICKLES) or (name.endswith(".zip") and is_pickle(_read(path))):
         _refuse_pickle(path)
     weights = b""
     beside: tuple[str, bytes] | None = None
-    if name.endswith(_ARCHIVES):
+    if name.endswith(ENDINGS):
         form: Form = "pb"
         origin, data, beside = _from_archive(path)
     elif path.suffix.casefold() in _FORMS:

@@ -1,24 +1,13 @@
 """Actions that were driven: read from simtrace files and logs, ours and DeepRacer-for-Cloud's."""
 
-import csv
-import io
 import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from drcli.base.errors import SettingsError
+from drcli.exchange.trace_rows import LOG_MARK, TraceRow, read_rows
 from drcli.modelfiles.action_space import USUAL, Pair
-
-LOG_MARK = "SIM_TRACE_LOG:"
-"""Begins the lines of a log that hold the columns of a simtrace."""
-
-_COLUMNS = (
-    *("episode", "steps", "X", "Y", "yaw", "steer", "throttle", "action", "reward", "done"),
-    *("all_wheels_on_track", "progress", "closest_waypoint", "track_len", "tstamp"),
-    "episode_status",
-)
-"""Columns of the lines in a log, which have no header."""
 
 _STANDING = ("prepare", "pause", "manual_pause", "park")
 """Status of rows in which the car ignores its action."""
@@ -39,7 +28,7 @@ class DrivenStep:
         status: What the trace says of the step, in small letters.
     """
 
-    episode: str
+    episode: int
     pair: Pair
     progress: float
     time_s: float
@@ -58,7 +47,7 @@ class DrivenLap:
     """
 
     file: str
-    episode: str
+    episode: int
     seconds: float
     pairs: tuple[Pair, ...]
 
@@ -82,19 +71,12 @@ def read_steps(data: bytes, name: str) -> DrivenFile:
     Raises:
         SettingsError: There is no step in it.
     """
-    text = data.decode("utf-8-sig", "replace").replace("\0", "")
-    steps: list[DrivenStep] = []
-    skipped = standing = 0
-    for cells in _rows(text):
-        step = _step(cells)
-        if step is None:
-            skipped += 1
-        elif step.status in _STANDING:
-            standing += 1
-        else:
-            steps.append(step)
+    found = read_rows(data)
+    driven = [row for row in found.rows if math.isfinite(_sum(row))]
+    steps = [_step(row) for row in driven if row.status not in _STANDING]
+    skipped = len(found.damaged) + len(found.rows) - len(driven)
     if not steps:
-        what = "has no driven step" if standing or not skipped else "is not a trace of a drive"
+        what = "has no driven step" if driven or not skipped else "is not a trace of a drive"
         raise SettingsError(
             f"{name} {what}.",
             remedy="Name a file such as training-simtrace/12-iteration.csv, or a log with "
@@ -109,38 +91,15 @@ def complete_laps(files: Iterable[DrivenFile]) -> list[DrivenLap]:
     return sorted(laps, key=lambda lap: lap.seconds)
 
 
-def _rows(text: str) -> Iterator[dict[str, str]]:
-    """The lines, as cells by column."""
-    if LOG_MARK in text:
-        for line in text.splitlines():
-            _, mark, rest = line.partition(LOG_MARK)
-            if mark:
-                yield dict(zip(_COLUMNS, rest.strip().split(","), strict=False))
-        return
-    try:
-        for row in csv.DictReader(io.StringIO(text, newline="")):
-            yield {key.strip(): value or "" for key, value in row.items() if isinstance(key, str)}
-    except csv.Error:
-        return  # a cell without an end: what follows cannot be told apart
+def _sum(row: TraceRow) -> float:
+    """Of what a step needs; not finite if something is missing."""
+    return row.steering_deg + row.speed_mps + row.progress
 
 
-def _step(cells: dict[str, str]) -> DrivenStep | None:
-    """A line as a step; None if it cannot be read."""
-    steering, speed = (_number(cells, name) for name in ("steer", "throttle"))
-    progress = _number(cells, "progress")
-    if not math.isfinite(steering + speed + progress):
-        return None
+def _step(row: TraceRow) -> DrivenStep:
     (low_deg, high_deg), (slow, fast) = USUAL["steering_angle"], USUAL["speed"]
-    pair = min(max(steering, low_deg), high_deg), min(max(speed, slow), fast)
-    status = cells.get("episode_status", "").strip().casefold() or "in_progress"
-    return DrivenStep(cells.get("episode", ""), pair, progress, _number(cells, "tstamp"), status)
-
-
-def _number(cells: dict[str, str], name: str) -> float:
-    try:
-        return float(cells[name])
-    except (KeyError, ValueError):
-        return math.nan
+    pair = min(max(row.steering_deg, low_deg), high_deg), min(max(row.speed_mps, slow), fast)
+    return DrivenStep(row.episode, pair, row.progress, row.time_s, row.status)
 
 
 def _laps(steps: tuple[DrivenStep, ...]) -> Iterator[list[DrivenStep]]:

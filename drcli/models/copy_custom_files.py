@@ -11,6 +11,7 @@ from typing import NoReturn
 
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
+from drcli.base.left_behind import is_left_behind
 from drcli.base.regular_file import read_regular
 from drcli.config.bucket_config import CustomFilesConfig, StorageConfig
 from drcli.modelfiles.network_shape import own_files
@@ -20,9 +21,6 @@ from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.verify import Checksums
 from drcli.store.write_probe import prove_writing
-
-IGNORED = ("__pycache__", ".git", ".ipynb_checkpoints", ".DS_Store")
-"""Files and folders that programs leave behind."""
 
 BACKUP = ".bak"
 """End of the name under which an overwritten file is kept."""
@@ -98,8 +96,6 @@ def download_custom_files(
     copied, unchanged, refused = [], [], []
     for info in bucket.list(start):
         name = info.key.removeprefix(start)
-        if not name or name.endswith("/"):
-            continue  # web consoles mark a folder in this way
         if not _is_inside(name):
             refused.append(name)
         elif write_file(folder / name, bucket.get(info.key)):
@@ -146,10 +142,10 @@ def write_file(path: Path, data: bytes) -> bool:
 def _files(folder: Path) -> Iterator[Path]:
     """The racer's own files in the folder and all folders inside it."""
     for parent, below, names in os.walk(folder, onerror=_refuse):
-        below[:] = [name for name in below if name not in IGNORED]
+        below[:] = [name for name in below if not is_left_behind(name)]
         for name in names:
             path = Path(parent, name)
-            if name not in IGNORED and path.suffix != BACKUP and _is_file(path):
+            if not is_left_behind(name) and path.suffix != BACKUP and _is_file(path):
                 yield path
 
 

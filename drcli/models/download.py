@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from drcli.base import notices
 from drcli.config.settings import Settings
@@ -21,8 +22,10 @@ from drcli.models.download_source import (
     named,
     read_pointers,
 )
+from drcli.models.files_as_bucket import source_on_disk
 from drcli.models.put_model import POINTERS, Delivery, Progress, TransferReport, replay_bytes
 from drcli.models.repair_model import repair_or_warn
+from drcli.models.source_files import open_source
 from drcli.models.transfer_buckets import (
     COPY_PATIENCE_S,
     checked_prefix,
@@ -43,7 +46,10 @@ from drcli.store.write_probe import prove_writing
 
 @dataclass(frozen=True)
 class DownloadOptions:
-    """Options of the command: `url` names the model, `prefix` is its name in our bucket."""
+    """Options of the command: `url` names the model, `prefix` is its name in our bucket.
+
+    The address may be the path of a folder or archive on this machine.
+    """
 
     url: str
     prefix: str
@@ -171,6 +177,8 @@ def _rehearsed(
 
 def _source(settings: Settings, options: DownloadOptions, *, patience_s: float) -> Source:
     """The model at the address of the options."""
+    if Path(options.url).expanduser().exists():
+        return source_on_disk(open_source(settings.transfer, options.url, local=False))
     name, prefix = parse_url(options.url)
     bucket = source_bucket(settings.transfer, name, local=options.local, patience_s=patience_s)
     command = "dr-list-models" if options.local else "dr-list-models --upload"

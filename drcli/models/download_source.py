@@ -29,12 +29,17 @@ SNAPSHOTS = 5
 
 @dataclass(frozen=True)
 class Source:
-    """A model to download, and the command that lists the models of its bucket."""
+    """A model to download, and the command that lists the models of its bucket.
+
+    Attributes:
+        file: The folder or archive that stands for a bucket; empty for a real one.
+    """
 
     bucket: Bucket
     prefix: str
     listing: str
     local: bool = False
+    file: str = ""
 
     @property
     def folder(self) -> str:
@@ -43,8 +48,8 @@ class Source:
 
     @property
     def url(self) -> str:
-        """Bucket and prefix."""
-        return f"s3://{self.bucket.name}/{self.prefix}"
+        """Bucket and prefix, or the path of a folder or archive."""
+        return self.file or f"s3://{self.bucket.name}/{self.prefix}"
 
 
 def list_model(source: Source) -> Listing:
@@ -56,7 +61,7 @@ def list_model(source: Source) -> Listing:
     listed = [
         info
         for info in source.bucket.list(source.folder)
-        if info.key.removeprefix(source.folder) not in TRANSIENT and not info.key.endswith("/")
+        if info.key.removeprefix(source.folder) not in TRANSIENT
     ]
     sizes = {info.key.removeprefix(source.folder): info.size_bytes for info in listed}
     wrong = [

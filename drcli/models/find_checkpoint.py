@@ -19,7 +19,7 @@ Wanted = Literal["last", "best"] | int
 
 _INDEX, _DATA, _META = ".index", re.compile(r"\.data-(\d{5})-of-(\d{5})$"), ".meta"
 _GRAPH = re.compile(r"(?:^|.*[^0-9])(\d{1,9})\.(?:pb|onnx)$")
-_ARCHIVE_NUMBER = re.compile(r"-chk(\d{1,9})\.(?:tar\.gz|tgz|tar)$")
+_ARCHIVE_NUMBER = re.compile(r"-chk(\d{1,9})\.(?:tar(?:\.\w+)?|tgz|zip)$")
 _STATE = re.compile(r'^model_checkpoint_path:\s*"(?:[^"]*/)?([^"/]+)"', re.MULTILINE)
 
 _LARGEST_NUMBER = 10**9
@@ -173,16 +173,17 @@ def _refuse_none(source: SourceFiles) -> NoReturn:
     )
 
 
+class OwnModel(SettingsError):
+    """A folder or archive that is to be imported was trained by drcli, so it is only copied."""
+
+
 def refuse_ours(source: SourceFiles) -> NoReturn:
     """Refuse a model that was trained here: nothing needs to be imported."""
-    if source.is_bucket:
-        remedy = f"Copy it with `dr-download-model -s {source.origin} -t PREFIX`."
-    else:
-        remedy = (
-            "Copy its folder into the bucket, as with `dr-local-aws s3 sync FOLDER "
-            "s3://bucket/PREFIX`; it needs no import."
-        )
-    raise SettingsError(f"{source.origin} is a model of drcli already.", remedy=remedy)
+    kind = SettingsError if source.is_bucket else OwnModel
+    raise kind(
+        f"{source.origin} is a model of drcli already.",
+        remedy=f"Copy it with `dr-download-model -s {source.origin} -t PREFIX`.",
+    )
 
 
 def _of_one_model(source: SourceFiles, found: list[Candidate]) -> list[Candidate]:

@@ -9,6 +9,7 @@ from drcli.exchange.scores import Score
 from drcli.modelfiles.custom_files import local_file
 from drcli.models.checkpoint_files import HYPERPARAMETERS, METADATA, Item
 from drcli.models.copy_custom_files import write_own_files
+from drcli.models.download import DownloadOptions
 from drcli.models.find_checkpoint import Candidate, find_checkpoint
 from drcli.models.imported_model import ImportedModel, ImportOptions, ModelMaker
 from drcli.models.put_model import POINTERS, Delivery, Progress
@@ -66,6 +67,31 @@ def plan_import(settings: Settings, options: ImportOptions) -> PlannedImport:
     target = f"s3://{here.name}/{options.prefix}"
     return PlannedImport(
         options, items, Score(str(chosen.name)), replace(report, target=target), used
+    )
+
+
+def copy_of_own(settings: Settings, options: ImportOptions) -> DownloadOptions:
+    """How the model of ours that `plan_import` has found on this machine is copied.
+
+    Raises:
+        SettingsError: There is a model of that name, or only a part of it is wanted.
+        StorageError: The bucket cannot be read.
+    """
+    if options.wanted is not None or options.metadata is not None or options.world is not None:
+        raise SettingsError(
+            f"{options.source} is a model of drcli, which is copied as it is.",
+            remedy="Leave out -b, --checkpoint, --metadata and --world.",
+        )
+    prefix = checked_prefix(options.prefix, "-t")
+    here = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
+    if not options.wipe and any(here.exists(keys.folder(prefix) + name) for name in POINTERS):
+        raise _taken(here, prefix)
+    return DownloadOptions(
+        options.source,
+        prefix,
+        wipe=options.wipe,
+        dry_run=options.dry_run,
+        custom_files=options.custom_files,
     )
 
 
@@ -150,13 +176,17 @@ def _check_target(
     names = {info.key.removeprefix(keys.folder(options.prefix)) for info in there}
     is_model = any(name in names for name in POINTERS)
     if is_model and not options.wipe and not all(map(delivery.holds, items)):
-        raise SettingsError(
-            f"s3://{here.name}/{options.prefix} already contains a model.",
-            remedy="Choose another name with -t; -w would delete that model.",
-        )
+        raise _taken(here, options.prefix)
     if not options.dry_run:
         prove_writing(here, options.prefix, deletes=True)  # pointers there are deleted first
     return len(there)
+
+
+def _taken(here: Bucket, prefix: str) -> SettingsError:
+    return SettingsError(
+        f"s3://{here.name}/{prefix} already contains a model.",
+        remedy="Choose another name with -t; -w would delete that model.",
+    )
 
 
 def _read(source: SourceFiles, chosen: Candidate) -> tuple["ReadPolicy", list[str]]:

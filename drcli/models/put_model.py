@@ -18,7 +18,7 @@ from drcli.models.checkpoint_files import Item
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing, Watch
-from drcli.store.verify import Checksums
+from drcli.store.verify import MD5_DIGITS, Checksums
 
 Progress = Callable[[str, int], AbstractContextManager[Watch]]
 """Shows a progress bar inside a `with` block; takes a title and the number of bytes."""
@@ -106,7 +106,7 @@ class Delivery:
         It counts as unchanged then.
         """
         own = self._there.get(name)
-        if own is None or not info.etag or own.size_bytes != info.size_bytes:
+        if own is None or len(info.etag) < MD5_DIGITS or own.size_bytes != info.size_bytes:
             return False
         same = info.etag in Checksums.of(self.bucket.get(own.key)).etags
         if same and name not in self.unchanged:

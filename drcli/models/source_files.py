@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
+from drcli.base.left_behind import is_left_behind
 from drcli.base.problems import shown
 from drcli.base.regular_file import read_regular
 from drcli.config.bucket_config import TransferConfig
@@ -18,8 +19,6 @@ MOST_FILES = 100_000
 
 LARGEST_BYTES = 1 << 30
 """Of one file that is read. The largest of the reference's has about 230 MB."""
-
-_ARCHIVES = (".tar.gz", ".tgz", ".tar")
 
 _BESIDE = (
     keys.MODEL_METADATA_FILE,
@@ -103,7 +102,7 @@ def open_source(ends: TransferConfig, source: str, *, local: bool) -> SourceFile
     try:
         if path.is_dir():
             return files_in_folder(path)
-        if path.is_file() and path.name.casefold().endswith(_ARCHIVES):
+        if path.is_file() and _is_archive(path):
             return _in_archive(path)
         return _single(path)
     except OSError as e:
@@ -117,7 +116,7 @@ def _in_bucket(ends: TransferConfig, source: str, *, local: bool) -> SourceFiles
     sizes = {
         info.key.removeprefix(folder): info.size_bytes
         for info in bucket.list(folder)
-        if not info.key.endswith("/")
+        if not is_left_behind(info.key.removeprefix(folder))
     }
     if not sizes:
         raise SettingsError(
@@ -131,7 +130,7 @@ def _in_bucket(ends: TransferConfig, source: str, *, local: bool) -> SourceFiles
 
 
 def files_in_folder(path: Path) -> SourceFiles:
-    """All files of a folder; hidden folders are left out.
+    """All files of a folder; hidden folders and what programs leave behind are left out.
 
     Raises:
         OSError: It cannot be listed.
@@ -146,13 +145,25 @@ def files_in_folder(path: Path) -> SourceFiles:
         below[:] = sorted(name for name in below if not name.startswith("."))
         for name in names:
             file = Path(parent, name)
-            if file.is_file():
+            if file.is_file() and not is_left_behind(name):
                 sizes[file.relative_to(path).as_posix()] = file.stat().st_size
         if len(sizes) > MOST_FILES:
             raise SettingsError(
                 f"{path} has more than {MOST_FILES:,} files.", remedy="Name the folder of a model."
             )
     return SourceFiles(str(path), sizes, lambda name: _content(path / name))
+
+
+def _is_archive(path: Path) -> bool:
+    """Whether a file is an archive; the .zip of Stable-Baselines3 is a pickle."""
+    from drcli.formats.archive import ENDINGS
+    from drcli.formats.pickles import is_pickle
+
+    name = path.name.casefold()
+    if name.endswith(".zip"):
+        data = read_regular(path)
+        return data.startswith(b"PK") and not is_pickle(data)
+    return name.endswith(ENDINGS)
 
 
 def _in_archive(path: Path) -> SourceFiles:

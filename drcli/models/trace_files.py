@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
+from drcli.base.left_behind import is_left_behind
 from drcli.base.regular_file import read_regular
 from drcli.modelfiles.driven_actions import DrivenFile, read_steps
 from drcli.store.bucket import Bucket, ObjectMissing
@@ -27,7 +28,8 @@ def traces_in_folders(paths: Iterable[Path]) -> list[DrivenFile]:
             found.append(read_steps(_content(path), str(path)))
             continue
         inside = []
-        for file in sorted(path.rglob("*.csv"))[:_MOST_FILES]:
+        files = (file for file in path.rglob("*.csv") if not is_left_behind(file.name))
+        for file in sorted(files)[:_MOST_FILES]:
             try:
                 inside.append(read_steps(_content(file), str(file)))
             except SettingsError:

@@ -168,7 +168,7 @@ def _write_folder(folder: Path, items: Sequence[Item]) -> None:
             for item in items:
                 path = scratch / item.name
                 path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_bytes(item.data)
+                rewrite(path, item.data)
             scratch.replace(folder)  # also onto an empty folder
         except BaseException:
             with contextlib.suppress(OSError):

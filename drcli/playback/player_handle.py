@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.base.errors import DrError, NotAvailable, SettingsError, StorageError
+from drcli.base.installation import installation_error
 from drcli.config import secret_environment
 from drcli.exchange.job import LOG_ENCODING
 from drcli.playback.packed_answer import facts_of
@@ -171,7 +172,8 @@ class PlayerHandle:
             if code < 0:
                 name = signal.Signals(-code).name
                 return PlayerEnded(f"The episode player was ended by {name}.", remedy=_REMEDY)
-        return PlayerEnded(f"The episode player ended with exit code {code}.", remedy=_REMEDY)
+        ended = PlayerEnded(f"The episode player ended with exit code {code}.", remedy=_REMEDY)
+        return installation_error() or ended
 
     def _end_idle(self, process: "subprocess.Popen[bytes]") -> None:
         # A request that has just begun holds the lock, and needs the process.

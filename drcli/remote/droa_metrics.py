@@ -2,19 +2,16 @@
 
 import json
 import math
-import tarfile
-from collections.abc import Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from drcli.base.errors import SettingsError, StorageError
 from drcli.exchange.episode_metrics import is_clean
+from drcli.formats.archive import read_packed, unpack_readable
 from drcli.remote.droa_api import Droa
 from drcli.remote.droa_models import RemoteModel
-
-_LARGEST_BYTES = 256 << 20
-"""Larger metrics are something else."""
 
 
 @dataclass(frozen=True)
@@ -119,13 +116,13 @@ def archive_summary(file: Path) -> list[PhaseMeans]:
     Raises:
         SettingsError: It is not an archive, or has no metrics.
     """
-    try:
-        means = means_of(list(_metrics_files(file)))
-    except (tarfile.TarError, OSError, EOFError) as e:
+    found, fault = unpack_readable(BytesIO(read_packed(file)), lambda name: name.endswith(".json"))
+    if fault is not None:
         raise SettingsError(
-            f"{file} is not an archive of logs, or is damaged.",
+            f"{file} is not an archive of logs, or is damaged: it {fault}.",
             remedy="Look at it; without --summary it is only downloaded.",
-        ) from e
+        )
+    means = means_of(list(found.values()))
     if not means:
         raise SettingsError(
             f"{file} has no metrics.", remedy="Its other files are there; unpack it."
@@ -154,15 +151,6 @@ def means_of(files: list[bytes]) -> list[PhaseMeans]:
             found = _Episode(reward or 0.0, progress, elapsed_ms or math.nan, clean)
             by_phase.setdefault(phase, []).append(found)
     return [_means(phase, episodes) for phase, episodes in sorted(by_phase.items(), reverse=True)]
-
-
-def _metrics_files(file: Path) -> Iterator[bytes]:
-    with tarfile.open(file) as archive:
-        for member in archive:
-            if member.isreg() and member.name.endswith(".json") and member.size <= _LARGEST_BYTES:
-                data = archive.extractfile(member)
-                if data is not None:
-                    yield data.read()
 
 
 def _entries(data: bytes) -> list[dict[str, Any]]:

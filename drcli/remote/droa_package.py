@@ -1,14 +1,12 @@
 """Reads the files of a model to import, from a folder or an archive, into memory."""
 
-import lzma
-import tarfile
-import zipfile
-import zlib
-from collections.abc import Iterator
-from pathlib import Path, PurePosixPath
+from io import BytesIO
+from pathlib import Path
 
 from drcli.base.errors import SettingsError
+from drcli.base.left_behind import is_left_behind
 from drcli.base.problems import shown
+from drcli.formats.archive import read_packed, unpack_archive
 
 Files = dict[str, bytes]
 """The files of a model by their names below its folder, with slashes."""
@@ -19,23 +17,7 @@ MOST_BYTES = 1024**3
 MOST_FILES = 1_000
 """Its importer copies no more than one page of a list of objects."""
 
-_LARGEST_ARCHIVE_FILES = 10_000
-_SKIPPED_NAMES = frozenset({".ds_store", "._.ds_store", "thumbs.db", "desktop.ini"})
 _SKIPPED_ENDS = (".gz", ".zip")
-_SKIPPED_FOLDERS = frozenset({"__MACOSX"})
-_TAR_ENDS = (".tar.gz", ".tgz", ".tar", ".tar.bz2", ".tar.xz")
-
-_DAMAGE = (
-    tarfile.TarError,
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    EOFError,
-    NotImplementedError,
-    RuntimeError,
-    ValueError,
-)
-"""What Python's readers raise for damaged, encrypted and unknown archives."""
 
 ROOT_FILE = "model_metadata.json"
 """A folder with this file is the root of a model."""
@@ -53,9 +35,10 @@ def read_package(source: Path) -> Files:
     """
     try:
         if source.is_dir():
-            files = _collect(_folder(source), source)
+            files = _folder(source)
         elif source.is_file():
-            files = _collect(_archive(source), source)
+            packed = BytesIO(read_packed(source))
+            files = unpack_archive(packed, str(source), wanted=is_wanted)
         else:
             raise SettingsError(
                 f"{source} does not exist.",
@@ -76,105 +59,26 @@ def read_package(source: Path) -> Files:
 
 def is_wanted(name: str) -> bool:
     """Whether a file belongs to an import; archives and files of file managers do not."""
-    path = PurePosixPath(name)
-    return (
-        path.name.casefold() not in _SKIPPED_NAMES
-        and not path.name.casefold().endswith(_SKIPPED_ENDS)
-        and not _SKIPPED_FOLDERS.intersection(path.parts)
-    )
+    return not is_left_behind(name) and not name.casefold().endswith(_SKIPPED_ENDS)
 
 
-def _collect(found: Iterator[tuple[str, int, bytes]], source: Path) -> Files:
+def _folder(source: Path) -> Files:
     files: Files = {}
-    total = 0
-    for name, _, data in found:
-        if name in files:
-            raise _bad(source, f"it contains {shown(name)} twice")
-        files[name] = data
-        total += len(data)
-        if total > MOST_BYTES:
-            raise _too_large(source)
-    return files
-
-
-def _folder(source: Path) -> Iterator[tuple[str, int, bytes]]:
+    left = MOST_BYTES
     for path in sorted(source.rglob("*")):
         name = path.relative_to(source).as_posix()
         if path.is_dir() or not is_wanted(name):
             continue
         if not path.is_file():
             raise _bad(source, f"{shown(name)} is not a file")
-        size = path.stat().st_size
-        if size > MOST_BYTES:
-            raise _too_large(source)
-        yield name, size, path.read_bytes()
-
-
-def _archive(source: Path) -> Iterator[tuple[str, int, bytes]]:
-    try:
-        if zipfile.is_zipfile(source):
-            yield from _zip(source)
-        elif tarfile.is_tarfile(source):
-            yield from _tar(source)
-        else:
-            raise _bad(source, f"it is neither a folder nor an archive ({', '.join(_TAR_ENDS)})")
-    except _DAMAGE as e:
-        raise _bad(source, "the archive is damaged or encrypted") from e
-    except OSError as e:
-        if e.errno is None:  # gzip and bz2 report damage so
-            raise _bad(source, "the archive is damaged") from e
-        raise
-
-
-def _tar(source: Path) -> Iterator[tuple[str, int, bytes]]:
-    left = MOST_BYTES
-    with tarfile.open(source) as archive:
-        for number, member in enumerate(archive):
-            _count(source, number)
-            if member.isdir():
-                continue
-            name = _safe(source, member.name)
-            if not member.isreg():
-                raise _bad(source, f"{shown(name)} is a link or a device")
-            left -= member.size
-            if left < 0:
-                raise _too_large(source)
-            file = archive.extractfile(member)
-            if file is not None and is_wanted(name):
-                yield name, member.size, file.read()
-
-
-def _zip(source: Path) -> Iterator[tuple[str, int, bytes]]:
-    left = MOST_BYTES
-    with zipfile.ZipFile(source) as archive:
-        for number, member in enumerate(archive.infolist()):
-            _count(source, number)
-            if member.is_dir():
-                continue
-            name = _safe(source, member.filename)
-            if (member.external_attr >> 16) & 0o170000 == 0o120000:
-                raise _bad(source, f"{shown(name)} is a link or a device")
-            with archive.open(member) as file:
-                data = file.read(left + 1)  # the size in the list may be a lie
-            left -= len(data)
-            if left < 0:
-                raise _too_large(source)
-            if is_wanted(name):
-                yield name, len(data), data
-
-
-def _count(source: Path, number: int) -> None:
-    if number >= _LARGEST_ARCHIVE_FILES:
-        raise _bad(source, f"it contains more than {_LARGEST_ARCHIVE_FILES:,} files")
-
-
-def _safe(source: Path, name: str) -> str:
-    """A member's name; one that leads out of the archive is refused."""
-    path = PurePosixPath(name.replace("\\", "/"))
-    leads_out = path.is_absolute() or ".." in path.parts or ":" in name or "\0" in name
-    if leads_out or not path.parts or not name.isprintable():
-        raise _bad(source, f"{shown(name)} is not a name inside the archive")
-    return path.as_posix()
+        left -= path.stat().st_size
+        if left < 0:
+            raise SettingsError(
+                f"{source} is too large: DeepRacer on AWS imports models up to 1 GB.",
+                remedy="Leave out logs, videos and older checkpoints.",
+            )
+        files[name] = path.read_bytes()
+    return files
 
 
 def _from_root(files: Files) -> Files:
@@ -195,11 +99,4 @@ def _bad(source: Path, reason: str) -> SettingsError:
     return SettingsError(
         f"{source} cannot be imported: {reason}.",
         remedy="Give the folder or archive of a model, as `dr-export droa` writes it.",
-    )
-
-
-def _too_large(source: Path) -> SettingsError:
-    return SettingsError(
-        f"{source} is too large: DeepRacer on AWS imports models up to 1 GB.",
-        remedy="Leave out logs, videos and older checkpoints.",
     )

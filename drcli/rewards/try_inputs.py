@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
+from drcli.base import installation
 from drcli.base.problems import Problem
 from drcli.config.run_config import RaceConfig, RunConfig
 from drcli.rewards.lint import problems_of
@@ -19,7 +20,12 @@ def try_inputs(
 
     Without a reward function, only the worlds are loaded. When `given_up` is set, the sandbox ends
     and finds nothing.
+
+    Raises:
+        NotAvailable: A library that a training needs is missing, too old or broken.
     """
+    if lacking := installation.unmet():
+        raise lacking.error()
     request = SandboxRequest("" if source is None else source.name, races=races_of(run))
     with Sandbox(request, None if source is None else source.data, directory) as sandbox:
         result = sandbox.result(given_up)

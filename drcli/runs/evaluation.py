@@ -20,6 +20,7 @@ from drcli.base.errors import (
     TrainingFailed,
     WorkerDied,
 )
+from drcli.base.installation import installation_error
 from drcli.base.json_record import RecordError
 from drcli.base.log import LogFile, get_logger
 from drcli.base.process_identity import started_s
@@ -190,7 +191,7 @@ def _run(plan: EvaluationPlan) -> None:
         code, path, remedy="Train the model on with a corrected reward_function.py."
     )
     if words is None:
-        raise WorkerDied(
+        raise installation_error() or WorkerDied(
             f"The evaluation worker ended with exit code {code}.", remedy=f"Read its log: {path}."
         )
     raise failure(words.code, words.message, words.remedy)

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from drcli.base.errors import WorkerDied
+from drcli.base.errors import DrError, WorkerDied
+from drcli.base.installation import installation_error
 from drcli.runs.text_tail import text_tail
 
 READY_TIMEOUT_S = 60.0
@@ -21,7 +22,7 @@ def log_bytes(log: Path) -> int:
         return 0
 
 
-def failed_start(what: str, code: int | None, log: Path, earlier_bytes: int) -> WorkerDied:
+def failed_start(what: str, code: int | None, log: Path, earlier_bytes: int) -> DrError:
     """The error of a process that was not ready in time, or exited before it was.
 
     Args:
@@ -35,7 +36,7 @@ def failed_start(what: str, code: int | None, log: Path, earlier_bytes: int) -> 
             f"{what} did not start: it was not ready within {READY_TIMEOUT_S:g} seconds.",
             remedy=f"Try again when the machine is less busy. Its log is {log}.",
         )
-    return WorkerDied(
+    return installation_error() or WorkerDied(
         f"{what} did not start: its process exited (exit code {code}). "
         f"The last line of its log is: {_last_line(log, earlier_bytes)}",
         remedy=f"Read the reason in {log}.",

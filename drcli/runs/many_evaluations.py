@@ -9,8 +9,10 @@ import subprocess
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache
 
 from drcli.base.atomic_file import load_record
+from drcli.base.installation import installation_error
 from drcli.base.json_record import JsonRecord
 from drcli.base.process_identity import started_s
 from drcli.exchange.evaluation_record import EvaluationRecord
@@ -31,6 +33,8 @@ from drcli.workers.cores import usable_cores
 
 LOOK_S = 0.2
 """Pause between two looks at the worker processes."""
+
+_installation_error = cache(installation_error)  # many evaluations may fail for the same reason
 
 
 @dataclass(frozen=True)
@@ -201,6 +205,8 @@ def _outcome(plan: ManyPlan, task: EvaluationTask) -> TaskOutcome:
     words = WorkerExit.read(plan.job.folder, "evaluation")
     if words is not None:
         return TaskOutcome(reason=words.message, remedy=words.remedy, code=words.code)
+    if broken := _installation_error():
+        return TaskOutcome(reason=str(broken), remedy=broken.remedy, code=broken.code)
     path = log_file(plan.job.directory, plan.job.config.model.prefix, "evaluation")
     return TaskOutcome(
         reason="Its worker process ended without a result.", remedy=f"Read its log: {path}."

@@ -11,6 +11,7 @@ from drcli.checks.before_start import Plans, examine_stages
 from drcli.checks.start_rules import refuse_start
 from drcli.checks.storage_rules import probe, review_prefix
 from drcli.config.bucket_config import CustomFilesConfig
+from drcli.config.run_env import written
 from drcli.config.settings import Settings, catalogue
 from drcli.exchange.checkpoint import CheckpointName, Counters
 from drcli.exchange.job import Job
@@ -25,6 +26,7 @@ from drcli.models.pretrained import sentence_of
 from drcli.models.repair_model import repair_all
 from drcli.models.run_metadata import describe_start, read_start
 from drcli.runs.freeze_inputs import files_to_train_with, freeze, parameter_files
+from drcli.runs.increment import METRICS, MODEL
 from drcli.runs.journal_of_start import start_entries
 from drcli.runs.planned_job import begun_by, first_start, planned_job
 from drcli.runs.planned_stages import plan_stages
@@ -37,6 +39,7 @@ from drcli.store.bucket import Bucket
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.last_outcome import read_outcome, write_outcome
+from drcli.store.lost_checkpoints import find_lost
 from drcli.store.model_kind import what_helps
 from drcli.store.model_prefix import is_aborted_start, is_used, newest_checkpoint, wipe
 from drcli.store.notes import describe
@@ -105,6 +108,7 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
 
     Raises:
         SettingsError: Something is wrong; the message has a line for each problem.
+        CheckpointsLost: The model was trained, but none of its checkpoints can be read.
     """
     directory, prefix = settings.directory, settings.model_prefix
     if options.wipe and options.resume:
@@ -117,6 +121,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     clock = probe(bucket, prefix)
     lease.refuse_other_owner(bucket, prefix)
 
+    if not options.wipe:
+        _refuse_lost(settings, bucket)
     newest = newest_checkpoint(bucket, prefix)
     if options.resume and newest is None:
         raise SettingsError(
@@ -271,9 +277,9 @@ def _replay_lost(bucket: Bucket, prefix: str, newest: CheckpointName | None) -> 
     if not learned or any(each is not None and each.iteration in learned for each in listed):
         return []
     return [
-        "SAC starts with an empty replay buffer, because the steps of earlier iterations are not in "
-        "the bucket: a copy of a model has none. It learns from new steps only, which costs some "
-        "iterations."
+        "SAC starts with an empty replay buffer, because the steps of earlier iterations are not "
+        "in the bucket: a copy of a model has none. It learns from new steps only, which costs "
+        "some iterations."
     ]
 
 
@@ -295,6 +301,19 @@ def _resumable(bucket: Bucket, prefix: str) -> tuple[str | None, list[str]]:
             "which costs a few iterations."
         )
     return name, warnings
+
+
+def _refuse_lost(settings: Settings, bucket: Bucket) -> None:
+    """Raise CheckpointsLost instead of beginning at iteration 0 among what is left of a model."""
+    lost = find_lost(bucket, settings.model_prefix)
+    if lost is None:
+        return
+    metrics = written(settings, METRICS)
+    stays = metrics is not None and "$" not in metrics  # so it would be that of the old model
+    raise lost.refusal(
+        *([f"{METRICS}={keys.metrics_prefix(lost.beside)}"] if stays else []),
+        set_in_environment=settings.source(MODEL) == "environment",
+    )
 
 
 def _seed(settings: Settings, options: StartOptions, before: TrainingStart | None) -> int:

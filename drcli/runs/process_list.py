@@ -11,7 +11,6 @@ from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.exchange.trace import STEP_S, read_csv
 from drcli.runs.worker_processes import TRAINER
 from drcli.store import keys
-from drcli.store.bucket import ObjectMissing
 from drcli.store.connect import open_running_bucket
 from drcli.store.history import read_history
 
@@ -96,13 +95,12 @@ def speed_of(process: Process, config: RunConfig) -> SpeedReport:
     if not history:
         return unknown
     number = int(process.name.removeprefix("sim-"))
-    workers = sum(worker.name.startswith("sim-") for worker in record.workers)
     iteration = history[-1].iteration
-    key = keys.training_trace(record.prefix, iteration, worker=number, workers=workers)
-    try:
-        episodes = read_csv(bucket.get(key))
-    except ObjectMissing:
+    places = keys.training_traces(record.prefix, iteration, number)
+    key = next(filter(bucket.exists, places), None)
+    if key is None:
         return unknown
+    episodes = read_csv(bucket.get(key))
     rows = sum(episode.steps + 1 for episode in episodes)
     seconds = [at for episode in episodes for at in episode.wall_s]
     if not seconds or max(seconds) <= min(seconds):

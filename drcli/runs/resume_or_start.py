@@ -6,7 +6,7 @@ need one line.
 
 from dataclasses import dataclass, replace
 
-from drcli.base.errors import SettingsError
+from drcli.base.errors import NoAnswer, NoKeys, NotYet, SettingsError
 from drcli.config.settings import Settings
 from drcli.exchange.job import Job
 from drcli.exchange.run_outcome import RunOutcome
@@ -24,7 +24,7 @@ from drcli.runs.plan import (
 from drcli.runs.wait_for_owner import OwnerWait
 from drcli.store import lease
 from drcli.store.bucket import Bucket
-from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+from drcli.store.connect import COMMAND_PATIENCE_S, OUTAGE_PATIENCE_S, open_bucket
 from drcli.store.last_outcome import read_outcome
 from drcli.store.model_prefix import has_checkpoint, is_aborted_start, is_used
 from drcli.workers.goals import same_goals
@@ -50,12 +50,14 @@ def prepare_next(settings: Settings, options: StartOptions, *, wait: bool) -> Ne
     Args:
         settings: Of the racer.
         options: Of the command; neither to wipe nor to resume.
-        wait: Whether to wait for an owner that lives.
+        wait: Whether to wait for an owner that lives, and as long as workers do for a server that
+            does not answer, or for access keys: while a machine boots, both may be missing.
 
     Raises:
         TrainedElsewhere: The model's owner lives, and nobody wants to wait.
         SettingsError: Something is wrong.
-        StorageError: The bucket does not answer.
+        NotYet: The bucket did not answer, or no keys came, for as long as it waited.
+        StorageError: The bucket cannot be used.
     """
     if options.wipe or options.resume:
         given = "-w" if options.wipe else "--resume"
@@ -67,9 +69,15 @@ def prepare_next(settings: Settings, options: StartOptions, *, wait: bool) -> Ne
     prefix = settings.model_prefix
     folder = run_folder(settings.directory, settings.run_id)
     options = replace(options, whole_run=True)
+    patience_s = OUTAGE_PATIENCE_S if wait else COMMAND_PATIENCE_S
     while True:
-        bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
-        OwnerWait(bucket, prefix, folder, wait).until_free()
+        bucket = open_bucket(settings.storage, patience_s=patience_s, unattended=wait)
+        try:
+            OwnerWait(bucket, prefix, folder, wait).until_free()
+        except (NoAnswer, NoKeys) as error:
+            if not wait:
+                raise
+            raise NotYet(str(error), remedy=error.remedy) from error
         try:
             return _plan(settings, options, bucket)
         except lease.ModelInUse:

@@ -1,16 +1,18 @@
 """What the bucket alone tells about a run: for pages of machines on which it does not run."""
 
-import csv
 import math
 from dataclasses import dataclass, field
 
 from drcli.base.json_record import RecordError
+from drcli.config.run_config import RunConfig
 from drcli.config.settings import Settings
 from drcli.exchange.run_record import RunRecord, run_folder
 from drcli.exchange.run_state import ActivityRecord
+from drcli.exchange.trace_rows import TraceRow, read_rows
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.connect import open_running_bucket
+from drcli.store.last_outcome import read_outcome
 from drcli.store.lease import live_holder
 from drcli.store.repair import Model
 
@@ -53,6 +55,45 @@ def seen_run(settings: Settings, run_id: int) -> SeenRun:
     model = None if bucket is None else Model.of(settings.model, bucket, prefix)
     world = settings.world_name if record is None else record.world
     return SeenRun(model, prefix, world, record is not None and record.alive)
+
+
+def ended_elsewhere(config: RunConfig, bucket: Bucket) -> RunRecord | None:
+    """How the run ended on another machine, as its own record would say; None if it has not.
+
+    Raises:
+        StorageError: The bucket does not answer, or the record of the end is damaged.
+    """
+    outcome = read_outcome(bucket, config.model.prefix)
+    if outcome is None or not outcome.ended:
+        return None
+    return RunRecord(
+        run_id=config.run_id,
+        session=outcome.session,
+        bucket=bucket.name,
+        prefix=config.model.prefix,
+        world=config.race().world_name,
+        state=outcome.state,
+        pid=0,
+        pid_started=0.0,
+        started_at=outcome.started_at,
+        ended_at=outcome.ended_at,
+        exit_code=outcome.code,
+        message=f"On {outcome.host}: {outcome.message}" if outcome.host else outcome.message,
+        remedy=outcome.remedy,
+    )
+
+
+def trained_by(bucket: Bucket, prefix: str) -> str:
+    """A sentence that says who trains a model now; empty if nobody does.
+
+    Raises:
+        StorageError: The bucket does not answer.
+    """
+    held = live_holder(bucket, prefix)
+    if held is None:
+        return ""
+    model = f"s3://{bucket.name}/{prefix}"
+    return f"{model} is being trained by {held.owner}, last heard from {held.age_s:.0f} s ago."
 
 
 @dataclass(frozen=True)
@@ -133,10 +174,7 @@ def read_lap_lines(bucket: Bucket, prefix: str, iteration: int, worker: int) -> 
     Raises:
         StorageError: The bucket does not answer.
     """
-    for workers in (2, 1):  # with several workers, each has a folder
-        if workers == 1 and worker:
-            break
-        key = keys.training_trace(prefix, iteration, worker=worker, workers=workers)
+    for key in keys.training_traces(prefix, iteration, worker):
         try:
             return lap_lines(bucket.get(key))
         except ObjectMissing:
@@ -146,26 +184,19 @@ def read_lap_lines(bucket: Bucket, prefix: str, iteration: int, worker: int) -> 
 
 def lap_lines(data: bytes) -> list[LapLine]:
     """Lines of the newest episodes of a simtrace; damaged rows are left out."""
-    episodes: dict[str, list[tuple[float, float, float, str]]] = {}
-    lines = data.decode("utf-8", "replace").replace("\0", "").splitlines()
-    for row in csv.DictReader(lines):
-        try:
-            x, y, progress = float(row["X"]), float(row["Y"]), float(row["progress"])
-            known = episodes.setdefault(row["episode"], [])
-            status = row["episode_status"] or ""
-        except (KeyError, TypeError, ValueError):
-            continue
-        if math.isfinite(x + y + progress):
-            known.append((x, y, progress, status))
+    episodes: dict[int, list[TraceRow]] = {}
+    for row in read_rows(data).rows:
+        if math.isfinite(row.x + row.y + row.progress):
+            episodes.setdefault(row.episode, []).append(row)
     return [_line(rows) for rows in list(episodes.values())[-MOST_LINES:] if len(rows) > 1]
 
 
-def _line(rows: list[tuple[float, float, float, str]]) -> LapLine:
+def _line(rows: list[TraceRow]) -> LapLine:
     every = max(1, math.ceil(len(rows) / MOST_POINTS))
     kept = rows[::every] + ([rows[-1]] if (len(rows) - 1) % every else [])
     return LapLine(
-        [round(row[0], 2) for row in kept],
-        [round(row[1], 2) for row in kept],
-        rows[-1][2],
-        rows[-1][3],
+        [round(row.x, 2) for row in kept],
+        [round(row.y, 2) for row in kept],
+        rows[-1].progress,
+        rows[-1].status,
     )

@@ -25,6 +25,7 @@ from drcli.exchange.stage import StageMark
 from drcli.exchange.watch_record import WatchRecord
 from drcli.models.checkpoint_choice import laps_of
 from drcli.models.model_list import CheckpointEntry
+from drcli.runs.seen_in_bucket import ended_elsewhere, trained_by
 from drcli.runs.spending_report import RequestReport, money_left, request_report, time_left_s
 from drcli.runs.worker_health import WorkerHealth
 from drcli.runs.worker_processes import TRAINER
@@ -34,14 +35,16 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.connect import open_running_bucket
 from drcli.store.history import HistoryReader
-from drcli.store.last_outcome import read_outcome
 from drcli.store.members import GONE_S, read_shares_record
 from drcli.store.milestones import NO_MILESTONES, with_history
+from drcli.store.model_prefix import newest_checkpoint
 from drcli.store.notes import read_notes
 from drcli.store.repair import Model, readable_history, readable_scores
 from drcli.store.request_count import read_counts
 from drcli.store.reward_errors import read_reward_errors
 from drcli.store.rollbacks import read_rollbacks
+
+_NOT_RUNNING = "The local S3 server does not run."
 
 
 @dataclass(frozen=True)
@@ -180,6 +183,8 @@ class RunReport:
         priority: DR_PRIORITY at the start.
         threads: DR_THREADS at the start; 0 for all cores.
         ending: Whether the run is ending its workers: none of them is missed then.
+        elsewhere: A sentence about the training of the model on another machine, if nothing was
+            started on this one.
         watches: What the watches of the training warn of, a sentence each: memory, disk, stalls.
         reward_errors: Failures of the reward function that all workers have counted, and episodes
             that it declared broken; None if nothing was counted.
@@ -231,6 +236,7 @@ class RunReport:
     threads: int = 0
     joined: list[JoinedReport] = field(default_factory=list)
     ending: bool = False
+    elsewhere: str = ""
 
     @property
     def dead(self) -> list[str]:
@@ -247,9 +253,8 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     alive = record is not None and record.alive
     if not alive:
         record = RunRecord.read(folder)  # a supervisor records the outcome just before it exits
-    record = record or _record_of_elsewhere(config)
     if record is None:
-        return RunReport(
+        nothing = RunReport(
             run_id=config.run_id,
             bucket=config.storage.bucket,
             prefix=config.model.prefix,
@@ -257,6 +262,17 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             state="none",
             budget=_budget(config),
         )
+        try:
+            bucket = open_running_bucket(config.storage)
+            if bucket is None and config.storage.engine == "rclone":
+                return nothing  # the bucket does not exist yet
+            if bucket is None:
+                return replace(nothing, unreachable=_NOT_RUNNING)
+            record = ended_elsewhere(config, bucket)
+            if record is None:
+                return replace(nothing, elsewhere=trained_by(bucket, config.model.prefix))
+        except StorageError as error:
+            return replace(nothing, unreachable=str(error))
     # The bucket of the start: the settings may name another one now.
     bucket = open_running_bucket(record.storage_at_start(config.storage, config.directory))
     history: list[IterationRecord] = []
@@ -267,7 +283,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     rollbacks: list[Rollback] = []
     joined: list[JoinedReport] = []
     stage: StageMark | None = None
-    unreachable = "" if bucket is not None else "The local S3 server does not run."
+    unreachable = "" if bucket is not None else _NOT_RUNNING
     if bucket is not None:
         try:
             model = Model.of(config.model, bucket, record.prefix)
@@ -280,6 +296,8 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
                 best = CheckpointEntry.of(scores.best_checkpoint, model.metric, laps)
                 best_laps = CheckpointLaps.of(checkpoint_name(name).number, laps)
                 last = CheckpointEntry.of(scores.last_checkpoint, model.metric)
+            elif newest := newest_checkpoint(bucket, record.prefix):  # its index is lost
+                last = CheckpointEntry(str(newest), None)
             counted = read_reward_errors(bucket, record.prefix)
             if counted:
                 failed = sum_of(each.total for each in counted)
@@ -349,7 +367,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         damaged=damaged,
         unreachable=unreachable,
         iterations=len(history),
-        iterations_left=max(0, most - len(history)) if most > 0 else None,
+        iterations_left=max(0, most - len(history)) if most > 0 and not unreachable else None,
         time_left_s=time_left_s(spending),
         spending=spending,
         money_left=money_left(spending),
@@ -391,34 +409,6 @@ def notes_of_run(config: RunConfig, report: RunReport) -> list[str]:
     except StorageError:
         return []
     return [note.record.text for note in notes if note.record is not None]
-
-
-def _record_of_elsewhere(config: RunConfig) -> RunRecord | None:
-    """How the run ended on another machine, as its own record would say; None if it has not."""
-    bucket = open_running_bucket(config.storage)
-    if bucket is None:
-        return None
-    try:
-        outcome = read_outcome(bucket, config.model.prefix)
-    except StorageError:
-        return None
-    if outcome is None or not outcome.ended:
-        return None
-    return RunRecord(
-        run_id=config.run_id,
-        session=outcome.session,
-        bucket=bucket.name,
-        prefix=config.model.prefix,
-        world=config.race().world_name,
-        state=outcome.state,
-        pid=0,
-        pid_started=0.0,
-        started_at=outcome.started_at,
-        ended_at=outcome.ended_at,
-        exit_code=outcome.code,
-        message=f"On {outcome.host}: {outcome.message}" if outcome.host else outcome.message,
-        remedy=outcome.remedy,
-    )
 
 
 def _joined(bucket: Bucket, record: RunRecord) -> list[JoinedReport]:

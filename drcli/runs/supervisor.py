@@ -154,6 +154,8 @@ class Supervisor:
         while True:
             if self._signal is not None:
                 return self._stopped_by(signal.Signals(self._signal))
+            if not RunRecord.is_in(self._job.folder):
+                self._write_record()  # or no command would know of this run
             if self._renewal.lost is not None:
                 lost = self._renewal.lost
                 return Outcome(lost.code, str(lost), lost.remedy)

@@ -48,13 +48,12 @@ class OwnerWait:
                 model here.
             StorageError: The bucket does not answer at the first look.
         """
-        if self._owner() is None:
-            return
         waiting = WaitingStart(
             os.getpid(), started_s(os.getpid()) or 0.0, self.bucket.name, self.prefix
         )
-        with waiting.shown(self.folder):
-            self._wait()
+        with waiting.shown(self.folder):  # the first look may already take long
+            if self._owner() is not None:
+                self._wait()
 
     def _wait(self) -> None:
         first: Lease | None = None

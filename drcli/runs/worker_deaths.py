@@ -3,6 +3,7 @@
 import signal
 
 from drcli.base.errors import StorageError, WorkerDied
+from drcli.base.installation import installation_error
 from drcli.exchange.job import WorkerExit
 from drcli.runs.outcome import Outcome
 from drcli.runs.worker_processes import Child
@@ -43,6 +44,8 @@ def died_too_often(
         return None
     died = f"{child.name} died {child.quick_deaths} times in a row:"
     if words is None:
+        if broken := installation_error():
+            return Outcome(broken.code, f"{died} {broken}", broken.remedy)
         remedy = f"Read the reason with `dr-logs {child.name}`."
         return Outcome(WorkerDied.code, f"{died} {crash or f'exit code {code}'}.", remedy)
     exit_code = words.code if words.code == StorageError.code else WorkerDied.code

@@ -1,7 +1,7 @@
 """The interface of a bucket: on any S3 server, in a folder, or in the memory of a test."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol, TypeVar
@@ -26,7 +26,10 @@ class ObjectNewer(StorageError):
 
 @dataclass(frozen=True)
 class ObjectInfo:
-    """One line of a listing. The embedded server leaves `etag` empty, which saves it a read."""
+    """One line of a listing.
+
+    `etag` changes with the content. It need not be an MD5, and is empty where there is no server.
+    """
 
     key: str
     size_bytes: int
@@ -68,7 +71,10 @@ class Bucket(Protocol):
         """Whether an object with this key exists."""
 
     def list(self, folder: str) -> Listing:
-        """All objects below a folder, which ends with a slash or is empty, sorted by key."""
+        """All objects below a folder, which ends with a slash or is empty, sorted by key.
+
+        Placeholders of folders are left out, see `without_placeholders`.
+        """
 
 
 READS, READS_FAR = 2, 16
@@ -131,6 +137,34 @@ def _decoded(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: str
         ) from e
     except RecordError as e:
         raise ObjectDamaged(f"{bucket.name}/{key} is damaged: {e}.", remedy=remedy) from e
+
+
+_PLACEHOLDERS = ("_$folder$", "/.keep", "/.gitkeep", "/.bzEmpty", "/.emptyFolderPlaceholder")
+"""Ends of keys of empty objects that stand for a folder: Hadoop writes the first, Backblaze and
+Supabase the last two."""
+
+
+def without_placeholders(listed: Iterable[ObjectInfo]) -> Listing:
+    """The objects without those that other programs write for a folder, sorted by key.
+
+    S3 browsers write `model/`, which some servers list as an empty object `model` beside what is
+    below `model/`. A copy of either would be a file where a folder must be.
+    """
+    objects = [info for info in listed if not info.key.endswith("/")]
+    empty = {info.key for info in objects if not info.size_bytes}
+    if empty:
+        marks = {key for key in empty if f"/{key}".endswith(_PLACEHOLDERS)}
+        for info in objects:
+            marks |= empty.intersection(keys_above(info.key))
+        objects = [info for info in objects if info.key not in marks]
+    return sorted(objects, key=lambda info: info.key)
+
+
+def keys_above(key: str) -> Iterator[str]:
+    """The keys of objects that are where some servers need a folder for an object."""
+    for end, character in enumerate(key):
+        if character == "/":
+            yield key[:end]
 
 
 def checked_folder(folder: str) -> str:

@@ -85,7 +85,7 @@ def try_bucket(bucket: S3Bucket, folders: Sequence[str], *, seconds: float) -> T
     Raises:
         StorageError: The server cannot be reached, does not know the keys, or has no such bucket.
     """
-    return _Attempts(bucket, time.monotonic() + seconds).all(folders)
+    return _Attempts(bucket, folders, time.monotonic() + seconds).all()
 
 
 class _OutOfTime(Exception):
@@ -95,20 +95,21 @@ class _OutOfTime(Exception):
 class _Attempts:
     """The attempts at one bucket."""
 
-    def __init__(self, bucket: S3Bucket, deadline_s: float) -> None:
+    def __init__(self, bucket: S3Bucket, folders: Sequence[str], deadline_s: float) -> None:
         self._bucket = bucket
         self._deadline_s = deadline_s
         self._trial = Trial()
         self._answered = False
+        self._folders = folders
         name = hashlib.sha256(this_machine().encode()).hexdigest()[:8]
         self._place = f"{keys.TEST_FOLDER}-{name}/"
         bucket.client.meta.events.register("after-call.s3", self._read_clock)
 
-    def all(self, folders: Sequence[str]) -> Trial:
+    def all(self) -> Trial:
         """Try everything."""
         trial = self._trial
         try:
-            for folder in folders:
+            for folder in self._folders:
                 if self._try_folder(folder):
                     trial.worked.append(folder)
             if trial.worked and not trial.wrong:
@@ -154,7 +155,7 @@ class _Attempts:
         try:
             call()
         except AccessRefused as error:
-            reason, remedy = error.reason, error.remedy
+            reason, remedy = error.reason, error.below(self._folders).remedy
         except ObjectMissing:
             self._expect(False)
             return False

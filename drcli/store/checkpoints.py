@@ -26,10 +26,17 @@ from drcli.store.best_checkpoint import read_scores, write_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.checkpoint_retention import KEEP_ALL_MARKED, KeepRules, kept_besides
 from drcli.store.marked_checkpoints import MarkedCheckpoints
+from drcli.store.s3_bucket import S3Bucket
 
 KEEP = 4
 """How many of the newest checkpoints stay at least, besides the best. Source: the reference
 simulator."""
+
+
+class CheckpointsLost(StorageError):
+    """A model was trained, but none of its checkpoints can be read."""
+
+    final = True
 
 
 @dataclass(frozen=True)
@@ -98,28 +105,40 @@ class CheckpointStore:
         if optimizer is not None:
             self._bucket.put(keys.checkpoint_optimizer(self._prefix, name), optimizer)
         self._bucket.put(keys.checkpoint_record(self._prefix, name), record.encode())
+        if isinstance(self._bucket, S3Bucket):
+            # After a power cut, the pointer must not name what is lost, nor the checkpoints before
+            # be deleted.
+            self._bucket.flush()
         self._put_pointer(record)
         on_pointed()
         self._put_last_score(record)
         self._prune(record)
+        if optimizer is not None:
+            self._forget_older_states(name)
         return record
 
     def attach_optimizer(self, record: CheckpointRecord, optimizer: bytes) -> CheckpointRecord:
         """Add the optimizer state to a published checkpoint, and delete those of older ones.
 
-        The workers wait for the weights, so these are published first; the state, twice their size,
-        follows while the workers drive. The state of the checkpoint before is kept, because a
-        trainer may have to go back to it.
+        The workers wait for the weights, so these are published first if the bucket is elsewhere;
+        the state, twice their size, follows while the workers drive.
         """
         complete = replace(record, optimizer=Fingerprint.of(optimizer))
         self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
         self._bucket.put(keys.checkpoint_record(self._prefix, record.name), complete.encode())
-        newest = checkpoint_name(record.name)
+        self._forget_older_states(record.name)
+        return complete
+
+    def _forget_older_states(self, name: str) -> None:
+        """Delete all optimizer states but that of a checkpoint and the one before.
+
+        A trainer may have to go back to that one.
+        """
+        newest = checkpoint_name(name)
         objects = checkpoint_objects(self._bucket, self._prefix)
         states = {key: name for key, name in objects.items() if keys.is_optimizer(key)}
         before = max((name for name in states.values() if name < newest), default=None)
         self._bucket.delete(key for key, name in states.items() if name not in (before, newest))
-        return complete
 
     def rewrite(self, record: CheckpointRecord) -> None:
         """Write the record of a published checkpoint again, with other counters."""
@@ -237,7 +256,7 @@ class CheckpointStore:
             None if the model has no checkpoint.
 
         Raises:
-            StorageError: All checkpoints are damaged.
+            CheckpointsLost: All checkpoints are damaged.
         """
         damaged: list[str] = []
         for name in self._newest_first(newest):
@@ -249,7 +268,7 @@ class CheckpointStore:
                 return Checkpoint(found.record, found.tensors, found.optimizer, tuple(damaged))
         if not damaged:
             return None
-        raise StorageError(
+        raise CheckpointsLost(
             f"{self._bucket.name}/{keys.model_folder(self._prefix)} has only damaged checkpoints: "
             + " ".join(damaged),
             remedy="Restore one from a copy, or train a new model under another "

@@ -15,6 +15,10 @@ from drcli.store.server import server
 COMMAND_PATIENCE_S = 5.0
 """How long a command waits for a bucket that does not answer, before it starts or copies."""
 
+OUTAGE_PATIENCE_S = 900.0
+"""How long what nobody watches waits for one on another machine: an outage of some minutes costs no
+more than its duration."""
+
 _READ_TIMEOUT_S, _LOCAL_READ_TIMEOUT_S = 60.0, 30.0
 """How long an answer may stall before the request is repeated. The local server has no network."""
 

@@ -13,7 +13,14 @@ from pathlib import Path
 from typing import NoReturn
 
 from drcli.base.errors import StorageError
-from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
+from drcli.store.bucket import (
+    Listing,
+    ObjectInfo,
+    ObjectMissing,
+    Watch,
+    checked_folder,
+    without_placeholders,
+)
 from drcli.store.server.engines import LEFTOVERS
 
 
@@ -70,7 +77,7 @@ class FolderBucket:
                 path = Path(place, name)
                 if not fnmatch(name, LEFTOVERS):
                     found += self._info(path)
-        return sorted(found, key=lambda info: info.key)
+        return without_placeholders(found)
 
     def _info(self, path: Path) -> Listing:
         try:

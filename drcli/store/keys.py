@@ -129,8 +129,19 @@ def training_trace(prefix: str, iteration: int, *, worker: int = 0, workers: int
 
     With several `workers`, each has a folder; those that join a training of one have one, too.
     """
+    return f"{training_traces_folder(prefix, worker, workers)}{iteration}-iteration.csv"
+
+
+def training_traces_folder(prefix: str, worker: int, workers: int) -> str:
+    """Folder with the steps of one worker in all iterations."""
     of_worker = "" if workers == 1 and worker == 0 else f"{worker}/"
-    return f"{folder(prefix)}{of_worker}training-simtrace/{iteration}-iteration.csv"
+    return f"{folder(prefix)}{of_worker}training-simtrace/"
+
+
+def training_traces(prefix: str, iteration: int, worker: int) -> list[str]:
+    """Where the steps of a worker may be, whoever else drove: the first that exists counts."""
+    places = [training_trace(prefix, iteration, worker=worker, workers=count) for count in (2, 1)]
+    return list(dict.fromkeys(places))
 
 
 def evaluation_trace(prefix: str, stamp: str, index: int = 0) -> str:
@@ -324,6 +335,15 @@ def decides(key: str) -> bool:
     named = (".safetensors", ".ckpt.json")
     folders = ("/status/", "/logs/", "/tensorboard/", "/members/")
     return not (key.endswith(named) or any(name in key for name in folders))
+
+
+def outlives_power_cut(key: str) -> bool:
+    """Whether an object is flushed to the disk: all but those that are of no use afterwards.
+
+    Rollouts are many and driven again, and processes write anew what they say of themselves.
+    """
+    of_processes = key.startswith("runs/") and key.split("/")[-2] in ("status", "members")
+    return not (key.startswith("rollouts/") or of_processes)
 
 
 # Checkpoints.

@@ -14,7 +14,16 @@ from drcli.base import notices
 from drcli.base.backoff import delays_s
 from drcli.base.errors import StorageError
 from drcli.config import secret_environment
-from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
+from drcli.store.bucket import (
+    Listing,
+    ObjectInfo,
+    ObjectMissing,
+    Watch,
+    checked_folder,
+    keys_above,
+    without_placeholders,
+)
+from drcli.store.disk_flush import DiskFlush
 from drcli.store.endpoint import Endpoint
 from drcli.store.outage import outage_of
 from drcli.store.profiles import lend_to_refreshes, session_of
@@ -22,9 +31,12 @@ from drcli.store.request_count import counter
 from drcli.store.s3_errors import (
     MISSING_CODES,
     Attempt,
-    clock_trouble,
+    blocked,
     explain,
     explain_entry,
+    hides_its_code,
+    local_trouble,
+    needs_folder,
     passes,
     patience_share,
 )
@@ -57,7 +69,8 @@ class S3Bucket:
             dead local server within seconds.
         read_timeout_s: How long an answer may stall.
         hurried: Whether this process was asked to stop; calls are hardly repeated then.
-        unattended: Whether to wait, too, if the clock of this machine is wrong.
+        unattended: Whether to wait, too, if the clock of this machine is wrong, or if it has no
+            access keys.
         clock: Monotonic seconds, for tests.
         pause: Waits the given seconds, for tests.
 
@@ -85,8 +98,12 @@ class S3Bucket:
         self._before_write: Callable[[str], None] = lambda key: None
         self._clock = clock
         self._pause = pause
+        self._read_timeout_s = read_timeout_s
         self._client = _client(endpoint, read_timeout_s)
         self._outage = outage_of(endpoint.place, clock)
+        self._disk: DiskFlush | None = None
+        if endpoint.engine == "rclone" and endpoint.data_dir is not None:
+            self._disk = DiskFlush(endpoint.data_dir / name)
 
     def close(self) -> None:
         """Close the connections; not needed if the process ends."""
@@ -115,7 +132,24 @@ class S3Bucket:
             call = partial(self._put_whole, key, data)
         else:
             call = partial(self._put_in_parts, key, data, watch)
-        self._retry(call, "write", key, len(data))
+        write = partial(self._retry, call, "write", key, len(data))
+        try:
+            write()
+        except StorageError as error:
+            if not needs_folder(error.__cause__) or not self._deleted_above(key):
+                raise
+            write()
+        if self._disk is not None:
+            self._disk.note(key)
+
+    def flush(self) -> None:
+        """Return when what was written is on the disk, if the bucket is plain files here.
+
+        Raises:
+            StorageError: The disk has refused some of it.
+        """
+        if self._disk is not None:
+            self._disk.flush()
 
     def delete(self, keys: Iterable[str]) -> None:
         """Delete objects, a thousand in a request."""
@@ -127,8 +161,7 @@ class S3Bucket:
     def exists(self, key: str) -> bool:
         """Whether an object with this key exists."""
         try:
-            call = partial(self._client.head_object, Bucket=self.name, Key=key)
-            self._retry(call, "look up", key)
+            self._retry(lambda: self._look_up(key), "look up", key)
         except ObjectMissing:
             return False
         return True
@@ -148,19 +181,25 @@ class S3Bucket:
             return False
         return True
 
-    def ensure_exists(self) -> None:
-        """Create the bucket if it is missing; only on our server."""
+    def is_created(self) -> bool:
+        """Whether the server has this bucket."""
         from botocore.exceptions import ClientError
 
-        def ensure() -> None:
+        def look() -> bool:
             try:
                 self._client.head_bucket(Bucket=self.name)
             except ClientError as e:
                 if e.response["Error"]["Code"] not in MISSING_CODES:
                     raise
-                self._client.create_bucket(Bucket=self.name)
+                return False
+            return True
 
-        self._retry(ensure, "create", "")
+        return self._retry(look, "look up", "")
+
+    def ensure_exists(self) -> None:
+        """Create the bucket if it is missing; only on our server."""
+        if not self.is_created():
+            self._retry(partial(self._client.create_bucket, Bucket=self.name), "create", "")
 
     @property
     def client(self) -> "S3Client":
@@ -170,7 +209,7 @@ class S3Bucket:
     def _retry(self, call: Callable[[], T], action: str, key: str, size_bytes: int = 0) -> T:
         """Repeat a call while its failure may be temporary; the rest is for `Attempt`."""
         from boto3.exceptions import Boto3Error
-        from botocore.exceptions import BotoCoreError, ClientError
+        from botocore.exceptions import BotoCoreError, ClientError, NoCredentialsError
         from botocore.parsers import ResponseParserError  # no BotoCoreError
 
         failures = (BotoCoreError, ClientError, ResponseParserError, Boto3Error, ConnectionError)
@@ -194,8 +233,20 @@ class S3Bucket:
                     attempt = Attempt(action, self.endpoint, self.name, key, size_bytes)
                     raise explain(e, attempt) from e
                 if waited_s > notices.QUIET_S:
-                    self._outage.note(started_s, clock_trouble(e, self.endpoint))
+                    self._outage.note(started_s, local_trouble(e, self.endpoint))
                 self._pause(min(next(delays), left_s))
+                if isinstance(e, NoCredentialsError):  # a client looks for keys only once
+                    self._client = _client(self.endpoint, self._read_timeout_s)
+
+    def _look_up(self, key: str) -> None:
+        from botocore.exceptions import ClientError
+
+        try:
+            self._client.head_object(Bucket=self.name, Key=key)
+        except ClientError as e:
+            if not hides_its_code(e):
+                raise
+            self._client.get_object(Bucket=self.name, Key=key)["Body"].close()
 
     def _get(self, key: str, watch: Watch | None) -> bytes:
         body = self._client.get_object(Bucket=self.name, Key=key)["Body"]
@@ -216,6 +267,31 @@ class S3Bucket:
         if written is not None and now is not None:
             age_s = max(0.0, (parsedate_to_datetime(now) - written).total_seconds())
         return answer["Body"].read(), age_s
+
+    def _deleted_above(self, key: str) -> bool:
+        """Delete the empty object that is where our server needs a folder for a key.
+
+        S3 browsers write `model/` for a folder; servers that store objects as files make an empty
+        file `model` of it, and refuse whatever belongs below. False if there is no such object.
+
+        Raises:
+            StorageError: The object has content, or the server is another one.
+        """
+        for above in keys_above(key):
+            try:
+                call = partial(self._client.head_object, Bucket=self.name, Key=above)
+                size = self._retry(call, "look up", above)["ContentLength"]
+            except StorageError:
+                continue
+            if size or self.endpoint.engine is None:
+                raise blocked(Attempt("write", self.endpoint, self.name, key), above, size)
+            self.delete([above])
+            notices.warn(
+                f"Deleted the empty object {self.name}/{above}, which another program wrote for a "
+                f"folder: nothing could be written below it."
+            )
+            return True
+        return False
 
     def _put_whole(self, key: str, data: bytes) -> None:
         self._before_write(key)
@@ -260,12 +336,11 @@ class S3Bucket:
         pages = self._client.get_paginator("list_objects_v2").paginate(
             Bucket=self.name, Prefix=folder, PaginationConfig={"PageSize": _PAGE_KEYS}
         )
-        found = [
+        return without_placeholders(
             ObjectInfo(item["Key"], item["Size"], item["ETag"].strip('"'), item["LastModified"])
             for page in pages
             for item in page.get("Contents", [])
-        ]
-        return sorted(found, key=lambda info: info.key)
+        )
 
 
 @contextmanager

@@ -3,11 +3,13 @@
 import re
 import shutil
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from email.utils import parsedate_to_datetime
 from typing import Any
 
-from drcli.base.errors import DiskFull, NoAnswer, StorageError
+from drcli.base.errors import DiskFull, NoAnswer, NoKeys, StorageError
+from drcli.store import keys
 from drcli.store.bucket import ObjectMissing
 from drcli.store.endpoint import Endpoint
 
@@ -16,13 +18,15 @@ _KEY_CODES = frozenset(
     {
         "403",
         "AuthorizationHeaderMalformed",
-        "ExpiredToken",
         "InvalidAccessKeyId",
         "InvalidToken",
         "SignatureDoesNotMatch",
     }
 )
 """The server does not know the access keys; a HEAD request has no better code than 403."""
+
+_EXPIRED_CODES = frozenset({"ExpiredToken", "ExpiredTokenException", "TokenRefreshRequired"})
+"""Temporary keys, such as those of a session, of a role or of single sign-on, are too old."""
 
 _DENIED_CODES = frozenset({"AccessDenied", "AllAccessDisabled", "AccessDeniedException"})
 _CLOCK_CODES = frozenset({"RequestTimeTooSkewed", "RequestExpired"})
@@ -55,7 +59,15 @@ _EXPLICIT = {
 }
 """Who denies a request explicitly, by the words in Amazon's text."""
 _BUSY_CODES = frozenset({"SlowDown", "503", "ServiceUnavailable", "RequestTimeout", "Throttling"})
+_BLOCKED_CODES = frozenset({"XMinioParentIsObject", "ExistingObjectIsFile", "ObjectParentIsFile"})
+"""An object is where a folder must be: of MinIO, SeaweedFS and VersityGW. rclone answers 500."""
+
 _FULL_CODES = frozenset({"507", "XMinioStorageFull", "QuotaExceeded", "InsufficientStorage"})
+
+_FRESH_KEYS = (
+    "Check the keys of that profile: sign in again, as with `aws sso login`, or write new ones. "
+    "Then run the command again, or continue a training with `dr-start-training --resume`."
+)
 
 _SPARE_BYTES = 1_000_000
 """A disk with less space than this besides the object counts as full."""
@@ -68,11 +80,26 @@ class AccessRefused(StorageError):
         message: The whole sentence.
         remedy: Where to add the permission.
         reason: The part of the sentence that does not name the request, without a full stop.
+        folder: Objects for which the remedy gives a permission, `arn:aws:s3:::bucket/folder/*`;
+            empty if it names none.
     """
 
-    def __init__(self, message: str, *, remedy: str, reason: str) -> None:
+    def __init__(self, message: str, *, remedy: str, reason: str, folder: str = "") -> None:
         super().__init__(message, remedy=remedy)
         self.reason = reason
+        self._folder = folder
+
+    def below(self, folders: Iterable[str]) -> "AccessRefused":
+        """The same refusal of a trial, with a remedy that names all folders that are needed.
+
+        They end with a slash.
+        """
+        if not self._folder:
+            return self
+        bucket = self._folder.split("/", 1)[0]
+        needed = ", ".join(f"{bucket}/{folder}*" for folder in folders)
+        remedy = self.remedy.replace(self._folder, needed)
+        return AccessRefused(str(self), remedy=remedy, reason=self.reason, folder=needed)
 
 
 @dataclass(frozen=True)
@@ -104,7 +131,8 @@ def patience_share(error: Exception, *, ours: bool, unattended: bool = False) ->
     A server that is silent or busy may be starting again. Our own one with an internal error may be
     overwriting the object; rclone then fails for a moment, and what lasts longer is a full disk.
     Other servers have internal errors that pass. An `unattended` process also waits for the clock
-    of its machine to be set right; a person wants to know at once that it is wrong.
+    of its machine to be set right, and for access keys: the service that has them may be busy while
+    the machine boots. A person wants to know at once.
 
     Args:
         error: Of boto3.
@@ -114,6 +142,8 @@ def patience_share(error: Exception, *, ours: bool, unattended: bool = False) ->
     from botocore import exceptions as boto
     from botocore.parsers import ResponseParserError
 
+    if isinstance(error, boto.NoCredentialsError):
+        return float(unattended)
     if isinstance(error, boto.ClientError):
         code, status = _answer(error)
         if _is_of_clock(error):
@@ -129,8 +159,19 @@ def patience_share(error: Exception, *, ours: bool, unattended: bool = False) ->
     return 1.0 if isinstance(error, (*broken, ResponseParserError)) else 0.0
 
 
-def clock_trouble(error: Exception, endpoint: Endpoint) -> str:
-    """What to say to the owner of this machine if its clock is wrong; empty for other errors."""
+def local_trouble(error: Exception, endpoint: Endpoint) -> str:
+    """What to say to the owner of this machine if it is not the server that is to blame.
+
+    Its clock is wrong, or it has no access keys; empty for other errors.
+    """
+    from botocore.exceptions import NoCredentialsError
+
+    if isinstance(error, NoCredentialsError):
+        return (
+            f"boto3 finds no access keys for {endpoint.place} ({endpoint.names.profile} is "
+            f"'{endpoint.profile or ''}'). Waiting for them, as the service that has them may be "
+            "busy ..."
+        )
     if not _is_of_clock(error):
         return ""
     return (
@@ -140,23 +181,60 @@ def clock_trouble(error: Exception, endpoint: Endpoint) -> str:
     )
 
 
+def hides_its_code(error: Exception) -> bool:
+    """Whether the answer to a HEAD request has a reason that only the body of a GET would tell."""
+    return _answer(error)[1] in (400, 401, 403)
+
+
 def passes(code: str) -> bool:
     """Whether an object of a deletion may be deleted when it is tried again."""
     return code in _BUSY_CODES | {"InternalError"}
 
 
+def needs_folder(error: BaseException | None) -> bool:
+    """Whether a write may have failed because an object is where the server needs a folder."""
+    if not isinstance(error, Exception):
+        return False
+    code, status = _answer(error)
+    return code in _BLOCKED_CODES or status >= 500
+
+
+def blocked(attempt: Attempt, above: str, size_bytes: int) -> StorageError:
+    """The error if an object is where the server needs a folder for another object."""
+    program = "aws" if attempt.endpoint.engine is None else "dr-local-aws"
+    return StorageError(
+        f"Cannot {attempt}: the object {attempt.bucket}/{above} ({size_bytes} bytes) is where that "
+        "server needs a folder.",
+        remedy=f"Delete it if nobody needs it, as with `{program} s3 rm "
+        f"s3://{attempt.bucket}/{above}`; some programs write such an object for a folder.",
+    )
+
+
 def explain(error: Exception, attempt: Attempt) -> StorageError:
     """Turn an exception of boto3 into the error that the user reads."""
-    from botocore.exceptions import ClientError, NoCredentialsError, PartialCredentialsError
+    from botocore.exceptions import (
+        ClientError,
+        CredentialRetrievalError,
+        NoCredentialsError,
+        PartialCredentialsError,
+        SSOError,
+        TokenRetrievalError,
+    )
 
     if isinstance(error, ClientError):
         return _explain_answer(error, attempt)
     if isinstance(error, (NoCredentialsError, PartialCredentialsError)):
-        return StorageError(
+        return NoKeys(
             f"Cannot {attempt}: boto3 found no access keys ({attempt.endpoint.names.profile} is "
             f"'{attempt.endpoint.profile or ''}').",
             remedy=f"Set {attempt.endpoint.names.profile} to a profile of ~/.aws/credentials, or "
             "export AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY.",
+        )
+    if isinstance(error, (CredentialRetrievalError, SSOError, TokenRetrievalError)):
+        return StorageError(
+            f"Cannot {attempt}: boto3 cannot get the access keys of "
+            f"{attempt.endpoint.names.profile}: {str(error).rstrip('.')}.",
+            remedy=_FRESH_KEYS,
         )
     if patience_share(error, ours=attempt.endpoint.engine is not None) == 0:
         return StorageError(f"Cannot {attempt}: {error}.", remedy="Check the storage settings.")
@@ -216,6 +294,12 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
         )
     if endpoint.engine is None and (code in _DENIED_CODES or code.startswith("KMS.")):
         return _explain_denial(code, _said(error), attempt)
+    if code in _EXPIRED_CODES:
+        return StorageError(
+            f"Cannot {attempt}: the server refuses the access keys of {names.profile}, which have "
+            f"expired ({code}).",
+            remedy=_FRESH_KEYS,
+        )
     if code in _READ_ONLY_CODES and attempt.action in ("write", "delete"):
         return StorageError(
             f"Cannot {attempt}: the server allows no changes there ({status} {code}).",
@@ -250,11 +334,13 @@ def _explain_denial(code: str, said: str, attempt: Attempt) -> AccessRefused:
     found = _DENIED_ACTION.search(said)
     permission = found[1] if found else _PERMISSIONS.get(attempt.action, "s3:ListBucket")
     names, bucket = attempt.endpoint.names, f"arn:aws:s3:::{attempt.bucket}"
-    inside = f"{bucket}/{attempt.key.rpartition('/')[0]}/*".replace("//", "/")
+    # A policy that allows the folder of a trial alone would be of no use.
+    folder = attempt.key.partition(keys.TEST_FOLDER)[0].rpartition("/")[0]
+    inside = f"{bucket}/{folder}/*".replace("//", "/")
     place = bucket if permission in ("s3:ListBucket", "s3:CreateBucket") else inside
     if permission.startswith("kms:"):
         place = found[2] if found and found[2] else "the KMS key of the bucket"
-    keys = f"the access keys of {names.profile}"
+    who_asks = f"the access keys of {names.profile}"
     remedy = (
         f"Add {permission} on {place} to the policy of these keys, or choose other keys with "
         f"{names.profile}."
@@ -265,14 +351,19 @@ def _explain_denial(code: str, said: str, attempt: Attempt) -> AccessRefused:
         return AccessRefused(f"Cannot {attempt}: {reason}.", remedy=remedy, reason=reason)
     who = next((who for words, who in _EXPLICIT.items() if words in said), "a policy")
     if "explicit deny" in said:
-        reason = f"{who} denies {permission} to {keys} ({code})"
+        reason = f"{who} denies {permission} to {who_asks} ({code})"
         remedy = (
             f"Ask the owner of '{attempt.bucket}' to remove what denies {permission} on {place}, "
             f"or choose another bucket with {names.bucket}."
         )
     else:
-        reason = f"{keys} lack the permission {permission} ({code})"
-    return AccessRefused(f"Cannot {attempt}: {reason}.", remedy=remedy, reason=reason)
+        reason = f"{who_asks} lack the permission {permission} ({code})"
+    return AccessRefused(
+        f"Cannot {attempt}: {reason}.",
+        remedy=remedy,
+        reason=reason,
+        folder=inside if place == inside else "",
+    )
 
 
 def _is_of_clock(error: Exception) -> bool:

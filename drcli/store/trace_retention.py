@@ -54,15 +54,17 @@ class TraceRetention:
 
     def __init__(self, bucket: Bucket, prefix: str, workers: int, max_bytes: int) -> None:
         self._bucket = bucket
-        self._folders = [_folder(prefix, worker, workers) for worker in range(workers)]
+        self._folders = [keys.training_traces_folder(prefix, 0, 1)]
         self._prefix = prefix
         self._max_bytes = max_bytes
         self._next = 0
+        for worker in range(max(1, workers)):
+            self.cover(worker)
 
     def cover(self, worker: int) -> None:
         """Also delete traces of a worker that has joined the training."""
-        folder = _folder(self._prefix, worker, 2)
-        if folder not in self._folders and _folder(self._prefix, worker, 1) not in self._folders:
+        folder = keys.training_traces_folder(self._prefix, worker, 2)
+        if folder not in self._folders:
             self._folders.append(folder)
 
     def apply(self, newest: int) -> Thinned | None:
@@ -107,12 +109,6 @@ class TraceRetention:
         mean = max(1.0, sum(sizes.values()) / len(sizes))
         room = min((self._max_bytes - sum(sizes.values())) / mean, MOST_ITERATIONS - len(sizes))
         return max(1, min(LOOK_EVERY, math.floor(room)))
-
-
-def _folder(prefix: str, worker: int, workers: int) -> str:
-    """The folder with the traces of a worker."""
-    key = keys.training_trace(prefix, 0, worker=worker, workers=workers)
-    return key.rpartition("/")[0] + "/"
 
 
 def chosen(sizes: dict[int, int], newest: int, max_bytes: int, most: int) -> list[int]:

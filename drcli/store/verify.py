@@ -8,6 +8,9 @@ from drcli.base.fingerprint import Fingerprint
 from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing
 from drcli.store.s3_bucket import PART_BYTES
 
+MD5_DIGITS = 32
+"""A shorter ETag, such as those of the embedded server, only tells that the object has changed."""
+
 
 @dataclass(frozen=True)
 class Checksums:

@@ -43,7 +43,7 @@ def refuse_other_trials(record: SweepRecord, sweep: SweepFile, trials: list[Tria
         other = sorted(name for name in before.keys() | now if before.get(name) != now.get(name))
         what = f"vary or settings have changed since the sweep {record.name} began: {other[0]} "
         what += "would be another training."
-        remedy = "Give the new one another name, or delete the old one with `dr-sweep start -w`."
+        remedy = "Give the new one another name; -w would delete the models of the old one."
         refuse([sweep.problem(("vary",), what, remedy)])
 
 

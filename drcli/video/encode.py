@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from drcli.base.errors import NotAvailable, SettingsError
+from drcli.base.installation import import_error
 
 Frame = NDArray[np.uint8]
 
@@ -57,7 +58,7 @@ def require_encoder() -> Any:
         reason = str(error).strip().splitlines()[0] if str(error).strip() else "no reason given"
         missing = isinstance(error, ModuleNotFoundError) and error.name == "av"
         what = "which is not installed" if missing else f"which cannot be loaded: {reason}"
-        raise NotAvailable(
+        raise (None if missing else import_error(error)) or NotAvailable(
             f"An MP4 video needs the package av, {what}.",
             remedy='Install it with `pip install "drcli[video]"` (in a checkout: '
             "`scripts/install.sh video`), or make a GIF, which needs nothing more.",

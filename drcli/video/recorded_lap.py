@@ -1,9 +1,6 @@
 """A driven episode as a film needs it: poses over time, read from a simtrace of ours or others."""
 
-import contextlib
-import csv
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +10,7 @@ from drcli.base.errors import SettingsError
 from drcli.exchange.laps import counted_resets, is_clean_lap, lap_time
 from drcli.exchange.race_recording import RaceRecording
 from drcli.exchange.trace import STATUS_LABELS, VIOLATIONS
+from drcli.exchange.trace_rows import TraceRow, read_rows
 from drsim.car.car import REFERENCE_POINT_AHEAD_M
 
 Floats = NDArray[np.float64]
@@ -25,9 +23,6 @@ LONGEST_STEP_S = 0.5
 
 LONGEST_S = 1800.0
 """Of one episode. A longer one is a damaged clock, or nothing that anyone would look at."""
-
-
-_TRUTH = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,24 +153,18 @@ def read_laps(data: bytes, origin: str) -> tuple[list[RecordedLap], list[str]]:
     Raises:
         SettingsError: It is no simtrace, or holds no episode of at least two rows.
     """
-    text = data.decode("utf-8-sig", "replace").replace("\0", "")
-    lines = text.splitlines()
-    names = next(csv.reader(lines[:1]), [])
-    missing = [name for name in ("X", "Y", "yaw", "tstamp") if name not in names]
+    found = read_rows(data)
+    missing = [name for name in ("X", "Y", "yaw", "tstamp") if name not in found.names]
     if missing:
         raise SettingsError(
             f"{origin} is not a simtrace: its first line names no column {', '.join(missing)}.",
             remedy="Choose a file such as evaluation-simtrace/0-iteration.csv.",
         )
-    # A number that was cut off still looks like one, so an unfinished line is not trusted.
-    unfinished = len(lines) > 1 and not text.endswith("\n")
-    rows = list(_rows(lines[:-1] if unfinished else lines))
-    readable = [row for row in rows if row is not None]
-    lost = len(rows) - len(readable) + unfinished
+    readable, lost = found.rows, len(found.damaged)
     laps = []
     begin = short = cut = 0
     for end in range(1, len(readable) + 1):
-        if end == len(readable) or readable[end].begins_after(readable[end - 1]):
+        if end == len(readable) or _begins(readable[end - 1], readable[end]):
             part = _in_order(readable[begin:end])
             if len(part) > 1:
                 laps.append(_lap(part, readable[begin - 1].time_s if begin else -math.inf))
@@ -205,78 +194,19 @@ def read_laps(data: bytes, origin: str) -> tuple[list[RecordedLap], list[str]]:
     return laps, notes
 
 
-@dataclass(frozen=True)
-class _Row:
-    episode: int
-    step: float
-    pose: tuple[float, float, float]
-    time_s: float
-    steering_deg: float
-    speed_mps: float
-    reward: float
-    progress: float
-    status: str
-    action: str
-    track_length_m: float
-    on_track: bool | None
-    pause_s: float
-
-    def begins_after(self, before: "_Row") -> bool:
-        return self.episode != before.episode or self.step < before.step
+def _begins(before: TraceRow, row: TraceRow) -> bool:
+    """Whether a row is the first one of an episode."""
+    return row.episode != before.episode or row.steps < before.steps
 
 
-def _rows(lines: list[str]) -> Iterator[_Row | None]:
-    try:
-        for fields in csv.DictReader(lines):
-            yield _row(fields)
-    except csv.Error:
-        yield None
+def _pose(row: TraceRow) -> tuple[float, float, float]:
+    """Of the car's origin: x, y in metres and yaw in radians."""
+    yaw = math.radians(row.yaw_deg)
+    ahead = REFERENCE_POINT_AHEAD_M
+    return row.x - ahead * math.cos(yaw), row.y - ahead * math.sin(yaw), yaw
 
 
-def _row(fields: dict[str, str]) -> _Row | None:
-    """One line as numbers; None if one of those that place the car is missing."""
-
-    def number(name: str, otherwise: float = math.nan) -> float:
-        try:
-            value = float(fields.get(name) or "nan")
-        except ValueError:
-            return otherwise
-        return value if math.isfinite(value) else otherwise
-
-    x, y, yaw_deg, time_s = (number(name) for name in ("X", "Y", "yaw", "tstamp"))
-    if not math.isfinite(x + y + yaw_deg + time_s) or max(abs(x), abs(y)) > 1e5:
-        return None
-    action = (fields.get("action") or "").strip()
-    steering_deg, speed_mps = number("steer"), number("throttle")
-    pair = action.strip("[]").replace(",", " ").split()
-    if math.isnan(steering_deg + speed_mps) and action.startswith("[") and len(pair) == 2:
-        with contextlib.suppress(ValueError):
-            steering_deg, speed_mps = float(pair[0]), float(pair[1])
-    yaw = math.radians(yaw_deg)
-    origin = (
-        x - REFERENCE_POINT_AHEAD_M * math.cos(yaw),
-        y - REFERENCE_POINT_AHEAD_M * math.sin(yaw),
-        yaw,
-    )
-    episode, step = number("episode", 0.0), number("steps", 0.0)
-    return _Row(
-        int(min(max(episode, -1e9), 1e9)),
-        step,
-        origin,
-        time_s,
-        0.0 if math.isnan(steering_deg) else steering_deg,
-        0.0 if math.isnan(speed_mps) else speed_mps,
-        number("reward", 0.0),
-        number("progress", 0.0),
-        fields.get("episode_status") or "",
-        action,
-        number("track_len"),
-        _TRUTH.get((fields.get("all_wheels_on_track") or "").strip().lower()),
-        number("pause_duration", 0.0),
-    )
-
-
-def _in_order(rows: list[_Row]) -> list[_Row]:
+def _in_order(rows: list[TraceRow]) -> list[TraceRow]:
     """Rows whose time rises, up to the longest film."""
     kept = rows[:1]
     for row in rows[1:]:
@@ -285,12 +215,12 @@ def _in_order(rows: list[_Row]) -> list[_Row]:
     return kept
 
 
-def _lap(rows: list[_Row], before_s: float) -> RecordedLap:
+def _lap(rows: list[TraceRow], before_s: float) -> RecordedLap:
     """An episode; `before_s` is the time of the row before it."""
     status = [row.status for row in rows]
-    if rows[-1].progress >= 100.0 and status[-1] in ("", "in_progress"):
+    if rows[-1].progress >= 100.0 and status[-1] == "in_progress":
         status[-1] = "lap_complete"  # simulators of 2022 leave it in_progress
-    poses = np.array([row.pose for row in rows])
+    poses = np.array([_pose(row) for row in rows])
     poses[:, 2] = np.unwrap(poses[:, 2])
     time_s = np.array([row.time_s for row in rows])
     # Where the simulator stood still, the film does not.
@@ -305,16 +235,16 @@ def _lap(rows: list[_Row], before_s: float) -> RecordedLap:
         number=rows[0].episode,
         time_s=first_s + np.concatenate([[0.0], np.cumsum(steps)]),
         poses=poses,
-        steering_deg=np.array([row.steering_deg for row in rows]),
-        speed_mps=np.array([row.speed_mps for row in rows]),
-        reward=np.array([row.reward for row in rows]),
-        progress=np.array([row.progress for row in rows]),
+        steering_deg=np.nan_to_num([row.steering_deg for row in rows]),
+        speed_mps=np.nan_to_num([row.speed_mps for row in rows]),
+        reward=np.nan_to_num([row.reward for row in rows]),
+        progress=np.nan_to_num([row.progress for row in rows]),
         status=tuple(status),
         action=tuple(row.action for row in rows),
         track_length_m=rows[-1].track_length_m,
         objects=np.empty((len(rows), 0, 3)),
-        steps=np.array([row.step for row in rows]),
+        steps=np.nan_to_num([row.steps for row in rows]),
         clock_s=time_s,
         on_track=tuple(row.on_track for row in rows),
-        pause_s=np.array([row.pause_s for row in rows]),
+        pause_s=np.nan_to_num([row.pause_s for row in rows]),
     )

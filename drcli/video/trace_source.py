@@ -6,6 +6,7 @@ from pathlib import Path
 
 from drcli.base.errors import SettingsError
 from drcli.base.json_record import RecordError
+from drcli.base.left_behind import is_left_behind
 from drcli.exchange.race_recording import RaceRecording
 from drcli.store import keys
 from drcli.store.bucket import Bucket
@@ -119,10 +120,7 @@ def trace_of_iteration(bucket: Bucket, prefix: str, iteration: int, worker: int)
     Raises:
         SettingsError: The bucket does not hold it.
     """
-    candidates = [keys.training_trace(prefix, iteration)]
-    by_worker = keys.training_trace(prefix, iteration, worker=worker, workers=2)
-    candidates = [by_worker, *candidates] if worker == 0 else [by_worker]
-    for key in candidates:
+    for key in keys.training_traces(prefix, iteration, worker):
         if bucket.exists(key):
             name = f"training iteration {iteration}"
             return trace_of_key(bucket, prefix, key, name, f"iteration-{iteration}")
@@ -179,7 +177,7 @@ def _file(path: Path) -> Path:
         raise SettingsError(f"{path} does not exist.", remedy="Correct the path.")
     if not path.is_dir():
         return path
-    found = sorted(path.rglob("*-iteration.csv"))
+    found = sorted(each for each in path.rglob("*-iteration.csv") if not is_left_behind(each.name))
     if len(found) != 1:
         raise SettingsError(
             f"{path} holds {len(found) or 'no'} simtrace" + ("s." if len(found) > 1 else "."),

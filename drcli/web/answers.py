@@ -19,6 +19,7 @@ from drcli.base.errors import (
     StorageError,
     TrainedElsewhere,
 )
+from drcli.base.installation import import_error
 from drcli.base.log import get_logger
 from drcli.base.plain_json import keys_of, plain
 from drcli.base.problems import Problem, ProblemsError
@@ -76,6 +77,8 @@ def error_of(error: Exception) -> dict[str, Any]:
         return {"error": found}
     if isinstance(error, BadRequest):
         return {"error": {"message": str(error), "remedy": "", "code": 2}}
+    if broken := import_error(error):
+        return error_of(broken)
     _logger.error("Unexpected error", exc_info=error)
     return {
         "error": {

@@ -7,7 +7,7 @@ from typing import Any, get_args
 from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
-from drcli.base.errors import SettingsError, StorageError, WorkerDied
+from drcli.base.errors import SettingsError, WorkerDied
 from drcli.base.problems import BadValue
 from drcli.base.process_identity import is_alive
 from drcli.base.replaceable import safe_name
@@ -340,17 +340,14 @@ def _driven(reader: ModelReader, prefix: str, began: dict[str, Any]) -> dict[str
 
     Raises:
         WorkerDied: It has no results.
+        StorageError: The bucket does not answer, so that is unknown.
     """
     closing = reader.folder.tasks.closing
     while is_alive(began["pid"], began["pid_started"]):
         if closing.wait(0.5):
             return {"stopped": False}  # the evaluation goes on, and the next console shows it
     bucket = reader.bucket(reader.folder.settings())
-    try:
-        done = bucket.exists(began["metrics"])
-    except StorageError:
-        done = False
-    if not done:
+    if not bucket.exists(began["metrics"]):
         log = log_file(reader.folder.directory, prefix, "evaluation")
         lines = [line for line in text_tail(log, 2000).splitlines() if line.strip()]
         said = lines[-1][:300] if lines else "nothing"

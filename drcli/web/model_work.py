@@ -200,12 +200,19 @@ def import_archive(
 ) -> Any:
     """Make a model of files that the racer has uploaded, as dr-import --no-drive."""
     from drcli.config.loading import load_settings
-    from drcli.models.import_model import import_model, plan_import
+    from drcli.models.download import download, plan_download
+    from drcli.models.find_checkpoint import OwnModel
+    from drcli.models.import_model import copy_of_own, import_model, plan_import
     from drcli.models.imported_model import ImportOptions
 
     settings = load_settings(directory)
     progress("Reads and compares the model.")
-    planned = plan_import(settings, ImportOptions(str(source), prefix, world=world))
+    options = ImportOptions(str(source), prefix, world=world)
+    try:
+        planned = plan_import(settings, options)
+    except OwnModel:
+        copy = plan_download(settings, copy_of_own(settings, options))
+        return download(copy, settings, _bars(progress))
     return import_model(planned, settings, _bars(progress))
 
 

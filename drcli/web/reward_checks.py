@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from drcli.base.errors import WorkerDied
+from drcli.base.installation import installation_error
 from drcli.web.answers import BadRequest
 
 PATIENCE_S = 240.0
@@ -118,7 +119,7 @@ class RewardChecks:
             late.cancel()
         if not line:
             self.close()
-            raise WorkerDied(
+            raise installation_error() or WorkerDied(
                 "The check of the reward function did not end.",
                 remedy="Change the function, or try `dr-reward check` in a terminal.",
             )

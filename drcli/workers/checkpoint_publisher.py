@@ -20,7 +20,10 @@ P = ParamSpec("P")
 
 
 class CheckpointPublisher:
-    """Publishes weights at once, then optimizer state and graph while workers already drive.
+    """Publishes weights at once, then the graph while workers already drive.
+
+    The optimizer state is published with the weights if the bucket is near, so that a power cut
+    leaves both or neither; otherwise it follows.
 
     Args:
         checkpoints: Those of the model.
@@ -28,6 +31,7 @@ class CheckpointPublisher:
         traces: Is applied after each.
         is_ending: Whether the process was asked to stop.
         on_weights: Called as soon as the weights of a checkpoint can be loaded.
+        near: Whether the bucket is on this machine.
     """
 
     def __init__(
@@ -37,12 +41,15 @@ class CheckpointPublisher:
         traces: TraceRetention,
         is_ending: Callable[[], bool],
         on_weights: Callable[[], None] = lambda: None,
+        *,
+        near: bool = False,
     ) -> None:
         self._checkpoints = checkpoints
         self._graphs = graphs
         self._traces = traces
         self._is_ending = is_ending
         self._on_weights = on_weights
+        self._near = near
         self._uploader = ThreadPoolExecutor(1, thread_name_prefix="upload")
         self._uploads: list[Future[object]] = []
 
@@ -57,7 +64,8 @@ class CheckpointPublisher:
         """
         self.join()
         tensors = learner.optimizer.tensors()
-        moments = save_tensors(tensors) if tensors and self._is_ending() else None
+        at_once = self._near or self._is_ending()
+        moments = save_tensors(tensors) if tensors and at_once else None
         state = {name: t.contiguous() for name, t in learner.model.state_dict().items()}
         weights = save_tensors(state)
         record = self._checkpoints.save(

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 
 from drcli.base.log import get_logger, traces
 from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
@@ -10,7 +11,7 @@ from drcli.exchange.job import Job
 from drcli.exchange.scores import EvaluationResult
 from drcli.exchange.trace import csv_text, schedule, steering_changes
 from drcli.store import keys
-from drcli.store.bucket import Bucket, ObjectDamaged
+from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.rollbacks import read_rollbacks
 from drcli.store.trace_retention import TraceRetention
 from drcli.tracking.open_sinks import sender_of_episodes
@@ -22,6 +23,9 @@ from drcli.workers.metrics_file import TrainingMetrics
 from drcli.workers.training_simulation import TrainingSimulation
 
 _logger = get_logger(__name__)
+
+_MOVED_AT_ONCE = 50
+"""Traces that are moved after an iteration, while the trainer learns: 1 s on a disk."""
 
 
 class DriveResults:
@@ -50,6 +54,9 @@ class DriveResults:
         self._metrics = self._open_metrics()
         self._traces = TraceRetention(bucket, self._prefix, job.config.train.workers, 0)
         self._traces.cover(self._worker)
+        is_first = self._worker == 0
+        self._alone = is_first and job.config.train.workers == 1 and not self._stored(workers=2)
+        self._behind = self._stored(workers=1) if is_first and not self._alone else []
         self._logged = -1
         self._driven_before = False
         self._evaluated_before = False
@@ -107,7 +114,10 @@ class DriveResults:
         schedule(episodes, self._metrics.clock_s)
         self._send_figures(self._metrics.add(iteration, episodes), wall_clock)
         length_m, worker = self._simulation.track_length_m, self._worker
-        workers = self._config.train.workers
+        assigned = self._simulation.assigned
+        if self._alone and assigned is not None and len(assigned.shares.workers) > 1:
+            self._alone, self._behind = False, self._stored(workers=1)
+        workers = 1 if self._alone else 2
         key = keys.training_trace(self._prefix, iteration, worker=worker, workers=workers)
         self._driven_before = iteration <= self._logged or self._bucket.exists(key)
         if not self._driven_before:  # else the log has them already
@@ -117,6 +127,25 @@ class DriveResults:
                 )
             )
         self._bucket.put(key, csv_text(episodes, length_m, wall_clock).encode())
+
+    def gather(self) -> None:
+        """Move some traces of a time when this worker was alone to the folder that it has now.
+
+        Tools of others read the traces of one worker or those of several, but not both.
+        """
+        moved, self._behind = self._behind[:_MOVED_AT_ONCE], self._behind[_MOVED_AT_ONCE:]
+        folder = keys.training_traces_folder(self._prefix, 0, 2)
+        for key in moved:
+            target = folder + key.rpartition("/")[2]
+            with suppress(ObjectMissing):  # there may have been too many
+                if not self._bucket.exists(target):
+                    self._bucket.put(target, self._bucket.get(key))
+            self._bucket.delete([key])
+
+    def _stored(self, workers: int) -> list[str]:
+        """Keys of the traces of this worker in a training of one worker, or of several."""
+        folder = keys.training_traces_folder(self._prefix, self._worker, workers)
+        return [info.key for info in self._bucket.list(folder)]
 
     def score(
         self, name: CheckpointName, episodes: list[Driven], rollbacks: int

@@ -9,6 +9,8 @@ import os
 import sys
 from typing import Any
 
+from drcli.base.installation import import_error
+
 
 def library_facts(precision: str, batch_size: int, threads: int) -> dict[str, Any]:
     """What the trainer would use; arguments as for `choose_compute`."""
@@ -42,7 +44,13 @@ def library_facts(precision: str, batch_size: int, threads: int) -> dict[str, An
 
 
 if __name__ == "__main__":
-    answer = library_facts(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
+    try:
+        answer = library_facts(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
+    except ImportError as error:
+        broken = import_error(error)
+        if broken is None:
+            raise
+        answer = {"error": str(broken), "remedy": broken.remedy}
     sys.stdout.write(json.dumps(answer))
     sys.stdout.flush()
     os._exit(0)  # the end of torch's threads takes longer than the answer

@@ -15,7 +15,7 @@ from pathlib import Path
 from drcli.base.elapsed import elapsed_s
 from drcli.base.log import get_logger
 from drcli.base.system_calls import open_files
-from drcli.exchange.pulse_record import PulseRecord, open_pulse_file, short_activity
+from drcli.exchange.pulse_record import PulseRecord, open_pulse_file, pulse_file, short_activity
 
 BEAT_S = 2.0
 """Time between two writes."""
@@ -87,7 +87,7 @@ class Pulse:
         # An event of its own: a reward function may replace `time.sleep`.
         end = threading.Event()
         threading.Thread(
-            target=self._beat, args=(descriptor, end), name="pulse", daemon=True
+            target=self._beat, args=(folder, name, descriptor, end), name="pulse", daemon=True
         ).start()
 
     def record(self) -> PulseRecord:
@@ -106,10 +106,14 @@ class Pulse:
             open_files=relayed.open_files if relayed else open_files(),
         )
 
-    def _beat(self, descriptor: int, end: threading.Event) -> None:
+    def _beat(self, folder: Path, name: str, descriptor: int, end: threading.Event) -> None:
         while True:
             self._beats += 1
             with suppress(OSError):
+                if not pulse_file(folder, name).exists():  # somebody has removed the folder
+                    fresh = open_pulse_file(folder, name)
+                    os.close(descriptor)
+                    descriptor = fresh
                 os.pwrite(descriptor, self.record().file_content(), 0)
             end.wait(BEAT_S)
 

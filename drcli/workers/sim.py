@@ -327,6 +327,7 @@ class SimWorker:
                 writer.finish(notes)
                 wake(self._job.folder, "trainer")
                 self._delivered_s = time.monotonic()
+                self._results.gather()
                 if len(evaluation) < trials:
                     self._activity.say(f"evaluates checkpoint {name.number}")
 

@@ -30,6 +30,7 @@ from drcli.store import keys
 from drcli.store.checkpoint_retention import KeepRules
 from drcli.store.checkpoints import KEEP, CheckpointStore
 from drcli.store.history import History
+from drcli.store.lost_checkpoints import refuse_lost
 from drcli.store.repair import Model, repair
 from drcli.store.rollout_reader import FIRST_LOOK_S, WOKEN_LOOK_S, RolloutReader
 from drcli.store.trace_retention import TraceRetention
@@ -164,7 +165,12 @@ class Trainer:
             enabled=train.train_frozen_graph,
         )
         self._publisher = CheckpointPublisher(
-            self._checkpoints, graphs, self._traces, lifeline.should_stop, self._wake_workers
+            self._checkpoints,
+            graphs,
+            self._traces,
+            lifeline.should_stop,
+            self._wake_workers,
+            near=not frugal,
         )
 
     def _build_learner(self, number_format: str | None) -> Learner:
@@ -257,6 +263,7 @@ class Trainer:
         """Continue from the newest intact checkpoint, or publish the first one."""
         found, self._found = self._found, None
         if found is None:
+            refuse_lost(self._bucket, self._prefix)
             self._publish()
             return
         for damage in found.damaged:

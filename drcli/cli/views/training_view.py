@@ -21,6 +21,7 @@ LIVE_ROWS = 6
 STATUS_ROWS = 10
 """Iterations in the table of `dr status`."""
 
+_FIRST, _SILENT = "driving the first iteration", "the bucket does not answer"
 FOOTER = "Ctrl-C leaves this display; dr-stop-training stops the training."
 
 NOTES = 3
@@ -73,10 +74,7 @@ def live(
 def run(columns: int, report: "RunReport") -> RenderableType:
     """The page of `dr status`."""
     if report.state == "none":
-        return Text(
-            "Nothing was started here yet. Start with `dr-start-training`, or continue a model "
-            "that exists with `dr-start-training --resume`."
-        )
+        return Text(_nothing_here(report))
     parts: list[RenderableType] = [Text.assemble(f"Run {report.run_id}: ", _head(report))]
     if report.message:
         parts.append(Text(report.message))
@@ -88,6 +86,9 @@ def run(columns: int, report: "RunReport") -> RenderableType:
         if limits := _limits(report):
             parts.append(indented(limits))
     parts += [Text(f"Warning: {text}", style="bold yellow") for text in report.watches]
+    if report.unreachable:
+        unknown = f"Iterations and checkpoints are unknown: {report.unreachable}"
+        parts.append(Text(unknown, style="bold yellow"))
     parts += [Text(line) for line in (_stage(report), _second(report)) if line]
     if report.history:
         last = report.history[-1]
@@ -113,6 +114,22 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     parts += [Text(line) for line in lines if line]
     parts += [Text(f"Note: {notes_view.short(text)}") for text in report.notes[-NOTES:]]
     return Group(*parts)
+
+
+def _nothing_here(report: "RunReport") -> str:
+    """What to say if no training was started on this machine."""
+    model = f"s3://{report.bucket}/{report.prefix}"
+    if report.unreachable:
+        return (
+            f"Nothing runs here. Whether {model} was trained, or another machine trains it, is "
+            f"unknown: {report.unreachable}"
+        )
+    if report.elsewhere:
+        return f"Nothing was started here. {report.elsewhere}"
+    return (
+        "Nothing was started here yet. Start with `dr-start-training`, or continue a model that "
+        "exists with `dr-start-training --resume`."
+    )
 
 
 def _joined(worker: "JoinedReport") -> str:
@@ -349,7 +366,7 @@ def _pace(report: "RunReport", now_s: float) -> str:
     """How long and how fast it trains."""
     clock = iterations.clock(now_s - report.started_at) if report.started_at else "0:00"
     if not report.history:
-        return f"{clock}   driving the first iteration"
+        return f"{clock}   {_SILENT if report.unreachable else _FIRST}"
     last = report.history[-1]
     return (
         f"{clock}   iteration {last.iteration + 1}   {last.total_steps:,} steps   "

@@ -10,6 +10,7 @@ from pathlib import Path
 from threading import Event
 from time import monotonic
 
+from drcli.base.installation import installation_error
 from drcli.base.json_record import RecordError
 from drcli.config import secret_environment
 from drcli.exchange.job import LOG_ENCODING, PROCESS_TUNING
@@ -75,6 +76,7 @@ class Sandbox:
         """Wait for the result, which is empty if `given_up` is set.
 
         Raises:
+            NotAvailable: A library cannot be loaded.
             RuntimeError: It ended before the racer's code was loaded.
         """
         code: int | None = None
@@ -92,7 +94,9 @@ class Sandbox:
             what = f"The reward function has overwritten the result of the sandbox: {why}."
             return SandboxResult(failures=[Failure("ends", what)])
         if result is None:
-            raise RuntimeError(f"The sandbox did not start (exit code {code}):\n{trace}")
+            raise installation_error() or RuntimeError(
+                f"The sandbox did not start (exit code {code}):\n{trace}"
+            )
         return result if result.finished else self._ended(result, code, trace)
 
     def _ended(self, result: SandboxResult, code: int | None, trace: str) -> SandboxResult:

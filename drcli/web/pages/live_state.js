@@ -120,6 +120,13 @@ export function runState(runId, signal) {
         [link("Open the model", modelLink(elsewhere.prefix))],
       ];
     }
+    if (run.state === "none" && run.unreachable) {
+      return [
+        `Nothing runs here. Whether ${run.prefix} was trained, or another machine trains it, is unknown.`,
+        run.unreachable,
+        [],
+      ];
+    }
     if (run.state === "none") {
       return [
         "There is no training yet.",

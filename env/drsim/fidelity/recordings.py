@@ -31,8 +31,11 @@ _FASTEST_MPS = 5.0
 _JUMP_M = 0.15
 """A car that got further in one row than at this speed, and this much on top, was put there."""
 
-_ACTION = re.compile(r"\s*\[\s*(\S+?)[\s,]+(\S+?)\s*\]\s*")
-"""A continuous action in the column `action`: degrees and m/s."""
+_ACTION = re.compile(r'"?\[\s*([^\s,\]]+)[\s,]+([^\s,\]]+)\s*\]"?')
+"""A continuous action in the column `action`: degrees and m/s. As a list of Python, it has a comma
+that would divide it."""
+
+_WHEELS_ON = {"true": 1, "1": 1, "false": 0, "0": 0}
 
 
 class RecordingError(ValueError):
@@ -111,7 +114,7 @@ def _trace_files(folder: Path) -> list[Path]:
         return [folder]
     if not folder.is_dir():
         raise RecordingError(f"The folder {folder} does not exist. Correct the path.")
-    files = folder.rglob("*-iteration.csv")
+    files = folder.rglob("[!.]*-iteration.csv")  # macOS leaves a `._` file beside each
     found = sorted(files, key=lambda file: (file.parent, len(file.name), file.name))
     if not found:
         raise RecordingError(
@@ -152,7 +155,8 @@ def _read(file: Path) -> tuple[list[_Step], int]:
         return [], 0
     # A number that was cut off still looks like a number, so an unfinished line is not trusted.
     unfinished = len(lines) > 1 and not text.endswith("\n")
-    reader = csv.DictReader(lines[:-1] if unfinished else lines)
+    whole = (_ACTION.sub(r"[\1 \2]", line) for line in (lines[:-1] if unfinished else lines))
+    reader = csv.DictReader(whole, skipinitialspace=True)
     try:
         _check_columns(file, reader.fieldnames or ())
         rows = [_step(row, line) for line, row in enumerate(reader)]
@@ -176,10 +180,12 @@ def _check_columns(file: Path, names: Sequence[str]) -> None:
 
 
 def _step(row: dict[str, str], line: int) -> _Step | None:
-    """One row as numbers; None if one that is needed is missing."""
+    """One row as numbers; None if one that is needed is missing, or the fields do not fit."""
+    if None in row or None in row.values():
+        return None
     x, y, yaw_deg, end_s = (_number(row.get(name)) for name in _NEEDED)
     steering_deg, speed_mps = _number(row.get("steer")), _number(row.get("throttle"))
-    pair = _ACTION.fullmatch(row.get("action") or "")
+    pair = _ACTION.fullmatch((row.get("action") or "").strip())
     if pair and not np.isfinite(steering_deg + speed_mps):
         steering_deg, speed_mps = (_number(text) for text in pair.groups())
     if not np.isfinite([x, y, yaw_deg, end_s, steering_deg, speed_mps]).all():
@@ -197,7 +203,7 @@ def _step(row: dict[str, str], line: int) -> _Step | None:
         status=row.get("episode_status") or unknown,
         progress=progress,
         waypoint=_whole(row.get("closest_waypoint"), otherwise=-1),
-        wheels_on={"True": 1, "False": 0}.get(row.get("all_wheels_on_track") or "", -1),
+        wheels_on=_WHEELS_ON.get((row.get("all_wheels_on_track") or "").casefold(), -1),
         track_length_m=_number(row.get("track_len")),
     )
 

@@ -206,7 +206,7 @@ def _files(tracks_dir: Path | None) -> dict[str, Path]:
 
 
 def _listed(folder: Path) -> set[str]:
-    return {file.name for file in folder.glob("*")}
+    return {file.name for file in folder.glob("[!.]*")}  # macOS leaves a `._` file beside each
 
 
 def _unknown(world: str, tracks_dir: Path | None) -> str:

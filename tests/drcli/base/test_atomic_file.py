@@ -4,11 +4,19 @@ import errno
 import os
 import shutil
 import stat
+from contextlib import nullcontext
 from dataclasses import dataclass
 
 import pytest
 
-from drcli.base.atomic_file import load_record, read_json, rewrite, save_record, write_json
+from drcli.base.atomic_file import (
+    load_record,
+    read_json,
+    reserve,
+    rewrite,
+    save_record,
+    write_json,
+)
 from drcli.base.errors import SettingsError
 
 
@@ -114,6 +122,24 @@ def test_a_note_is_on_the_disk_before_it_takes_the_place_of_the_old_one(tmp_path
 
     assert read_json(path) == {"a": 1}
     assert list(path.parent.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(("words", "written"), [("x" * 300, True), ("x" * 9000, False)])
+def test_on_a_full_disk_a_record_is_written_where_room_was_reserved(
+    tmp_path, monkeypatch, words, written
+):
+    path = tmp_path / "record.json"
+    reserve(path)
+    assert load_record(Spot, path) is None
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("drcli.base.atomic_file.write_json", full)
+    with nullcontext() if written else pytest.raises(OSError, match="No space"):
+        save_record(path, Spot(words, 3))
+
+    assert load_record(Spot, path) == (Spot(words, 3) if written else None)
 
 
 def test_a_note_takes_the_place_of_one_that_belongs_to_somebody_else(tmp_path, monkeypatch):

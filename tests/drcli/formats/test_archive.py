@@ -1,9 +1,12 @@
 """Archives that anybody may have made: what is read, and what is refused with one sentence."""
 
+import bz2
 import gzip
 import io
+import lzma
 import os
 import pickle
+import stat
 import tarfile
 import zipfile
 import zlib
@@ -16,7 +19,7 @@ from hypothesis import strategies as st
 
 from drcli.base.errors import SettingsError
 from drcli.formats import archive, gzip_stream
-from drcli.formats.archive import read_archive, unpack_archive
+from drcli.formats.archive import read_archive, unpack_archive, unpack_readable
 
 FORMATS = {"ustar": tarfile.USTAR_FORMAT, "gnu": tarfile.GNU_FORMAT, "pax": tarfile.PAX_FORMAT}
 FILES = {"model_metadata.json": b"{}", "agent/model.pb": b"\x0a graph" * 200}
@@ -35,6 +38,17 @@ def packed(
         for name, data in files.items():
             add(tar, name, data)
         extra(tar)
+    return stream.getvalue()
+
+
+def zipped(
+    files: dict[str | zipfile.ZipInfo, bytes], compression: int = zipfile.ZIP_DEFLATED
+) -> bytes:
+    """A ZIP archive of these files."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", compression) as made:
+        for name, data in files.items():
+            made.writestr(name, data, compression)
     return stream.getvalue()
 
 
@@ -328,6 +342,68 @@ def test_no_change_of_an_archive_causes_another_error(position, replacement, com
 
     with suppress(SettingsError):
         unpack(gzip.compress(bytes(data)) if compress else bytes(data))
+
+
+def test_a_zip_file_and_every_compression_of_a_tar_give_the_same_files():
+    plain = packed(compress=False)
+
+    for data in (zipped(FILES), plain, packed(), bz2.compress(plain), lzma.compress(plain)):
+        assert unpack(data) == FILES
+
+
+def test_what_programs_leave_behind_is_no_part_of_an_archive():
+    left = ("__MACOSX/agent/._model.pb", "agent/._model.pb", ".DS_Store", "agent/Thumbs.db")
+    files = FILES | dict.fromkeys(left, b"\0\5\x16\7")
+
+    assert unpack(packed(files)) == unpack(zipped(files)) == FILES
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("../evil", "leads out of the archive"),
+        ("..\\evil", "leads out of the archive"),
+        ("/etc/passwd", "has an absolute name"),
+        ("C:\\windows", "has an absolute name"),
+        ("a\x1b[31m", "has a name that is not allowed"),
+    ],
+)
+def test_a_name_in_a_zip_file_that_leads_elsewhere_is_refused(name, reason):
+    assert reason in refusal(zipped({name: b"text"}))
+
+
+def test_links_doubles_bombs_and_lies_in_zip_files_are_refused(monkeypatch):
+    link = zipfile.ZipInfo("odd")
+    link.external_attr = (stat.S_IFLNK | 0o777) << 16
+    locked = bytearray(zipped({"a": b"text"}))
+    for mark, place in ((b"PK\3\4", 6), (b"PK\1\2", 8)):
+        locked[locked.index(mark) + place] |= 1
+
+    assert "odd is a symbolic link" in refusal(zipped({link: b"/etc/passwd"}))
+    assert "is encrypted" in refusal(bytes(locked))
+    assert "unpacks to more than 100 times" in refusal(zipped({"zeros": bytes(64 << 20)}))
+    assert "is a Python pickle" in refusal(zipped({"model.pb": pickle.dumps({"a": [1, 2]})}))
+    with pytest.warns(UserWarning, match="Duplicate name"):
+        double = zipped({"a": b"1", zipfile.ZipInfo("a"): b"2"})
+    assert "a occurs twice" in refusal(double)
+    monkeypatch.setattr(archive, "MOST_MEMBERS", 3)
+    assert "has more than 3 members" in refusal(zipped({str(n): b"" for n in range(4)}))
+
+
+@pytest.mark.parametrize(
+    "compression",
+    [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA],
+)
+def test_damage_in_a_zip_file_is_a_fault_and_the_members_before_it_are_kept(compression):
+    whole, other = {"a.csv": b"1,2,3\n" * 500}, {"b.csv": bytes(range(256)) * 20}
+    data = bytearray(zipped(whole | other, compression))
+    start = data.rindex(b"PK\3\4")
+    data[start + 40 : start + 80] = b"\xff" * 40
+
+    found, fault = unpack_readable(io.BytesIO(bytes(data)), lambda _: True)
+
+    assert found == whole
+    assert "damaged" in str(fault)
 
 
 def test_a_file_is_read_by_its_path(tmp_path):

@@ -84,7 +84,7 @@ def test_complete_laps_come_out_the_fastest_first():
 
     laps = complete_laps([read_steps((text + unfinished).encode(), "a.csv")])
 
-    assert [each.episode for each in laps] == ["2", "0"]
+    assert [each.episode for each in laps] == [2, 0]
     assert laps[0].seconds == pytest.approx(49 * 0.07 + 1 / 15)
     assert len(laps[0].pairs) == 50
 

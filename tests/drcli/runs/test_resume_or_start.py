@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from drcli.base.errors import SettingsError, TrainedElsewhere
+from drcli.base.errors import SettingsError, StorageError, TrainedElsewhere
 from drcli.checks import before_start
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_state import Lease
@@ -14,7 +14,9 @@ from drcli.runs import resume_or_start
 from drcli.runs.plan import EndWorkPlan, RunPlan, StartOptions
 from drcli.runs.resume_or_start import NothingToDo, prepare_next
 from drcli.store import keys, lease
+from drcli.store.endpoint import Endpoint
 from drcli.store.last_outcome import read_outcome, write_outcome
+from drcli.store.s3_bucket import S3Bucket
 
 MODEL = "model-1"
 
@@ -308,3 +310,25 @@ def test_the_record_is_read_back_as_it_was_written():
     outcome = RunOutcome("s", "host", 1.0, 2.0, "finished", "Ends.", 0, "m", "r", 3.0, True, ("a",))
 
     assert RunOutcome.decode(outcome.encode()) == outcome
+
+
+@pytest.mark.parametrize(("waits", "code", "waited_s"), [(True, 75, 900.0), (False, 4, 5.0)])
+def test_a_start_waits_for_a_bucket_that_does_not_answer_yet_and_can_be_tried_again(
+    racer, monkeypatch, waits, code, waited_s
+):
+    now_s = [0.0]
+    silent = Endpoint("http://127.0.0.1:1", "key", "secret")
+
+    def pause(seconds):
+        now_s[0] += seconds
+
+    def opened(_config, **options):
+        return S3Bucket(silent, "bucket", **options, clock=lambda: now_s[0], pause=pause)
+
+    monkeypatch.setattr(resume_or_start, "open_bucket", opened)
+
+    with pytest.raises(StorageError, match="no server answers there") as failure:
+        prepare_next(racer.settings(), StartOptions(), wait=waits)
+
+    assert failure.value.code == code
+    assert now_s[0] == pytest.approx(waited_s)

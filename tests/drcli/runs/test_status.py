@@ -11,13 +11,16 @@ from drcli.exchange import run_record
 from drcli.exchange.pulse_record import open_pulse_file
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_record import StorageRecord, WorkerRecord, run_folder
+from drcli.exchange.run_state import Lease
 from drcli.exchange.scores import EvaluationResult, SecondEvaluation
 from drcli.exchange.watch_record import WatchRecord
 from drcli.runs.status import inspect
 from drcli.runs.worker_health import WorkerHealth
 from drcli.store import keys
 from drcli.store.best_checkpoint import write_evaluation
+from drcli.store.checkpoints import CheckpointStore
 from drcli.workers.pulse import Pulse
+from memory_bucket import MemoryBucket
 from own_run import own_run
 
 
@@ -79,6 +82,18 @@ def test_a_bucket_that_does_not_answer_is_said(racer, running):
     )
 
     assert "127.0.0.1:9" in inspect(elsewhere.run).unreachable
+
+
+def test_a_model_whose_index_is_lost_still_has_its_checkpoints(racer, running, monkeypatch):
+    bucket = MemoryBucket()
+    CheckpointStore(bucket, running.prefix).save(4, 100, b"weights")
+    bucket.delete([keys.deepracer_checkpoints(running.prefix)])
+    monkeypatch.setattr("drcli.runs.status.open_running_bucket", lambda _: bucket)
+
+    report = inspect(racer.settings().run)
+
+    assert report.last is not None
+    assert report.last.name == "4_Step-100.ckpt"
 
 
 def test_the_bucket_of_a_run_is_that_of_its_start(racer, running):
@@ -168,6 +183,18 @@ def test_a_run_that_was_interrupted_on_another_machine_is_known_here(elsewhere):
 
 def test_a_run_on_another_machine_that_has_not_ended_is_none_of_this_folder(elsewhere):
     assert elsewhere().state == "none"
+
+
+def test_a_training_on_another_machine_is_said_where_nothing_was_started(elsewhere, racer):
+    elsewhere()
+    config = racer.settings().storage
+    theirs = Lease("theirs", "elsewhere", 77, time.time(), machine="another", term=3)
+    (config.data_dir / config.bucket / keys.lease("model-1")).write_bytes(theirs.encode())
+
+    report = inspect(racer.settings().run)
+
+    assert report.state == "none"
+    assert "s3://bucket/model-1 is being trained by process 77 on elsewhere" in report.elsewhere
 
 
 def test_laps_of_the_best_are_of_the_training_track_whichever_track_chose_it(

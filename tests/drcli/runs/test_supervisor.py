@@ -3,6 +3,7 @@
 import errno
 import logging
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -403,3 +404,31 @@ def test_a_worker_that_somebody_stops_is_replaced(stage, monkeypatch):
 
     restarts = {w.name: w.restarts for w in RunRecord.read(stage.job.folder).workers}
     assert restarts["sim-0"] == 1
+
+
+class Removes(Duty):
+    """Removes the folder of the run once, as somebody who tidies up, and waits for its record."""
+
+    name = "removes"
+
+    def __init__(self, folder: Path, back: Path) -> None:
+        self._folder, self._back = folder, back
+        self._removed = False
+
+    def check(self) -> None:
+        if not self._removed:
+            shutil.rmtree(self._folder)
+        elif RunRecord.read(self._folder) is not None:
+            self._back.touch()
+        self._removed = True
+
+
+def test_a_run_whose_folder_is_removed_is_known_again(stage, tmp_path):
+    back = tmp_path / "back"
+    stage.job = replace(stage.job, folder=tmp_path / "runs" / "0")
+    stage.job.folder.mkdir(parents=True)
+    waits = f"import os, time\nwhile not os.path.exists({str(back)!r}): time.sleep(0.01)"
+    stage.scripts = {"trainer": [waits, ENDS], "sim-0": [STAYS]}
+    stage.duties = [Removes(stage.job.folder, back)]
+
+    assert stage.run() == 0

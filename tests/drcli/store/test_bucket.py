@@ -47,6 +47,32 @@ def test_a_listing_leaves_the_neighbour_with_the_longer_name_out(bucket):
     assert listed[0].modified.tzinfo is not None
 
 
+@pytest.mark.parametrize(
+    "placeholder",
+    [
+        *("m/", "n/", "m/model/", "m", "m/model", "m_$folder$", "m/model_$folder$"),
+        *(".keep", "m/.keep", "m/.gitkeep", "m/.bzEmpty", "m/model/.emptyFolderPlaceholder"),
+    ],
+)
+def test_a_listing_leaves_out_what_programs_write_for_a_folder(bucket, placeholder):
+    bucket.put("m/model/1.ckpt", b"1")
+    bucket.put("m/empty", b"")
+    bucket.put(placeholder, b"")
+
+    assert [info.key for info in bucket.list("")] == ["m/empty", "m/model/1.ckpt"]
+    assert [info.key for info in bucket.list("m/model/")] == ["m/model/1.ckpt"]
+    assert bucket.list("n/") == []
+    bucket.delete([placeholder])  # no listing would tell the next test
+
+
+@pytest.mark.parametrize("key", ["m", "m/.keep", "m_$folder$"])
+def test_an_object_with_content_is_not_taken_for_a_placeholder(bucket, key):
+    bucket.put("m/model/1.ckpt", b"1")
+    bucket.put(key, b"1")
+
+    assert key in [info.key for info in bucket.list("")]
+
+
 def test_a_listing_without_the_closing_slash_is_refused(bucket):
     with pytest.raises(ValueError, match="slash"):
         bucket.list("model-1")

@@ -16,6 +16,8 @@ def bucket(tmp_path):
         (folder / key).parent.mkdir(parents=True, exist_ok=True)
         (folder / key).write_text(text)
     (folder / "m" / ".rclone_temp_put_1").write_text("half")
+    (folder / "m" / "model_$folder$").write_text("")
+    (folder / ".keep").write_text("")
     return FolderBucket(folder)
 
 
@@ -36,7 +38,7 @@ def test_what_is_no_object_is_missing(bucket, key):
         bucket.get(key)
 
 
-def test_a_listing_is_of_one_folder_sorted_and_without_what_is_half_written(bucket):
+def test_a_listing_is_of_one_folder_sorted_without_placeholders_and_what_is_half_written(bucket):
     found = bucket.list("m/")
 
     sizes = {info.key: info.size_bytes for info in found}

@@ -18,6 +18,7 @@ from drcli.store import profiles, s3_bucket, s3_errors
 from drcli.store.bucket import ObjectMissing
 from drcli.store.endpoint import Endpoint
 from drcli.store.s3_bucket import S3Bucket
+from refusing_s3 import refusing_server
 
 LOCAL = Endpoint("http://127.0.0.1:1", "AKkey", "secret", engine="rclone")
 REMOTE = Endpoint("http://127.0.0.1:1", "AKkey", "secret")
@@ -391,3 +392,22 @@ def test_a_probe_of_a_missing_bucket_names_it(moto_endpoint):
 
     with pytest.raises(StorageError, match="bucket 'another' does not exist"):
         probe(bucket, "model")
+
+
+@pytest.mark.parametrize(
+    ("code", "status"),
+    [("XMinioParentIsObject", 400), ("ExistingObjectIsFile", 409), ("ObjectParentIsFile", 409)],
+)
+def test_an_object_where_another_server_needs_a_folder_is_named(code, status):
+    with refusing_server() as (endpoint, refusals):
+        bucket = S3Bucket(endpoint, "blocked", patience_s=0)
+        bucket.ensure_exists()
+        bucket.put("races", b"")
+        refusals.actions, refusals.below = {"s3:PutObject"}, "races/"
+        refusals.code, refusals.status = code, status
+
+        with pytest.raises(StorageError, match=r"object blocked/races \(0 bytes\)") as blocked:
+            bucket.put("races/1/race.json", b"{}")
+
+    assert "`aws s3 rm s3://blocked/races`" in blocked.value.remedy
+    bucket.close()

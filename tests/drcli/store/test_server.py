@@ -16,12 +16,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from botocore.exceptions import ClientError
 
+from drcli.base import notices
 from drcli.base.backoff import wait_until
 from drcli.base.errors import StorageError
 from drcli.base.file_lock import exclusive
 from drcli.checks.storage_rules import probe
 from drcli.config.bucket_config import StorageConfig
+from drcli.store import s3_bucket
 from drcli.store.connect import open_bucket
 from drcli.store.endpoint import Endpoint
 from drcli.store.s3_bucket import S3Bucket
@@ -55,6 +58,77 @@ def test_objects_are_plain_files_in_the_folder_of_the_bucket(local):
     assert 0.0 <= age_s < 60.0
     assert (local.data_dir / "bucket" / "model" / "x" / "y").read_bytes() == b"content"
     assert [path.name for path in (local.data_dir / "bucket").iterdir()] == ["model"]
+
+
+def test_buckets_with_dots_are_served(local):
+    server.ensure_running(local)
+    dotted = replace(local, bucket="my.bucket.1")
+
+    with closing(open_bucket(dotted)) as bucket:
+        probe(bucket, "model")
+        bucket.put("model/x", b"content")
+
+    assert (local.data_dir / "my.bucket.1" / "model" / "x").read_bytes() == b"content"
+
+
+@pytest.mark.parametrize(
+    ("placeholder", "parts"), [("races/", False), ("races/1/videos", False), ("races/", True)]
+)
+def test_an_empty_object_that_stands_for_a_folder_makes_way(local, monkeypatch, placeholder, parts):
+    warnings = []
+    monkeypatch.setattr(notices, "warn", warnings.append)
+    if parts:
+        monkeypatch.setattr(s3_bucket, "MULTIPART_FROM_BYTES", 1)
+    with closing(open_bucket(local, patience_s=5)) as bucket:
+        bucket.client.put_object(Bucket="bucket", Key=placeholder, Body=b"")
+
+        bucket.put("races/1/videos/lap.mp4", b"lap")
+
+        assert [info.key for info in bucket.list("races/")] == ["races/1/videos/lap.mp4"]
+    assert [text.partition(",")[0] for text in warnings] == [
+        f"Deleted the empty object bucket/{placeholder.rstrip('/')}"
+    ]
+
+
+def test_an_object_with_content_where_a_folder_must_be_is_named_and_stays(local):
+    with closing(open_bucket(local, patience_s=5)) as bucket:
+        bucket.put("races", b"content")
+
+        with pytest.raises(StorageError, match=r"object bucket/races \(7 bytes\)") as blocked:
+            bucket.put("races/1/race.json", b"{}")
+
+        assert "dr-local-aws s3 rm s3://bucket/races" in blocked.value.remedy
+        assert bucket.get("races") == b"content"
+
+
+def test_a_placeholder_on_a_server_of_others_is_named_and_stays(local):
+    endpoint = replace(server.ensure_running(local), engine=None)
+    with closing(S3Bucket(endpoint, "bucket", patience_s=0)) as bucket:
+        bucket.client.put_object(Bucket="bucket", Key="races/", Body=b"")
+
+        with pytest.raises(StorageError, match=r"object bucket/races \(0 bytes\)") as blocked:
+            bucket.put("races/1/race.json", b"{}")
+
+        assert "`aws s3 rm s3://bucket/races`" in blocked.value.remedy
+        assert bucket.exists("races")
+
+
+def test_a_conditional_read_notices_that_an_object_has_changed(local):
+    with closing(open_bucket(local)) as bucket:
+
+        def read_if_changed(etag):
+            return bucket.client.get_object(Bucket="bucket", Key="m/k", IfNoneMatch=etag)
+
+        bucket.put("m/k", b"old")
+        etag = bucket.client.head_object(Bucket="bucket", Key="m/k")["ETag"]
+        with pytest.raises(ClientError, match="304"):
+            read_if_changed(etag)
+        bucket.put("m/k", b"new")
+
+        changed = read_if_changed(etag)
+
+        assert changed["Body"].read() == b"new"
+        assert [f'"{info.etag}"' for info in bucket.list("m/")] == [changed["ETag"]]
 
 
 def test_a_folder_that_cannot_be_made_is_told_with_its_setting(tmp_path):

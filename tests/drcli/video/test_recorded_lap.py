@@ -55,7 +55,7 @@ def test_traces_of_older_simulators_lack_columns():
 
     [lap], _ = read_laps(trace_csv(trace_rows(TRACK), without=old), "old.csv")
 
-    assert lap.status == ("",) * 31
+    assert lap.status == ("prepare", *["in_progress"] * 29, "immobilized")
     assert not lap.completed
 
 
@@ -159,11 +159,10 @@ def test_episodes_and_rows_that_cannot_be_shown_are_told():
 def test_a_lap_keeps_what_only_the_trace_knows():
     rows = trace_rows(TRACK, rows=3)
     rows[1]["all_wheels_on_track"], rows[1]["pause_duration"] = "False", "1.5"
-    rows[2]["all_wheels_on_track"] = "?"
 
     [lap], _ = read_laps(trace_csv(rows), "lap.csv")
 
-    assert lap.on_track == (True, False, None)
+    assert lap.on_track == (True, False, True)
     assert lap.pause_s.tolist() == [0.0, 1.5, 0.0]
     assert lap.steps.tolist() == [1.0, 2.0, 3.0]
 

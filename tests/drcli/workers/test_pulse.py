@@ -1,10 +1,12 @@
 """The pulse that a worker writes."""
 
 import os
+import shutil
 import subprocess
 import sys
 import time
 
+from drcli.base.backoff import wait_until
 from drcli.base.elapsed import elapsed_s
 from drcli.exchange.pulse_record import PulseRecord
 from drcli.workers.pulse import STACKS_SIGNAL, Pulse
@@ -88,3 +90,11 @@ def test_a_pulse_costs_next_to_nothing():
         pulse.step_done()
 
     assert (time.process_time() - begin) / 10_000 < 20e-6
+
+
+def test_a_pulse_whose_file_is_removed_comes_back(tmp_path, monkeypatch):
+    monkeypatch.setattr("drcli.workers.pulse.BEAT_S", 0.01)
+    Pulse().start(tmp_path / "0", "sim-0")
+    shutil.rmtree(tmp_path / "0")
+
+    assert wait_until(lambda: PulseRecord.read(tmp_path / "0", "sim-0") is not None, patience_s=30)

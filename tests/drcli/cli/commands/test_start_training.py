@@ -1,11 +1,14 @@
 """`dr start-training` as its caller meets it."""
 
+import io
 import json
 
 import pytest
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import Problem, refuse
+from drcli.store.checkpoints import CheckpointStore
+from memory_bucket import MemoryBucket
 
 
 def test_a_start_says_what_is_trained_from_which_files(dr, run, make_report, capsys):
@@ -291,6 +294,29 @@ def test_the_flags_of_the_reference_may_stand_together(dr, run, make_report, cap
     assert run.options is not None
     assert run.options.wipe
     assert capsys.readouterr().err == "Training of model s3://bucket/model starting.\n"
+
+
+@pytest.mark.parametrize(
+    ("flags", "typed", "starts"),
+    [(["-w"], "\n", False), (["-w"], "y\n", True), (["-w", "-f"], "", True), ([], "", True)],
+)
+def test_on_a_terminal_nothing_is_deleted_without_a_yes(
+    dr, run, make_report, capsys, monkeypatch, flags, typed, starts
+):
+    run.looks = [make_report("finished", 1)]
+    bucket = MemoryBucket()
+    CheckpointStore(bucket, "model").save(7, 100, b"weights")
+    monkeypatch.setattr("drcli.store.connect.open_bucket", lambda *_, **__: bucket)
+    monkeypatch.setattr("drcli.cli.prompts.may_ask", lambda: True)
+    monkeypatch.setattr("sys.stdin", io.StringIO(typed))
+
+    code = dr("start-training", "-q", *flags)
+
+    said = capsys.readouterr().err
+    assert code == (0 if starts else 1)
+    asked = "Delete s3://bucket/model, which has checkpoints up to 7?" in said
+    assert asked is (flags == ["-w"])
+    assert ("Add -f (or --yes)" in said) is not starts
 
 
 def test_a_wiped_model_is_named_as_the_reference_names_it(dr, run, make_report, capsys):

@@ -1,0 +1,278 @@
+"""Reads the rows of a trace, whoever wrote it: a simtrace CSV, or the trace lines of a log.
+
+The same columns have been written in many ways since 2019, and edited with other programs:
+
+- A CSV names its columns in the first line. A line of a log has them in the order of `COLUMNS`
+  after `SIM_TRACE_LOG:`, with or without a time before it, in plain text or inside of JSON.
+- Simulators of 2019 end with `tstamp` and write angles in radians; the step of a reset has the
+  number 0. Later ones append the status, then the penalty, then the crashes, then the wall clock.
+- A continuous action is `[steering speed]`, or a Python list with a comma, bare or in quotes.
+
+Sources: the simulators' own format strings, and deepracer-utils, which takes the crashes of a line
+with 18 fields for its wall clock.
+"""
+
+import csv
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import zip_longest
+from typing import NamedTuple
+
+COLUMNS = (
+    *("episode", "steps", "X", "Y", "yaw", "steer", "throttle", "action", "reward", "done"),
+    *("all_wheels_on_track", "progress", "closest_waypoint", "track_len", "tstamp"),
+    *("episode_status", "pause_duration", "obstacle_crash_counter", "wall_clock"),
+)
+"""Of the reference simulator, version 6, in their order."""
+
+LOG_MARK = "SIM_TRACE_LOG:"
+"""Begins a row in a log."""
+
+_FIELDS_OF_2019 = 15
+_FIELDS_WITHOUT_CLOCK = 18
+
+_IN_LOG = re.compile(rf'{LOG_MARK}((?:"?\[[^\]]*\]"?|[-+\w., ])*)')
+_LIST = re.compile(r'"?\[([^\]]*)\]"?')
+
+_FLAGS = {"true": True, "1": True, "1.0": True, "false": False, "0": False, "0.0": False}
+
+_LARGEST = {"tstamp": 1e12, "episode": 1e9}
+
+_YEAR_2001_S = 1e9
+"""A wall clock shows more, and no car crashes so often."""
+
+_MOST_RAD = (3.2, 1.0)
+"""Of a heading and of steering. Angles of a drive that are all below are not degrees."""
+
+
+def largest(column: str) -> float:
+    """The magnitude from which on a number in a column of a trace is damage.
+
+    No place, angle, speed, step or waypoint of a car comes near a million. Times may be those of a
+    wall clock, and episodes are counted over a whole training. A reward may be anything.
+    """
+    return _LARGEST.get(column, 1e6)
+
+
+class TraceRow(NamedTuple):
+    """A step. NaN, None, -1 and empty texts stand for columns that the file does not have.
+
+    Attributes:
+        line: Its number in the file, from 1.
+        x: Of the point 0.14 m ahead of the car's origin, metres; so is `y`.
+        yaw_deg: Heading in [-180, 180] degrees.
+        steering_deg: Requested steering, left positive.
+        action: Index in the action list, or "[steering speed]".
+        reward: NaN also where the file has no finite number.
+        progress: Percent of the lap.
+        time_s: Seconds since some start.
+        status: In small letters; where the file does not tell, what the row itself shows.
+        pause_s: Rest of a penalty; NaN if unknown.
+        wall_s: Unix time; NaN if unknown.
+        more: Cells of the columns that the reference does not have.
+    """
+
+    line: int
+    episode: int
+    steps: float
+    x: float
+    y: float
+    yaw_deg: float
+    steering_deg: float
+    speed_mps: float
+    action: str
+    reward: float
+    done: bool
+    on_track: bool | None
+    progress: float
+    closest_waypoint: int
+    track_length_m: float
+    time_s: float
+    status: str
+    pause_s: float
+    wall_s: float
+    more: tuple[str, ...] = ()
+
+
+@dataclass
+class TraceRows:
+    """The rows of a file.
+
+    Attributes:
+        names: Its columns; none of a file that is empty.
+        rows: Those that can be read, in their order.
+        damaged: Numbers of the lines that cannot.
+    """
+
+    names: tuple[str, ...] = ()
+    rows: list[TraceRow] = field(default_factory=list)
+    damaged: list[int] = field(default_factory=list)
+
+
+def read_rows(data: bytes) -> TraceRows:
+    """Read a simtrace CSV, or a log. Damaged lines are left out, whatever the damage."""
+    text = _text(data)
+    lines = text.splitlines()
+    in_log = LOG_MARK in text
+    found = TraceRows()
+    if in_log:
+        found.names = COLUMNS
+    elif lines:
+        found.names = tuple(_fields(lines[0]) or ())
+    unfinished = len(lines) if text and not text.endswith(("\n", "\r")) else None
+    for number, fields in _in_log(lines) if in_log else _in_table(lines):
+        cells = _cells(fields, found.names, in_log=in_log)
+        # A number that was cut off still looks like one, so an unfinished line is not trusted.
+        row = None if cells is None or number == unfinished else _row(number, cells)
+        if row is not None:
+            found.rows.append(row)
+        elif fields is None or any(fields):
+            found.damaged.append(number)
+    if any(not row.status for row in found.rows):
+        found.rows = list(_told(found.rows, "episode_status" in found.names and not in_log))
+    return found
+
+
+def _text(data: bytes) -> str:
+    """The text of a file; Windows' shells write logs in UTF-16."""
+    utf_16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
+    return data.decode("utf-16" if utf_16 else "utf-8-sig", "replace").replace("\0", "")
+
+
+def _in_log(lines: Sequence[str]) -> Iterator[tuple[int, list[str] | None]]:
+    for number, line in enumerate(lines, 1):
+        for match in _IN_LOG.finditer(line):
+            yield number, _fields(match[1])
+
+
+def _in_table(lines: Sequence[str]) -> Iterator[tuple[int, list[str] | None]]:
+    for number, line in enumerate(lines[1:], 2):
+        yield number, _fields(line)
+
+
+def _fields(line: str) -> list[str] | None:
+    """The fields of a line, an action with its blank; None if its quotes have no end."""
+    if "[" in line:
+        line = _LIST.sub(lambda found: f"[{' '.join(found[1].replace(',', ' ').split())}]", line)
+    if '"' not in line:
+        return [each.strip() for each in line.split(",")]
+    try:
+        return [each.strip() for each in next(csv.reader([line], strict=True))]
+    except csv.Error:
+        return None
+
+
+def _cells(
+    fields: Sequence[str] | None, names: Sequence[str], *, in_log: bool
+) -> dict[str, str] | None:
+    """The fields by their columns; None if there are too few, or too many for a CSV."""
+    if fields is None or len(fields) < (_FIELDS_OF_2019 if in_log else len(names)):
+        return None
+    if not in_log and len(fields) > len(names):
+        return None
+    cells = dict(zip(names, fields, strict=False))
+    if in_log and len(fields) == _FIELDS_WITHOUT_CLOCK and number_or_nan(fields[-1]) > _YEAR_2001_S:
+        cells["wall_clock"] = fields[-1]
+    return cells
+
+
+def _row(line: int, cells: Mapping[str, str]) -> TraceRow | None:
+    """A line as numbers; None if one that the file should have is missing."""
+    action = cells.get("action", "")
+    steering, speed = cells.get("steer", ""), cells.get("throttle", "")
+    pair = action.strip("[]").split()
+    if not (steering and speed) and len(pair) == 2:
+        steering, speed = pair
+    asked = {"steer": steering, "throttle": speed} if steering or "steer" in cells else {}
+    status = cells.get("episode_status", "").casefold()
+    try:
+        row = TraceRow(
+            line=line,
+            episode=_whole(cells, "episode", 0),
+            steps=_number(cells, "steps"),
+            x=_number(cells, "X"),
+            y=_number(cells, "Y"),
+            yaw_deg=_number(cells, "yaw"),
+            steering_deg=_number(asked, "steer"),
+            speed_mps=_number(asked, "throttle"),
+            action=action,
+            reward=number_or_nan(cells.get("reward", "")),
+            done=_FLAGS[cells.get("done", "0").casefold()],
+            on_track=_FLAGS[cells["all_wheels_on_track"].casefold()]
+            if "all_wheels_on_track" in cells
+            else None,
+            progress=_number(cells, "progress"),
+            closest_waypoint=_whole(cells, "closest_waypoint", -1),
+            track_length_m=_number(cells, "track_len"),
+            time_s=_number(cells, "tstamp"),
+            status=status,
+            pause_s=number_or_nan(cells.get("pause_duration", "")),
+            wall_s=number_or_nan(cells.get("wall_clock", "")),
+            more=tuple(cells[name] for name in cells if name not in COLUMNS),
+        )
+    except (ValueError, KeyError):
+        return None
+    return row if status.isascii() else None
+
+
+def _number(cells: Mapping[str, str], name: str) -> float:
+    """The number in a column; NaN if the file has no such column.
+
+    Raises:
+        ValueError: It is damaged.
+    """
+    if name not in cells:
+        return math.nan
+    value = float(cells[name])
+    if not abs(value) < largest(name) or "_" in cells[name]:
+        raise ValueError(name)
+    return value
+
+
+def _whole(cells: Mapping[str, str], name: str, otherwise: int) -> int:
+    if name not in cells:
+        return otherwise
+    value = _number(cells, name)
+    if value < 0 or not value.is_integer():
+        raise ValueError(name)
+    return int(value)
+
+
+def number_or_nan(text: str) -> float:
+    """The finite number that a text is, or NaN."""
+    try:
+        value = float(text)
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan
+
+
+def _told(rows: Sequence[TraceRow], has_column: bool) -> Iterator[TraceRow]:
+    """The rows with a status where the simulator wrote none, and with all angles in degrees."""
+    old = [row for row in rows if not row.status]
+    most_yaw, most_steering = _MOST_RAD
+    in_radians = not has_column and all(
+        abs(row.yaw_deg) <= most_yaw and abs(row.steering_deg) <= most_steering for row in old
+    )
+    before = -1
+    for row, after in zip_longest(rows, rows[1:]):
+        told = row
+        if not row.status:
+            first = before != row.episode and row.steps <= 1.0
+            goes_on = after is not None and after.episode == row.episode
+            told = row._replace(status=_status(row, prepares=first and goes_on))
+            if in_radians:
+                yaw, steering = math.degrees(row.yaw_deg), math.degrees(row.steering_deg)
+                told = told._replace(yaw_deg=yaw, steering_deg=steering)
+        before = row.episode
+        yield told
+
+
+def _status(row: TraceRow, *, prepares: bool) -> str:
+    """What a row itself shows of how the episode goes on."""
+    if row.done:
+        ended = "immobilized" if row.on_track else "off_track"
+        return "lap_complete" if row.progress >= 100.0 else ended
+    return "prepare" if prepares else "in_progress"

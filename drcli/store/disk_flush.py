@@ -1,0 +1,101 @@
+"""Brings the objects of a bucket on this machine to its disk, so that a power cut leaves them.
+
+The embedded server (rclone) writes files and never flushes them. It also deletes an old file before
+it gives the new one its name, so file systems take no care of their order: for half a minute after
+each write, a power cut leaves an empty file. So each process flushes what it has written, in a
+thread and at once, and whoever relies on that waits for it (`flush`).
+"""
+
+import threading
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+from drcli.base import notices
+from drcli.base.errors import DiskFull, StorageError
+from drcli.base.system_calls import flush_to_disk, is_disk_full
+from drcli.store import keys
+
+
+class DiskFlush:
+    """Flushes the files of one bucket. Several threads may use it at once.
+
+    Args:
+        folder: Of the bucket.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder.absolute()
+        self._lock = threading.Lock()
+        self._written: dict[str, None] = {}
+        self._known_folders: set[Path] = set()
+        self._failure: tuple[Path, OSError] | None = None
+        # Python waits for it at the end of a process.
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="disk-flush")
+
+    def note(self, key: str) -> None:
+        """Flush an object that was just written, soon."""
+        if not keys.outlives_power_cut(key):
+            return
+        with self._lock:
+            is_expected = bool(self._written)
+            self._written[key] = None
+        if not is_expected:
+            self._begin()
+
+    def flush(self) -> None:
+        """Return when everything that was noted is on the disk.
+
+        Raises:
+            StorageError: It is not, or something that was noted earlier is not.
+        """
+        self._begin().result()
+        with self._lock:
+            failure, self._failure = self._failure, None
+        if failure is not None:
+            raise _explained(*failure)
+
+    def _begin(self) -> Future[None]:
+        try:
+            return self._thread.submit(self._flush_written)
+        except RuntimeError:  # the process is ending, and starts no thread any more
+            self._flush_written()
+            done: Future[None] = Future()
+            done.set_result(None)
+            return done
+
+    def _flush_written(self) -> None:
+        with self._lock:
+            written, self._written = list(self._written), {}
+        folders: dict[Path, None] = {}
+        for key in written:
+            path = self._folder / key
+            self._flush(path)
+            folders[path.parent] = None
+            # A name is on the disk when its folder is, and that of a new folder when its own is.
+            for folder in path.parents:
+                if folder in self._known_folders or folder == self._folder.parent.parent:
+                    break
+                self._known_folders.add(folder)
+                folders[folder] = None
+        for folder in folders:
+            self._flush(folder)
+
+    def _flush(self, path: Path) -> None:
+        try:
+            flush_to_disk(path)
+        except FileNotFoundError:
+            pass  # it was deleted, or another one is taking its place, which will be noted
+        except OSError as error:
+            with self._lock:
+                self._failure = path, error
+            notices.warn(str(_explained(path, error)))
+
+
+def _explained(path: Path, error: OSError) -> StorageError:
+    kind = DiskFull if is_disk_full(error) else StorageError
+    return kind(
+        f"{path} was written, but it is not on the disk: {error.strerror or error} "
+        "(DR_S3_DATA_DIR).",
+        remedy="Check that disk (`dmesg` tells of its errors), or set DR_S3_DATA_DIR to a folder "
+        "on another one.",
+    )
