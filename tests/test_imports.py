@@ -106,6 +106,7 @@ UNIMPORTED = {
     "drcli.workers.joined_sim",
     "drcli.workers.learner_process",
     "drcli.workers.ray_workers",
+    "drcli.workers.reward_server",
     "drcli.workers.evaluate_many",
     "drcli.workers.try_cars",
     "drcli.workers.library_facts",

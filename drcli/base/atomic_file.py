@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from drcli.base.errors import SettingsError
 from drcli.base.json_record import RecordError, from_json, parse_json
+from drcli.base.private_files import hand_out, is_settings
 from drcli.base.regular_file import read_regular
 from drcli.base.system_calls import flush_descriptor, flush_to_disk, is_disk_full
 
@@ -27,6 +28,9 @@ _STAT_BLOCK_BYTES = 512
 def rewrite(path: Path, data: bytes) -> None:
     """Replace the content of a racer's file, or of the file that a link leads to.
 
+    A file that exists keeps its mode and, if possible, its owner. A new one is handed out, unless
+    it contains settings, which may be secrets.
+
     Raises:
         SettingsError: The file cannot be written, and has not changed.
     """
@@ -37,7 +41,7 @@ def rewrite(path: Path, data: bytes) -> None:
                 raise OSError(0, "it is not an ordinary file")
             if not os.access(target, os.W_OK):
                 raise PermissionError(0, "it is write-protected")
-        _replace(target, data, keep_owner=True)
+        _replace(target, data, is_racers=True)
     except OSError as e:
         raise SettingsError(
             f"{path}: cannot be written ({e.strerror or e}).",
@@ -52,7 +56,7 @@ def write_json(path: Path, value: object) -> None:
         OSError: The file cannot be written, and has not changed.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    _replace(path, json.dumps(value, indent=2).encode(), keep_owner=False)
+    _replace(path, json.dumps(value, indent=2).encode())
 
 
 def reserve(path: Path) -> None:
@@ -65,14 +69,23 @@ def reserve(path: Path) -> None:
     _overwrite(path, b" " * _RESERVED_BYTES)
 
 
-def write_private_json(path: Path, value: object) -> None:
-    """Write JSON that only this user may read, in a folder that only this user may enter.
+def write_private(path: Path, data: bytes) -> None:
+    """Write a file that only this user may read, in a folder that only this user may enter.
 
     Raises:
         OSError: The file cannot be written, and has not changed.
     """
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    _replace(path, json.dumps(value, indent=2).encode(), keep_owner=False, private=True)
+    _replace(path, data, private=True)
+
+
+def write_private_json(path: Path, value: object) -> None:
+    """The same with JSON.
+
+    Raises:
+        OSError: The file cannot be written, and has not changed.
+    """
+    write_private(path, json.dumps(value, indent=2).encode())
 
 
 def read_json(path: Path) -> Any:
@@ -112,21 +125,22 @@ def load_record(kind: type[T], path: Path) -> T | None:
         return None
 
 
-def _replace(target: Path, data: bytes, *, keep_owner: bool, private: bool = False) -> None:
+def _replace(target: Path, data: bytes, *, is_racers: bool = False, private: bool = False) -> None:
     """Write a second file, then rename it: a reader sees the old content or the new one.
 
-    With `keep_owner` it has the mode and, if possible, the owner of the old file; with `private`,
-    only this user can read it, at no moment anybody else.
+    With `private`, and at first in any case of a racer's file, only this user can read it.
     """
     scratch = target.with_name(f".{target.name}.{os.getpid()}")
     try:
-        if private:
+        if private or is_racers:
             scratch.unlink(missing_ok=True)
             os.close(os.open(scratch, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
-        if keep_owner and target.exists():
-            shutil.copy2(target, scratch)
+        if is_racers and target.exists():
             with suppress(PermissionError):  # only root can change the owner
                 shutil.chown(scratch, target.stat().st_uid, target.stat().st_gid)
+            shutil.copystat(target, scratch)
+        elif is_racers and not is_settings(target):
+            hand_out(scratch)
         with scratch.open("wb") as file:
             file.write(data)
             file.flush()

@@ -5,6 +5,7 @@ import tempfile
 from pathlib import Path
 
 from drcli.base.errors import SettingsError
+from drcli.base.private_files import make_folder
 
 _UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
 
@@ -57,7 +58,7 @@ def make_picture_folder(folder: Path) -> None:
         SettingsError: It cannot be made.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
     except OSError as error:
         raise SettingsError(
             f"{folder} cannot be made ({error.strerror or error}).",

@@ -11,6 +11,7 @@ which is Linux.
 import errno
 import os
 import select
+import signal
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -29,6 +30,9 @@ except ImportError:  # Windows
 
 _DESCRIPTORS = (Path("/proc/self/fd"), Path("/dev/fd"))
 """Where Linux lists the open files of a process, and where macOS and the BSDs do."""
+
+_END_WITH_PARENT, _ADOPT_ORPHANS = 1, 36
+"""PR_SET_PDEATHSIG and PR_SET_CHILD_SUBREAPER. Source: linux/prctl.h."""
 
 Limit = Literal["open_files", "processes", "memory", "file_size"]
 
@@ -150,12 +154,39 @@ def cores_of_process() -> int:
     return os.cpu_count() or 1
 
 
-def open_files() -> int:
-    """Number of files that this process has open; 0 if the system does not tell."""
-    for folder in _DESCRIPTORS:
+def open_files(process: int | None = None) -> int:
+    """Number of files that a process, or this one, has open; 0 if the system does not tell."""
+    folders = _DESCRIPTORS if process is None else [Path(f"/proc/{process}/fd")]
+    for folder in folders:
         with suppress(OSError), os.scandir(folder) as entries:
             return sum(1 for _ in entries)
     return 0
+
+
+def name_place(path: Path) -> int:
+    """A descriptor that only names a file or folder; on systems other than Linux, it is opened.
+
+    Raises:
+        OSError: It does not exist.
+    """
+    return os.open(path, getattr(os, "O_PATH", os.O_RDONLY) | os.O_CLOEXEC)
+
+
+def adopt_orphans() -> None:
+    """Become the parent of descendants whose own parent has ended; Linux only."""
+    _control_process(_ADOPT_ORPHANS, 1)
+
+
+def end_with_parent() -> None:
+    """Let the system kill this process when the thread that started it ends; Linux only."""
+    _control_process(_END_WITH_PARENT, signal.SIGKILL)
+
+
+def _control_process(what: int, value: int) -> None:
+    if sys.platform == "linux":
+        import ctypes  # loaded here: not every Python has it
+
+        ctypes.CDLL(None).prctl(what, value, 0, 0, 0)
 
 
 class ExitWait:

@@ -1,14 +1,20 @@
-"""Checks the machine (V-50): room on the disk, in memory and on the GPU."""
+"""Checks the machine (V-50): room on the disk, in memory and on the GPU, and who may read files."""
 
 import shutil
+import stat
 import subprocess
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from shlex import quote
 
 import psutil
 
-from drcli.base.problems import Place, Problem
+from drcli.base.private_files import is_settings, others_may_read
+from drcli.base.problems import Place, Problem, ProblemsError
+from drcli.base.regular_file import read_regular
 from drcli.config.bucket_config import StorageConfig
+from drcli.config.secret_environment import is_secret
+from drcli.config.settings_files import parse_env
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
@@ -51,6 +57,20 @@ def review_disk(storage: StorageConfig, directory: Path) -> Iterator[Problem]:
             yield Problem("V-50", "warning", str(place), None, what, remedy)
 
 
+def review_access(storage: StorageConfig, directory: Path) -> Iterator[Problem]:
+    """Only their user may read settings with secrets, and what trainings store."""
+    for path in sorted((*directory.glob("*.env*"), *directory.glob("experiments/*/*.env*"))):
+        secrets = _secrets_in(path) if is_settings(path) else []
+        if secrets:
+            name = str(path.relative_to(directory))
+            yield from _open_to_others(path, name, f"it contains {', '.join(secrets)}")
+    logs = directory / "data" / "logs"
+    yield from _open_to_others(logs, str(logs), "it contains the logs")
+    if storage.cloud == "local":
+        folder = storage.data_dir
+        yield from _open_to_others(folder, str(folder), "it contains the models of the bucket")
+
+
 def review_memory(
     workers: int, place: Place, parameters: Hyperparameters | None, metadata: ModelMetadata | None
 ) -> Iterator[Problem]:
@@ -86,6 +106,27 @@ def review_gpu(devices: str, environ: Mapping[str, str]) -> Iterator[Problem]:
             "DR_SAGEMAKER_CUDA_DEVICES=-1 in system.env."
         )
         yield Problem("V-50", "warning", "nvidia-smi", None, what, remedy)
+
+
+def _open_to_others(path: Path, name: str, why: str) -> Iterator[Problem]:
+    try:
+        if not others_may_read(path):
+            return
+        mode = stat.S_IMODE(path.stat().st_mode)
+    except OSError:  # it does not exist, or belongs to somebody else
+        return
+    what = f"other users of this machine may read {name} (mode {mode:o}), and {why}."
+    remedy = f"Run `chmod go= {quote(str(path))}`; docs/security.md says how a group shares it."
+    yield Problem("V-50", "warning", name, None, what, remedy)
+
+
+def _secrets_in(path: Path) -> list[str]:
+    """Names of the secrets in a settings file."""
+    try:
+        entries = parse_env(read_regular(path), path.name).last
+    except (OSError, ProblemsError):  # other rules say so
+        return []
+    return [name for name, entry in entries.items() if is_secret(name, entry.value)]
 
 
 def _free_gpu_bytes(allowed: str | None) -> list[int]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drcli.base.problems import Problem, ProblemsError
+from drcli.checks.machine_rules import review_access
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings, catalogue
 from drcli.models.transfer_buckets import UNDEFINED
@@ -60,7 +61,8 @@ def _judged(settings: Settings) -> list[Problem]:
             what = f"{name}={value} is accepted and not needed: {setting.reason}."
             place, remedy = settings.place(name), "Keep or remove the line."
             found.append(Problem("V-06", "warning", *place, what, remedy, name))
-    return [*found, *upload_problems(settings)]
+    access = review_access(settings.storage, settings.directory)
+    return [*found, *upload_problems(settings), *access]
 
 
 def upload_problems(settings: Settings) -> list[Problem]:

@@ -28,7 +28,8 @@ def review_prefix(prefix: str, bucket: Bucket) -> list[Problem]:
     kind = model_kind(bucket, prefix)
     lost = find_lost(bucket, prefix)
     if lost is not None:
-        return [Problem("V-09", "error", model, None, lost.sentence, lost.refusal().remedy)]
+        refusal = lost.refusal()
+        return [Problem("V-09", "error", model, None, str(refusal), refusal.remedy)]
     what = f"Selected path {model} exists. It holds {KIND_WORDS[kind]}. Exiting."
     remedy = "Choose another DR_LOCAL_S3_MODEL_PREFIX in run.env; -w would delete what is there."
     if kind in ("drcli", "tensorflow"):

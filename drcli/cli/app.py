@@ -12,6 +12,7 @@ from pathlib import Path
 from drcli.base import installation, notices
 from drcli.base.errors import DrError, SettingsError
 from drcli.base.garbage import search_rarely
+from drcli.base.private_files import private
 from drcli.base.problems import shown
 from drcli.base.termination import Stopped
 from drcli.cli import ascii_only, completion, console
@@ -56,6 +57,11 @@ def main(args: list[str] | None = None) -> None:
     arguments = _arguments(sys.argv) if args is None else args
     if completion.QUESTION in os.environ:
         arguments = _asked_about()
+    with private(Path(os.environ.get("DR_DIR", "")) / "data"):
+        _run(arguments)
+
+
+def _run(arguments: list[str]) -> None:
     try:
         application(arguments)(arguments, prog_name=PROGRAM)
     except Stopped as error:  # somebody wanted it, so it is no error

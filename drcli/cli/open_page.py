@@ -4,12 +4,26 @@ import os
 import shlex
 import subprocess
 import sys
+from html import escape
+from urllib.parse import parse_qs, urlsplit
 
+from drcli.base.atomic_file import write_private
 from drcli.base.errors import SettingsError
+from drcli.cli.working_folder import working_folder
+
+_LEADS_TO = """<!doctype html>
+<meta charset="utf-8">
+<meta http-equiv="refresh" content="0; url={0}">
+<title>DeepRacer console</title>
+<p><a href="{0}">DeepRacer console</a></p>
+"""
 
 
 def open_page(url: str, program: str = "") -> None:
     """Open a page if a browser could show it here, and not on another machine.
+
+    An address with a token is not given to the program, because every user of the machine can read
+    the arguments of a process: it gets a file that leads to the page.
 
     Args:
         url: Its address.
@@ -18,6 +32,12 @@ def open_page(url: str, program: str = "") -> None:
     Raises:
         SettingsError: The program does not start.
     """
+    if not program and not _has_display():
+        return
+    if "token" in parse_qs(urlsplit(url).query):
+        path = working_folder() / "data" / "viewer" / "open.html"
+        write_private(path, _LEADS_TO.format(escape(url)).encode())
+        url = path.as_uri()
     if program:
         try:
             subprocess.Popen(
@@ -32,7 +52,7 @@ def open_page(url: str, program: str = "") -> None:
                 f"{program}: this program does not start ({error}).",
                 remedy="Name a browser, as in `-b firefox`, or open the printed address yourself.",
             ) from None
-    elif _has_display():
+    else:
         import webbrowser
 
         webbrowser.open(url)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from drcli.base.problems import Problem, Severity
+from drcli.config.figure_types import LOOPBACK_HOSTS
 from drcli.config.setting_problems import setting_problem
 from drcli.config.settings import Settings
 from drcli.config.value_types import BUCKET_RULE, RUN_FOLDERS, follows_s3
@@ -37,6 +38,13 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
             f"DR_LOCAL_S3_BUCKET={settings.bucket} is not the name of a bucket with "
             f"DR_CLOUD={settings.cloud}.",
             BUCKET_RULE,
+        )
+    if settings.webviewer_auth == "none" and settings.webviewer_host not in LOOPBACK_HOSTS:
+        yield problem(
+            ("DR_WEBVIEWER_AUTH",),
+            f"DR_WEBVIEWER_AUTH=none would let every machine that reaches "
+            f"{settings.webviewer_host} (DR_WEBVIEWER_HOST) run code here.",
+            "Remove one of the two.",
         )
     if settings.train_overlap == "off" and settings.train_max_lag > 1:
         yield problem(

@@ -10,6 +10,9 @@ from drcli.config.value_types import Check, Shape, is_address
 THIS_MACHINE = "127.0.0.1"
 """An empty address would be all of the machine's, and let everybody read the figures."""
 
+LOOPBACK_HOSTS = frozenset({THIS_MACHINE, "::1", "localhost"})
+"""Addresses that only this machine can reach."""
+
 
 def _host(value: str) -> str:
     host = value.strip()

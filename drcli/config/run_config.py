@@ -141,11 +141,13 @@ class WebConfig:
 
     Attributes:
         port_place: Where DR_WEBVIEWER_PORT was given.
+        asks_token: Whether who opens it needs its token.
     """
 
     host: str
     port: int
     port_place: Place
+    asks_token: bool = True
 
     @property
     def is_chosen(self) -> bool:

@@ -177,6 +177,7 @@ class Settings(
             self.webviewer_host,
             self.webviewer_port,
             self.place("DR_WEBVIEWER_PORT"),
+            self.webviewer_auth == "token",
         )
 
     @property

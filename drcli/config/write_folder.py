@@ -9,6 +9,7 @@ from pathlib import Path
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.base.file_lock import only_writer
+from drcli.base.private_files import hand_out
 from drcli.base.problems import Place, ProblemsError
 from drcli.config.setting_problems import file_problem
 from drcli.config.settings_files import content_of
@@ -178,6 +179,7 @@ def _make_folders(path: Path, undo: ExitStack) -> None:
     for folder in reversed(missing):
         try:
             folder.mkdir(exist_ok=True)
+            hand_out(folder)
         except OSError as e:
             raise SettingsError(
                 f"{folder}: this folder cannot be created ({e.strerror or e}).",

@@ -1,4 +1,4 @@
-"""How live pictures travel between a worker and a viewer: proof of the key, then framed messages.
+"""How live pictures travel between a worker and a viewer: proof of the key, then messages.
 
 `multiprocessing.connection` is not used: its listener waits without limit for a visitor that says
 nothing, and a sender waits without limit for a reader that does not read. Nothing is unpickled.
@@ -9,6 +9,7 @@ import hmac
 import secrets
 import socket
 
+from drcli.exchange.framing import WireError, exactly, framed
 from drcli.exchange.live_record import PROTOCOL
 
 HOST = "127.0.0.1"
@@ -21,11 +22,6 @@ MOST_REQUEST_BYTES = 4096
 
 _GREETING = b"drcli-live-%d\n" % PROTOCOL
 _NONCE_BYTES = 32
-_LENGTH_BYTES = 4
-
-
-class WireError(Exception):
-    """The other side is not one of ours, or does not follow the protocol."""
 
 
 def admit(peer: socket.socket, key: bytes) -> None:
@@ -37,8 +33,8 @@ def admit(peer: socket.socket, key: bytes) -> None:
     """
     own = secrets.token_bytes(_NONCE_BYTES)
     peer.sendall(_GREETING + own)
-    theirs = _exactly(peer, _NONCE_BYTES)
-    if not hmac.compare_digest(_exactly(peer, _NONCE_BYTES), _proof(key, b"viewer", own, theirs)):
+    theirs = exactly(peer, _NONCE_BYTES)
+    if not hmac.compare_digest(exactly(peer, _NONCE_BYTES), _proof(key, b"viewer", own, theirs)):
         raise WireError("the viewer does not know the key")
     peer.sendall(_proof(key, b"worker", own, theirs))
 
@@ -50,47 +46,18 @@ def enter(peer: socket.socket, key: bytes) -> None:
         WireError: It is another program, or refuses the key.
         OSError: It left, or took longer than the timeout of the socket.
     """
-    if _exactly(peer, len(_GREETING)) != _GREETING:
+    if exactly(peer, len(_GREETING)) != _GREETING:
         raise WireError("another program listens there")
-    theirs = _exactly(peer, _NONCE_BYTES)
+    theirs = exactly(peer, _NONCE_BYTES)
     own = secrets.token_bytes(_NONCE_BYTES)
     peer.sendall(own + _proof(key, b"viewer", theirs, own))
-    if not hmac.compare_digest(_exactly(peer, _NONCE_BYTES), _proof(key, b"worker", theirs, own)):
+    if not hmac.compare_digest(exactly(peer, _NONCE_BYTES), _proof(key, b"worker", theirs, own)):
         raise WireError("the worker does not know the key")
 
 
 def send(peer: socket.socket, data: bytes) -> None:
     """Send a message; OSError if the other side left or does not read in time."""
     peer.sendall(framed(data))
-
-
-def framed(data: bytes) -> bytes:
-    """A message as it travels."""
-    return len(data).to_bytes(_LENGTH_BYTES, "big") + data
-
-
-def receive(peer: socket.socket, most_bytes: int) -> bytes:
-    """The next message.
-
-    Raises:
-        WireError: It is longer than allowed, or the other side has left.
-        OSError: The connection broke, or nothing came in time.
-    """
-    length = int.from_bytes(_exactly(peer, _LENGTH_BYTES), "big")
-    if length > most_bytes:
-        raise WireError(f"a message of {length} bytes is too long")
-    return _exactly(peer, length)
-
-
-def _exactly(peer: socket.socket, count: int) -> bytes:
-    parts, missing = [], count
-    while missing:
-        part = peer.recv(min(missing, 1 << 16))
-        if not part:
-            raise WireError("the other side has left")
-        parts.append(part)
-        missing -= len(part)
-    return b"".join(parts)
 
 
 def _proof(key: bytes, side: bytes, of_worker: bytes, of_viewer: bytes) -> bytes:

@@ -9,8 +9,9 @@ EXIT_CODES: Mapping[int, str] = {
     2: "wrong command line",
     3: "a setting, parameter file or reward function is wrong; a training is already running; the "
     "model exists already or is missing",
-    4: "the bucket cannot be reached, read or written; `dr-tracks fetch` cannot download its file; "
-    "the car, or DeepRacer on AWS, cannot be reached or refuses what is asked",
+    4: "the bucket cannot be reached, read or written; a model has lost all its checkpoints; "
+    "`dr-tracks fetch` cannot download its file; the car, or DeepRacer on AWS, cannot be reached "
+    "or refuses what is asked",
     5: "a worker died and could not be restarted",
     6: "the training failed and cannot continue (NaN); the last good checkpoint is kept",
     7: "not available in this version, or it needs a program that is not installed; a library is "

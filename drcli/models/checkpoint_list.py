@@ -13,10 +13,9 @@ from drcli.models.checkpoint_choice import ModelCheckpoints
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.checkpoints import CheckpointStore
-from drcli.store.milestones import readable_milestones
 from drcli.store.model_kind import is_tensorflow, what_helps
 from drcli.store.reconstruct import readable_evaluations
-from drcli.store.repair import Model, readable_history, readable_scores
+from drcli.store.repair import Model, find_damage, readable_history
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,8 @@ class CheckpointList:
         milestones: Those that were reached, also where the checkpoint was deleted.
         not_reached: The words of the others.
         size_bytes: Of all checkpoints.
-        damaged: A sentence for each damaged record; it is reconstructed as far as possible.
+        damaged: What is wrong with each damaged object, and what to do about it; what the list
+            needs is reconstructed as far as possible.
     """
 
     model: str
@@ -111,8 +111,7 @@ def list_checkpoints(
     has = ModelCheckpoints.read(model)
     if not has.names:
         raise SettingsError(f"{has.url} has no checkpoint.", remedy=what_helps(bucket, prefix))
-    history, damaged = readable_history(model)
-    damaged += readable_scores(model)[1] + readable_milestones(bucket, prefix, [])[1]
+    history, _ = readable_history(model)
     results = readable_evaluations(bucket, prefix).values()
     # By number: where driving and learning overlap, an older one drove the iteration.
     evaluated = {
@@ -174,7 +173,7 @@ def list_checkpoints(
         reached,
         [kind for kind in KINDS if kind not in words_known],
         sum(sizes.values()),
-        damaged,
+        find_damage(model),
     )
 
 

@@ -12,6 +12,7 @@ from typing import NoReturn
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
 from drcli.base.left_behind import is_left_behind
+from drcli.base.private_files import make_folder
 from drcli.base.regular_file import read_regular
 from drcli.config.bucket_config import CustomFilesConfig, StorageConfig
 from drcli.modelfiles.network_shape import own_files
@@ -129,7 +130,7 @@ def write_file(path: Path, data: bytes) -> bool:
             if path.read_bytes() == data:
                 return False
             shutil.copy2(path, path.with_name(path.name + BACKUP))
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
     except OSError as e:
         raise SettingsError(
             f"{path}: cannot be written ({e.strerror or e}).",

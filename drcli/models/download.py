@@ -177,7 +177,7 @@ def _rehearsed(
 
 def _source(settings: Settings, options: DownloadOptions, *, patience_s: float) -> Source:
     """The model at the address of the options."""
-    if Path(options.url).expanduser().exists():
+    if options.url and Path(options.url).expanduser().exists():
         return source_on_disk(open_source(settings.transfer, options.url, local=False))
     name, prefix = parse_url(options.url)
     bucket = source_bucket(settings.transfer, name, local=options.local, patience_s=patience_s)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from drcli.base.atomic_file import rewrite
 from drcli.base.errors import SettingsError
+from drcli.base.private_files import make_folder
 from drcli.base.problems import Problem, ProblemsError, of_severity, refuse
 from drcli.base.replaceable import refuse_existing
 from drcli.config.run_config import RaceConfig
@@ -209,7 +210,7 @@ def write_archive(export: CarExport, path: Path) -> CarReport:
         SettingsError: The file or its folder cannot be written.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
     except OSError as e:
         raise SettingsError(
             f"{path.parent}: cannot be created ({e.strerror or e}).",

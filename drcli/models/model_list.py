@@ -1,6 +1,6 @@
 """Lists the models in a bucket with their checkpoints."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
@@ -11,7 +11,7 @@ from drcli.store import keys, lease, race_keys
 from drcli.store.bucket import Bucket, ObjectInfo
 from drcli.store.model_kind import Kind, kind_of
 from drcli.store.notes import headline
-from drcli.store.repair import Model, readable_scores
+from drcli.store.repair import Model, find_small_damage, readable_scores
 
 _MARKS = ("/model/deepracer_checkpoints.json", "/model/.coach_checkpoint")
 """Ends of the keys of a model's pointers: a folder with one of them is a model."""
@@ -91,7 +91,8 @@ class ModelEntry:
         size_bytes: Their size.
         modified: When the newest object was written, ISO 8601.
         training: Whether it is being trained now.
-        damaged: Damage to its index; `best` and `last` are reconstructed then.
+        damaged: What is wrong with each of its damaged small objects, and what to do about it;
+            `best` and `last` are reconstructed then.
         note: Its description, else its newest note; empty without one.
         kind: drcli for a model of ours, tensorflow for one of DeepRacer-for-Cloud or a console,
             upload for the file of a policy, traces for traces or metrics without a checkpoint,
@@ -144,16 +145,16 @@ class ModelListReader:
         objects = list(bucket.list("") if listed is None else listed)
         prefixes = {prefix for prefix in _prefixes(objects) if _fits(prefix, pattern)}
         own = _by_model(objects, _prefixes(objects))
-        leased = {info.key for info in objects if info.key.endswith("/lease.json")}
+        listed_keys = {info.key for info in objects}
         known = {}
         for prefix in sorted(prefixes):
             signature = signature_of(own[prefix])
             before = self._known.get(prefix)
             if before is not None and before[0] == signature:
-                training = keys.lease(prefix) in leased and _is_trained(bucket, prefix)
+                training = keys.lease(prefix) in listed_keys and _is_trained(bucket, prefix)
                 known[prefix] = (signature, replace(before[1], training=training))
             else:
-                known[prefix] = (signature, _entry(bucket, prefix, own[prefix]))
+                known[prefix] = (signature, _entry(bucket, prefix, own[prefix], listed_keys))
         self._known = known
         return ModelList(bucket.name, pattern, [entry for _, entry in known.values()])
 
@@ -214,9 +215,12 @@ def _fits(prefix: str, pattern: str) -> bool:
     return fnmatchcase(prefix, pattern) if has_wildcards else pattern in prefix
 
 
-def _entry(bucket: Bucket, prefix: str, objects: list[ObjectInfo]) -> ModelEntry:
+def _entry(
+    bucket: Bucket, prefix: str, objects: list[ObjectInfo], listed: Collection[str]
+) -> ModelEntry:
     names = {keys.checkpoint_of(prefix, info.key) for info in objects} - {None}
-    scores, damaged = readable_scores(Model(bucket, prefix, keys.metrics_prefix(prefix)))
+    model = Model(bucket, prefix, keys.metrics_prefix(prefix))
+    scores, _ = readable_scores(model)
     metric = ""
     if scores is not None and any(info.key == keys.training_start(prefix) for info in objects):
         metric = metric_of(bucket, prefix)
@@ -229,7 +233,7 @@ def _entry(bucket: Bucket, prefix: str, objects: list[ObjectInfo]) -> ModelEntry
         size_bytes=sum(info.size_bytes for info in objects),
         modified=max(info.modified for info in objects).isoformat(timespec="seconds"),
         training=_is_trained(bucket, prefix),
-        damaged=damaged,
+        damaged=find_small_damage(model, listed),
         note=headline(bucket, prefix, {info.key: info for info in objects}),
         kind=kind_of([info.key.removeprefix(keys.folder(prefix)) for info in objects]),
     )

@@ -21,6 +21,7 @@ from drcli.config.settings import Settings, catalogue
 from drcli.exchange.training_start import GitState, Pretrained, TrainingStart
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer, read_record
+from drcli.store.remedies import remedy_of
 
 PACKAGES = ("drcli", "torch", "mujoco", "numpy", "numba")
 """Packages whose versions change the course of a training."""
@@ -69,9 +70,9 @@ def read_start(bucket: Bucket, prefix: str) -> TrainingStart | None:
     Raises:
         ObjectDamaged: It is unreadable.
     """
-    remedy = "Continue with `dr-start-training --resume`, which writes it again."
+    key = keys.training_start(prefix)
     try:
-        return read_record(bucket, keys.training_start(prefix), TrainingStart.decode, remedy)
+        return read_record(bucket, key, TrainingStart.decode, remedy_of(key))
     except ObjectMissing:
         return None
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from drcli.base.atomic_file import rewrite
 from drcli.base.errors import SettingsError
+from drcli.base.private_files import make_folder
 from drcli.base.replaceable import refuse_existing
 from drcli.exchange.training_record import TrainingRecord
 from drcli.models.recorded_files import texts_of
@@ -127,7 +128,7 @@ def _saved(folder: Path, texts: dict[str, str], name: str, *, force: bool) -> li
     for file in texts:
         refuse_existing(folder / file, force=force)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         for file, text in texts.items():
             rewrite(folder / file, text.encode())
     except OSError as error:

@@ -1,7 +1,6 @@
 """Writes the files of an export to a folder or a bucket, so that nobody finds a part of them."""
 
 import contextlib
-import os
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -10,6 +9,7 @@ from pathlib import Path
 
 from drcli.base.atomic_file import remedy_for, rewrite
 from drcli.base.errors import SettingsError
+from drcli.base.private_files import hand_out, make_folder
 from drcli.base.problems import shown
 from drcli.config.settings import Settings
 from drcli.exchange.scores import NOT_EVALUATED, Score, encode_single
@@ -126,7 +126,7 @@ def reference_score(score: Score) -> Score:
 def write_archive(path: Path, data: bytes) -> None:
     """Write an archive in one step, and its folder if needed."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
     except OSError as e:
         raise _unwritable(path.parent, e) from e
     rewrite(path, data)
@@ -156,19 +156,13 @@ def _write_folder(folder: Path, items: Sequence[Item]) -> None:
             # Without pointers, nobody takes new files for those of the old checkpoint.
             for name in reversed(POINTERS):
                 (folder / name).unlink(missing_ok=True)
-            for item in items:
-                path = folder / item.name
-                path.parent.mkdir(parents=True, exist_ok=True)
-                rewrite(path, item.data)
+            _write_files(folder, items)
             return
-        folder.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(folder.parent)
         scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         try:
-            scratch.chmod(0o777 & ~_umask())
-            for item in items:
-                path = scratch / item.name
-                path.parent.mkdir(parents=True, exist_ok=True)
-                rewrite(path, item.data)
+            hand_out(scratch)
+            _write_files(scratch, items)
             scratch.replace(folder)  # also onto an empty folder
         except BaseException:
             with contextlib.suppress(OSError):
@@ -178,10 +172,11 @@ def _write_folder(folder: Path, items: Sequence[Item]) -> None:
         raise _unwritable(folder, e) from e
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def _write_files(folder: Path, items: Sequence[Item]) -> None:
+    for item in items:
+        path = folder / item.name
+        make_folder(path.parent)
+        rewrite(path, item.data)
 
 
 def _unwritable(folder: Path, error: OSError) -> SettingsError:

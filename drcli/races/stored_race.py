@@ -20,11 +20,10 @@ from drcli.exchange.race_rules import RaceRules
 from drcli.exchange.race_submission import BracketDraw, QueueOrder, RaceResult, RaceSubmission
 from drcli.store import race_keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer, read_record
+from drcli.store.remedies import remedy_of
 
 _NAME = re.compile(r"(\d{18})-([0-9a-f]{8})")
 """Of a submission: microseconds at which it came, and its id."""
-
-_REMEDY = "Remove that object, or delete the race with `dr-race delete`."
 
 _Record = TypeVar("_Record", bound=JsonRecord)
 
@@ -146,8 +145,9 @@ def read_rules(bucket: Bucket, race: str) -> RaceRules:
     """
     if not is_race_id(race):
         raise no_race(race, race_ids(bucket), bucket.name)
+    key = race_keys.rules(race)
     try:
-        return read_record(bucket, race_keys.rules(race), RaceRules.decode, _REMEDY)
+        return read_record(bucket, key, RaceRules.decode, remedy_of(key))
     except ObjectMissing:
         raise no_race(race, race_ids(bucket), bucket.name) from None
 
@@ -164,11 +164,11 @@ def read_race(bucket: Bucket, race: str) -> StoredRace:
 
     def read(key: str, decode: Callable[[bytes], _Record]) -> _Record | None:
         try:
-            return read_record(bucket, key, decode, _REMEDY)
+            return read_record(bucket, key, decode, remedy_of(key))
         except ObjectMissing:
             return None  # somebody has withdrawn it since
         except (ObjectDamaged, ObjectNewer) as error:
-            damaged.append(str(error))
+            damaged.append(f"{error} {error.remedy}")
             return None
 
     def all_in(folder: str, decode: Callable[[bytes], _Record]) -> dict[str, _Record]:

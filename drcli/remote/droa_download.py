@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
 
 from drcli.base.errors import SettingsError, StorageError
+from drcli.base.private_files import hand_out
 from drcli.remote.droa_api import Droa
 from drcli.remote.droa_import import POLL_S, Progress, Waiting
 from drcli.remote.droa_models import AssetType
@@ -166,9 +167,7 @@ def _write(answer: "requests.Response", file: Path, watch: Callable[[int], None]
             for piece in answer.iter_content(_PIECE_BYTES):
                 out.write(piece)
                 watch(len(piece))
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(scratch).chmod(0o666 & ~mask)  # mkstemp lets only the owner read
+        hand_out(Path(scratch))
         Path(scratch).replace(file)
     except BaseException as e:
         if scratch:

@@ -38,6 +38,15 @@ _RULES: dict[FailureKind, str] = {
 _COUNTED: tuple[FailureKind, ...] = ("raises", "undefined", "type", "range")
 """After these a training goes on with DR_REWARD_ON_ERROR=count."""
 
+_MOST_NAMES = 5
+
+_CONFINED = (
+    "Do without: a reward function reads packages and the working folder, but no settings and "
+    "hidden files, writes to the working folder and temporary files, and has no network "
+    "(docs/reward-functions.md)."
+)
+"""What to do about a PermissionError."""
+
 _FLOATS = {"float", "numpy.float64"}
 
 _EFFECTS: dict[EffectKind, tuple[str, str]] = {
@@ -80,6 +89,7 @@ def problems_of(
         ),
         *_conversions(source, result),
         *_effects(source, result),
+        *_shared(source, result),
         *_prints(source, result),
         *_speed(source, result),
     ]
@@ -103,6 +113,8 @@ def _failures(
         if counted:
             message += "\nA training counts such calls and goes on (DR_REWARD_ON_ERROR)."
         remedy = _missing_module(source, failure, directory) or REMEDIES[failure.kind]
+        if failure.reason.startswith("PermissionError"):
+            remedy = _CONFINED
         if name := _parameter(source, failure):
             message += f"\n`{name}` is not a parameter."
             remedy = likely_parameter(name)
@@ -144,6 +156,20 @@ def _effects(source: Source, result: SandboxResult) -> Iterator[Problem]:
             what = f": {done[0].what}" if done[0].what else ""
             often = " in every call" if sum(e.times for e in done) >= result.calls else ""
             yield source.problem("V-25", line, f"It {words}{often}{what}.", remedy, "warning")
+
+
+def _shared(source: Source, result: SandboxResult) -> Iterator[Problem]:
+    shared = result.shared
+    if shared is None:
+        return
+    what = ", ".join(f"`{name}`" for name in shared.names[:_MOST_NAMES])
+    what = (
+        f"It keeps something outside of the file that all cars share{what and f': {what}'}. "
+        f"{shared.times:,} of {shared.of:,} rewards of a car are others if a second car drives "
+        "at the same time."
+    )
+    remedy = "Keep it in a global variable of the file: each car has its own copy of that."
+    yield source.problem("V-27", result.line, what, remedy, "warning")
 
 
 def _prints(source: Source, result: SandboxResult) -> Iterator[Problem]:

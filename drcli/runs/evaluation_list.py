@@ -16,6 +16,7 @@ from drcli.runs.evaluation_report import (
 )
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer, read_record
+from drcli.store.remedies import remedy_of
 from drcli.store.repair import Model
 from drcli.store.training_records import at_once
 
@@ -131,10 +132,9 @@ def _listed(
     trials: list[TrialReport] = []
     problem = ""
     try:
-        remedy = "Evaluate the model again."
-        trials = trial_reports(read_record(bucket, key, _decode, remedy))
+        trials = trial_reports(read_record(bucket, key, _decode, remedy_of(key)))
     except (ObjectMissing, ObjectDamaged, ObjectNewer) as error:
-        problem = str(error)
+        problem = f"{error} {error.remedy}"
     laps, clean = [trial.lap_s for trial in trials if trial.finished], laps_of(trials)
     return ListedEvaluation(
         stamp=stamp,
@@ -160,9 +160,9 @@ def _listed(
 
 def _recording(bucket: Bucket, trace: str) -> RaceRecording | None:
     """The race of a trace; None if nothing readable tells it."""
+    key = keys.recording_of(trace)
     try:
-        key, remedy = keys.recording_of(trace), "Evaluate the model again."
-        return read_record(bucket, key, RaceRecording.decode, remedy)
+        return read_record(bucket, key, RaceRecording.decode, remedy_of(key))
     except (ObjectMissing, ObjectDamaged, ObjectNewer):
         return None
 

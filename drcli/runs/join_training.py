@@ -43,6 +43,7 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 from drcli.store.last_outcome import read_outcome, write_outcome
 from drcli.store.lease import STALE_S, ModelInUse, read_lease
+from drcli.store.remedies import remedy_of
 
 POLL_S = 0.2
 """How often this process looks at its worker."""
@@ -250,7 +251,7 @@ class JoinedMachine:
     def _join_record(self) -> JoinRecord | None:
         key = keys.join_record(self._prefix)
         try:
-            return read_record(self._bucket, key, JoinRecord.decode, "The next start writes it.")
+            return read_record(self._bucket, key, JoinRecord.decode, remedy_of(key))
         except (ObjectMissing, ObjectDamaged):
             return None
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 
 from drcli.base.json_record import RecordError
+from drcli.exchange.framing import WireError, receive
 from drcli.exchange.live_record import (
     LIVE_FILES,
     LiveAddress,
@@ -19,7 +20,7 @@ from drcli.exchange.live_record import (
     LiveRequest,
     LiveView,
 )
-from drcli.exchange.live_wire import HOST, MOST_MESSAGE_BYTES, WireError, enter, receive, send
+from drcli.exchange.live_wire import HOST, MOST_MESSAGE_BYTES, enter, send
 
 LOOK_S = 1.0
 """How often the files of running workers are looked at."""

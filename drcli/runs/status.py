@@ -39,7 +39,8 @@ from drcli.store.members import GONE_S, read_shares_record
 from drcli.store.milestones import NO_MILESTONES, with_history
 from drcli.store.model_prefix import newest_checkpoint
 from drcli.store.notes import read_notes
-from drcli.store.repair import Model, readable_history, readable_scores
+from drcli.store.remedies import remedy_of
+from drcli.store.repair import Model, find_damage, readable_history, readable_scores
 from drcli.store.request_count import read_counts
 from drcli.store.reward_errors import read_reward_errors
 from drcli.store.rollbacks import read_rollbacks
@@ -170,8 +171,8 @@ class RunReport:
         newest_laps: The newest evaluation; None before the first.
         warning: Problems with the learning curve; empty if there is none.
         advice: What to do about them, a sentence for each.
-        damaged: A sentence about each damaged object in the bucket. The history and the checkpoints
-            are reconstructed then, as far as possible.
+        damaged: What is wrong with each damaged object in the bucket, and what to do about it. The
+            history and the checkpoints are reconstructed then, as far as possible.
         unreachable: Why the bucket cannot be read; iterations and checkpoints are then missing.
             Empty if it can be.
         iterations: Finished iterations.
@@ -301,10 +302,12 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             counted = read_reward_errors(bucket, record.prefix)
             if counted:
                 failed = sum_of(each.total for each in counted)
+            if reader is None:  # whoever looks again and again need not read everything
+                damaged = find_damage(model)
             try:
                 rollbacks = read_rollbacks(bucket, record.prefix).entries
             except ObjectDamaged as error:
-                damaged.append(str(error))
+                damaged.append(f"{error} {error.remedy}")
             if config.train.curriculum_file or any(each.stage for each in history[-1:]):
                 stage = CheckpointStore(bucket, record.prefix).stage_of_newest()
             if alive:
@@ -441,7 +444,7 @@ def _said(bucket: Bucket, prefix: str, name: str) -> ActivityRecord:
     """What a worker has said about itself."""
     key = keys.status(prefix, name)
     try:
-        return read_record(bucket, key, ActivityRecord.decode, "It is written again.")
+        return read_record(bucket, key, ActivityRecord.decode, remedy_of(key))
     except ObjectMissing:
         return _here("starting")
     except ObjectDamaged as error:

@@ -373,7 +373,7 @@ def install(machine: Machine, plan: dict[str, Any]) -> None:
         log(f"{error}; the usual index is used instead")
     run(*pip, source)
     for name in plan["files"]:
-        write(f"{RACER}/{name}", machine.get(f"spot/{machine.stack}/files/{name}"), 0o640)
+        write(f"{RACER}/{name}", machine.get(f"spot/{machine.stack}/files/{name}"), 0o600)
     variables = dict(plan["environment"])
     if machine.topic:
         variables["MY_SNS_TOPIC"] = machine.topic

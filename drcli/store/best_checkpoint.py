@@ -13,6 +13,7 @@ from drcli.exchange.laps import CONFIRMING_CLEAN, CONFIRMING_LAPS, share_interva
 from drcli.exchange.scores import EvaluationEpisodes, EvaluationResult, Score, Scores
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, read_record
+from drcli.store.remedies import remedy_of
 
 UNFINISHED_MS = 999_999.0
 """Lap time of an unfinished lap, milliseconds. Source: the reference simulator."""
@@ -106,9 +107,9 @@ def _rank(episodes: EvaluationEpisodes) -> tuple[float, float]:
 
 def read_scores(bucket: Bucket, prefix: str) -> Scores | None:
     """The scores of a model, None before its first checkpoint; ObjectDamaged if unreadable."""
-    remedy = "Continue with `dr-start-training --resume`, which reconstructs it."
+    key = keys.deepracer_checkpoints(prefix)
     try:
-        return read_record(bucket, keys.deepracer_checkpoints(prefix), Scores.decode, remedy)
+        return read_record(bucket, key, Scores.decode, remedy_of(key))
     except ObjectMissing:
         return None
 
@@ -137,9 +138,8 @@ def unscored(score: Score) -> Score:
 
 def read_evaluation(bucket: Bucket, prefix: str, number: int) -> EvaluationResult:
     """The result of a checkpoint, by its number; ObjectMissing or ObjectDamaged."""
-    remedy = "Delete it; the next checkpoint is evaluated again."
     key = keys.evaluation_result(prefix, number)
-    return read_record(bucket, key, EvaluationResult.decode, remedy)
+    return read_record(bucket, key, EvaluationResult.decode, remedy_of(key))
 
 
 def write_evaluation(bucket: Bucket, prefix: str, number: int, result: EvaluationResult) -> None:

@@ -26,6 +26,7 @@ from drcli.store.best_checkpoint import read_scores, write_scores
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.checkpoint_retention import KEEP_ALL_MARKED, KeepRules, kept_besides
 from drcli.store.marked_checkpoints import MarkedCheckpoints
+from drcli.store.remedies import remedy_of
 from drcli.store.s3_bucket import S3Bucket
 
 KEEP = 4
@@ -113,8 +114,6 @@ class CheckpointStore:
         on_pointed()
         self._put_last_score(record)
         self._prune(record)
-        if optimizer is not None:
-            self._forget_older_states(name)
         return record
 
     def attach_optimizer(self, record: CheckpointRecord, optimizer: bytes) -> CheckpointRecord:
@@ -126,10 +125,10 @@ class CheckpointStore:
         complete = replace(record, optimizer=Fingerprint.of(optimizer))
         self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
         self._bucket.put(keys.checkpoint_record(self._prefix, record.name), complete.encode())
-        self._forget_older_states(record.name)
+        self.forget_older_states(record.name)
         return complete
 
-    def _forget_older_states(self, name: str) -> None:
+    def forget_older_states(self, name: str) -> None:
         """Delete all optimizer states but that of a checkpoint and the one before.
 
         A trainer may have to go back to that one.
@@ -227,10 +226,9 @@ class CheckpointStore:
     def record(self, name: str) -> CheckpointRecord:
         """Sizes, hashes and counters of a checkpoint; ObjectMissing or ObjectDamaged."""
         key = keys.checkpoint_record(self._prefix, name)
-        remedy = "Choose another checkpoint; `dr-start-training --resume` continues without it."
         decode = partial(CheckpointRecord.decode_of, name)
         # `attach_optimizer` writes it a second time, just when the workers read it.
-        return read_record(self._bucket, key, decode, remedy, written=True)
+        return read_record(self._bucket, key, decode, remedy_of(key), written=True)
 
     def load(self, name: str, *, with_optimizer: bool = False) -> Checkpoint:
         """Read one checkpoint and check it; ObjectMissing or ObjectDamaged names the file."""
@@ -401,9 +399,7 @@ class CheckpointStore:
         fault = fingerprint.fault(data)
         if fault is not None:
             raise ObjectDamaged(
-                f"{self._bucket.name}/{key} is damaged: {fault}.",
-                remedy="Restore it from a copy, or choose another checkpoint; `dr-start-training "
-                "--resume` continues without it.",
+                f"{self._bucket.name}/{key} is damaged: {fault}.", remedy=remedy_of(key)
             )
         return data
 

@@ -92,8 +92,12 @@ class DiskFlush:
 
 
 def _explained(path: Path, error: OSError) -> StorageError:
-    kind = DiskFull if is_disk_full(error) else StorageError
-    return kind(
+    if is_disk_full(error):
+        return DiskFull(
+            f"{path} was written, but has no room on the disk.",
+            remedy="Make room, for example by deleting old models, then continue the run.",
+        )
+    return StorageError(
         f"{path} was written, but it is not on the disk: {error.strerror or error} "
         "(DR_S3_DATA_DIR).",
         remedy="Check that disk (`dmesg` tells of its errors), or set DR_S3_DATA_DIR to a folder "

@@ -19,6 +19,7 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing, read_record
 from drcli.store.complete_files import combined_history
 from drcli.store.growing_file import GrowingFile, Layout, list_parts, read_parts
+from drcli.store.remedies import remedy_of
 
 LAYOUT = Layout(HISTORY_HEAD, SEPARATOR, HISTORY_END)
 
@@ -35,8 +36,6 @@ _PEAK = 40.0
 
 _FALL = 0.6
 """Share of the best completion below which the policy has collapsed."""
-
-_REMEDY = "Stop the training and continue with `dr-start-training --resume`, which reconstructs it."
 
 
 class History:
@@ -153,7 +152,7 @@ class HistoryReader:
         for each in sorted(infos, reverse=True):  # the whole object last, see `read_parts`
             if each not in self._known:
                 try:
-                    records = read_record(bucket, each, decode_history, _REMEDY)
+                    records = read_record(bucket, each, decode_history, remedy_of(each))
                 except ObjectMissing:  # deleted since the listing: the whole object has it
                     self._known.clear()
                     return read_history(bucket, prefix)
@@ -167,7 +166,7 @@ def read_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
     key = keys.history(prefix)
 
     def read(key: str) -> list[IterationRecord]:
-        return read_record(bucket, key, decode_history, _REMEDY)
+        return read_record(bucket, key, decode_history, remedy_of(key))
 
     parts = read_parts(bucket, key, read)
     try:

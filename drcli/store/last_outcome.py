@@ -4,8 +4,7 @@ from drcli.base import notices
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
-
-REMEDY = "The next start writes it again."
+from drcli.store.remedies import remedy_of
 
 
 def read_outcome(bucket: Bucket, prefix: str) -> RunOutcome | None:
@@ -16,12 +15,13 @@ def read_outcome(bucket: Bucket, prefix: str) -> RunOutcome | None:
     Raises:
         ObjectNewer: A newer version of drcli has written it.
     """
+    key = keys.outcome(prefix)
     try:
-        return read_record(bucket, keys.outcome(prefix), RunOutcome.decode, REMEDY)
+        return read_record(bucket, key, RunOutcome.decode, remedy_of(key))
     except ObjectMissing:
         return None
     except ObjectDamaged as error:
-        notices.warn(f"{error} {REMEDY}")
+        notices.warn(f"{error} {error.remedy}")
         return None
 
 

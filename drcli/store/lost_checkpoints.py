@@ -27,11 +27,21 @@ class Lost:
     """What a model without a readable checkpoint has lost, and what is left of it.
 
     Attributes:
-        sentence: Both, in words.
+        model: Its address.
+        trained: Iterations.
+        checkpoints: Those that are lost; like the next two, a number with its first and last one.
+        curve: Iterations in the learning curve.
+        traces: Iterations with traces.
+        files: Number of objects with content.
         beside: A model prefix with nothing below it.
     """
 
-    sentence: str
+    model: str
+    trained: int
+    checkpoints: str
+    curve: str
+    traces: str
+    files: int
     beside: str
 
     def refusal(self, *also: str, set_in_environment: bool = False) -> CheckpointsLost:
@@ -47,7 +57,10 @@ class Lost:
         if set_in_environment:
             command = f"{values} dr-start-training"
         return CheckpointsLost(
-            self.sentence,
+            f"{self.model} was trained for {self.trained} iterations, but has no checkpoint that "
+            f"can be read. Lost: {self.checkpoints}. Left: the learning curve of {self.curve}, "
+            f"traces of {self.traces}, {self.files} files with content in all. Nothing was "
+            "changed.",
             remedy="Restore a checkpoint from a copy, or start over beside it, which deletes "
             f"nothing: `{command}`.",
         )
@@ -77,12 +90,13 @@ def find_lost(bucket: Bucket, prefix: str) -> Lost | None:
     traced = traced_iterations(bucket, prefix).items()
     traces = [n for n, own in traced if all(listed[key] for key in own.values())]
     trained = max([-1, *traces, *(r.iteration for r in history), *(n - 1 for n in numbers)]) + 1
-    whole = sum(size > 0 for size in listed.values())
     return Lost(
-        f"s3://{bucket.name}/{prefix} was trained for {trained} iterations, but has no checkpoint "
-        f"that can be read. Lost: {_counted(numbers, 'checkpoint')}. Left: the learning curve of "
-        f"{_counted([r.iteration for r in history], 'iteration')}, traces of "
-        f"{_counted(traces, 'iteration')}, {whole} files with content in all. Nothing was changed.",
+        f"s3://{bucket.name}/{prefix}",
+        trained,
+        _counted(numbers, "checkpoint"),
+        _counted([r.iteration for r in history], "iteration"),
+        _counted(traces, "iteration"),
+        sum(size > 0 for size in listed.values()),
         _free_name(bucket, prefix),
     )
 

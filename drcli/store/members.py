@@ -17,6 +17,7 @@ from drcli.store.bucket import (
     ObjectMissing,
     read_record,
 )
+from drcli.store.remedies import remedy_of
 
 RENEWED_S = 5.0
 """How often a worker renews its record."""
@@ -33,9 +34,9 @@ FORGOTTEN_S = 600.0
 
 def read_shares_record(bucket: Bucket, prefix: str) -> SharesRecord | None:
     """Who drives what; None if no worker has joined yet, or if the object is damaged."""
-    remedy = "The trainer writes it again with the next checkpoint."
+    key = keys.shares(prefix)
     try:
-        return read_record(bucket, keys.shares(prefix), SharesRecord.decode, remedy)
+        return read_record(bucket, key, SharesRecord.decode, remedy_of(key))
     except (ObjectMissing, ObjectDamaged):
         return None
 

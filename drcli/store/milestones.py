@@ -8,6 +8,7 @@ from drcli.exchange.milestone_record import Milestones
 from drcli.exchange.scores import EvaluationResult
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
+from drcli.store.remedies import remedy_of
 
 NO_MILESTONES = Milestones()
 
@@ -17,9 +18,9 @@ def read_milestones(bucket: Bucket, prefix: str) -> Milestones | None:
 
     Models of version 0.1.0 have no record; `with_history` works their milestones out.
     """
-    remedy = "Continue with `dr-start-training --resume`, which reconstructs it."
+    key = keys.milestones(prefix)
     try:
-        return read_record(bucket, keys.milestones(prefix), Milestones.decode, remedy)
+        return read_record(bucket, key, Milestones.decode, remedy_of(key))
     except ObjectMissing:
         return None
 
@@ -70,5 +71,5 @@ def readable_milestones(
     try:
         known = read_milestones(bucket, prefix)
     except ObjectDamaged as error:
-        known, damaged = None, [str(error)]
+        known, damaged = None, [f"{error} {error.remedy}"]
     return with_history(known or NO_MILESTONES, records), damaged

@@ -17,6 +17,7 @@ from drcli.store.bucket import (
     ObjectNewer,
     read_record,
 )
+from drcli.store.remedies import remedy_of
 
 DESCRIPTION = "000-description"
 """Name of the description; it comes before all other notes."""
@@ -105,9 +106,9 @@ def _name_of(prefix: str, key: str) -> str | None:
 
 
 def _read(bucket: Bucket, prefix: str, name: str) -> StoredNote | None:
-    remedy = "Write it again with `dr-note edit`, or remove it with `dr-note remove`."
+    key = keys.note(prefix, name)
     try:
-        record = read_record(bucket, keys.note(prefix, name), NoteRecord.decode, remedy)
+        record = read_record(bucket, key, NoteRecord.decode, remedy_of(key))
     except ObjectMissing:
         return None
     except (ObjectDamaged, ObjectNewer) as error:

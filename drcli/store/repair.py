@@ -6,7 +6,7 @@ command while no training runs; others only report what `find_damage` returns.
 """
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -22,6 +22,7 @@ from drcli.exchange.checkpoint import (
 from drcli.exchange.episode_metrics import EpisodeMetrics, decode_metrics, encode_metrics
 from drcli.exchange.iteration import IterationRecord, decode_history
 from drcli.exchange.milestone_record import Milestones
+from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.run_state import ActivityRecord, Lease
 from drcli.exchange.scores import EvaluationResult, Scores
 from drcli.store import keys
@@ -47,6 +48,13 @@ from drcli.store.reconstruct import (
     traced_iterations,
     whole_checkpoints,
 )
+from drcli.store.remedies import remedy_of
+from drcli.store.training_records import at_once
+
+AGAIN_S = 0.03
+"""Pause before what looks damaged is read again."""
+
+_REWRITTEN = "It will be rewritten when the training continues."
 
 KEPT_DAMAGED, KEPT_BYTES = 100, 256 << 20
 """How many damaged objects of a model are kept, and the largest size of the older ones."""
@@ -77,9 +85,32 @@ class Model:
 
 
 def find_damage(model: Model) -> list[str]:
-    """A sentence for each damaged object; nothing is changed."""
-    found = (_damage(model.bucket, item) for item in _objects(model, missing=False))
-    return [damage.sentence for damage in found if damage is not None]
+    """What is wrong with each damaged object, and what to do about it; nothing is changed."""
+    found = (_told(model.bucket, item) for item in _objects(model, missing=False))
+    return [text for text in found if text]
+
+
+def find_small_damage(model: Model, listed: Collection[str]) -> list[str]:
+    """The same for the objects that are small and have a fixed name, and for checkpoints' records.
+
+    `listed` are keys of the bucket, those of the model among them: no more are asked for.
+    """
+    own = {keys.checkpoint_of(model.prefix, key) for key in listed} - {None}
+    items = _small(model, [str(name) for name in own], missing=False)
+    there = [item for item in items if item.key in listed]
+    return sorted(text for text in at_once(partial(_told, model.bucket), there) if text)
+
+
+def _told(bucket: Bucket, item: "_Object") -> str:
+    """What is wrong with an object and what to do about it; empty if nothing is.
+
+    It may be overwritten at the moment, so what looks damaged is read again, as by `read_record`.
+    """
+    if _damage(bucket, item) is None:
+        return ""
+    time.sleep(AGAIN_S)
+    damage = _damage(bucket, item)
+    return "" if damage is None else f"{damage.sentence} {remedy_of(item.key)}"
 
 
 def repair(model: Model, *, missing: bool = True) -> list[str]:
@@ -122,7 +153,7 @@ def readable_history(
     try:
         return reader.read(model.bucket, model.prefix), []
     except ObjectDamaged as error:
-        return reconstruct_history(model.bucket, model.prefix), [str(error)]
+        return reconstruct_history(model.bucket, model.prefix), [f"{error} {error.remedy}"]
 
 
 def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
@@ -130,13 +161,13 @@ def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
     try:
         return read_scores(model.bucket, model.prefix), []
     except ObjectDamaged as error:
-        return reconstruct_scores(model.bucket, model.prefix, model.metric), [str(error)]
+        said = f"{error} {error.remedy}"
+        return reconstruct_scores(model.bucket, model.prefix, model.metric), [said]
 
 
 def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
     """The records of a worker's TrainingMetrics.json; ObjectMissing or ObjectDamaged."""
-    remedy = "Continue with `dr-start-training --resume`, which reconstructs it."
-    return read_record(bucket, key, decode_metrics, remedy)
+    return read_record(bucket, key, decode_metrics, remedy_of(key))
 
 
 def read_all_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
@@ -284,7 +315,17 @@ def _objects(model: Model, *, missing: bool) -> Iterator[_Object]:
         yield _Object(key, EvaluationResult.decode, lambda _: "Training continues without it.")
     for key in (keys.history(prefix), *list_parts(bucket, keys.history(prefix))):
         yield _Object(key, decode_history, partial(_write_history, model))
-    for name in map(str, whole_checkpoints(bucket, prefix)):
+    names = map(str, whole_checkpoints(bucket, prefix))
+    yield from _small(model, names, missing=missing)
+    yield from _metrics(model)
+    for info in bucket.list(keys.status_folder(prefix)):
+        yield _Object(info.key, ActivityRecord.decode, lambda _: _REWRITTEN)
+
+
+def _small(model: Model, names: Iterable[str], *, missing: bool) -> Iterator[_Object]:
+    """The records of these checkpoints, and what there is once in a model or its runs."""
+    prefix = model.prefix
+    for name in names:
         key = keys.checkpoint_record(prefix, name)
         record = partial(CheckpointRecord.decode_of, name)
         yield _Object(key, record, partial(_write_record, model, name))
@@ -302,11 +343,8 @@ def _objects(model: Model, *, missing: bool) -> Iterator[_Object]:
     yield _Object(keys.coach_checkpoint(prefix), pointer, partial(_write_pointer, model))
     yield _Object(keys.deepracer_checkpoints(prefix), scores, partial(_write_scores, model))
     yield _Object(keys.milestones(prefix), Milestones.decode, partial(_write_milestones, model))
-    yield from _metrics(model)
-    rewritten = "It will be rewritten when the training continues."
-    yield _Object(keys.lease(prefix), Lease.decode, lambda _: rewritten)
-    for info in bucket.list(keys.status_folder(prefix)):
-        yield _Object(info.key, ActivityRecord.decode, lambda _: rewritten)
+    yield _Object(keys.lease(prefix), Lease.decode, lambda _: _REWRITTEN)
+    yield _Object(keys.outcome(prefix), RunOutcome.decode, lambda _: _REWRITTEN)
 
 
 def _metrics(model: Model) -> Iterator[_Object]:

@@ -3,14 +3,14 @@
 from drcli.exchange.rollback_record import Rollbacks
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing, read_record
-
-_REMEDY = "Delete it: then the training goes on with the learning rate of its hyperparameters."
+from drcli.store.remedies import remedy_of
 
 
 def read_rollbacks(bucket: Bucket, prefix: str) -> Rollbacks:
     """The rollbacks of a model, mostly none; ObjectDamaged if they cannot be read."""
+    key = keys.rollbacks(prefix)
     try:
-        return read_record(bucket, keys.rollbacks(prefix), Rollbacks.decode, _REMEDY)
+        return read_record(bucket, key, Rollbacks.decode, remedy_of(key))
     except ObjectMissing:
         return Rollbacks()
 

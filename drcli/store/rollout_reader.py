@@ -20,6 +20,7 @@ from drcli.store.bucket import (
     ObjectMissing,
     read_record,
 )
+from drcli.store.remedies import remedy_of
 
 PREFETCH_BYTES = 24 << 20
 """Limit for downloads ahead of their use: three thousand steps."""
@@ -46,7 +47,7 @@ def find_manifest(bucket: Bucket, prefix: str, iteration: int, worker: int) -> M
     """The manifest of a worker; None if it does not exist yet or is damaged."""
     key = keys.rollout_manifest(prefix, iteration, worker)
     try:
-        return read_record(bucket, key, Manifest.decode, "The worker drives the iteration again.")
+        return read_record(bucket, key, Manifest.decode, remedy_of(key))
     except (ObjectMissing, ObjectDamaged):
         return None
 

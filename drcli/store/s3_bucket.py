@@ -5,7 +5,7 @@ import io
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from email.utils import parsedate_to_datetime
 from functools import partial
 from typing import TYPE_CHECKING, Self, TypeVar
@@ -111,11 +111,11 @@ class S3Bucket:
 
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
         """Read a whole object; ObjectMissing if it does not exist."""
-        return self._retry(lambda: self._get(key, watch), "read", key)
+        return self._retry(lambda: self._get(key, watch), "read", key)[0]
 
     def get_with_age(self, key: str) -> tuple[bytes, float | None]:
         """Read a whole object, and its age in seconds by the server's clock."""
-        return self._retry(lambda: self._get_with_age(key), "read", key)
+        return self._retry(lambda: self._get(key), "read", key)
 
     def fenced(self, check: Callable[[str], None]) -> Self:
         """The same bucket, which calls `check` with a key each time before it writes or deletes it.
@@ -161,7 +161,7 @@ class S3Bucket:
     def exists(self, key: str) -> bool:
         """Whether an object with this key exists."""
         try:
-            self._retry(lambda: self._look_up(key), "look up", key)
+            self._retry(partial(self._look_up, key), "look up", key)
         except ObjectMissing:
             return False
         return True
@@ -238,35 +238,33 @@ class S3Bucket:
                 if isinstance(e, NoCredentialsError):  # a client looks for keys only once
                     self._client = _client(self.endpoint, self._read_timeout_s)
 
-    def _look_up(self, key: str) -> None:
+    def _look_up(self, key: str) -> int:
+        """Size of an object in bytes."""
         from botocore.exceptions import ClientError
 
         try:
-            self._client.head_object(Bucket=self.name, Key=key)
+            return self._client.head_object(Bucket=self.name, Key=key)["ContentLength"]
         except ClientError as e:
             if not hides_its_code(e):
                 raise
-            self._client.get_object(Bucket=self.name, Key=key)["Body"].close()
+            answer = self._client.get_object(Bucket=self.name, Key=key)
+            answer["Body"].close()
+            return answer["ContentLength"]
 
-    def _get(self, key: str, watch: Watch | None) -> bytes:
-        body = self._client.get_object(Bucket=self.name, Key=key)["Body"]
+    def _get(self, key: str, watch: Watch | None = None) -> tuple[bytes, float | None]:
+        answer = self._client.get_object(Bucket=self.name, Key=key)
+        body, age_s = answer["Body"], None
+        with suppress(KeyError, TypeError, ValueError):  # a server without these dates
+            now = parsedate_to_datetime(answer["ResponseMetadata"]["HTTPHeaders"]["date"])
+            age_s = max(0.0, (now - answer["LastModified"]).total_seconds())
         if watch is None:
-            return body.read()
+            return body.read(), age_s
         with _counting(watch) as count:
             chunks = []
             for chunk in body.iter_chunks(_READ_BYTES):
                 chunks.append(chunk)
                 count(len(chunk))
-        return b"".join(chunks)
-
-    def _get_with_age(self, key: str) -> tuple[bytes, float | None]:
-        answer = self._client.get_object(Bucket=self.name, Key=key)
-        written = answer.get("LastModified")
-        now = answer["ResponseMetadata"]["HTTPHeaders"].get("date")
-        age_s = None
-        if written is not None and now is not None:
-            age_s = max(0.0, (parsedate_to_datetime(now) - written).total_seconds())
-        return answer["Body"].read(), age_s
+        return b"".join(chunks), age_s
 
     def _deleted_above(self, key: str) -> bool:
         """Delete the empty object that is where our server needs a folder for a key.
@@ -279,8 +277,7 @@ class S3Bucket:
         """
         for above in keys_above(key):
             try:
-                call = partial(self._client.head_object, Bucket=self.name, Key=above)
-                size = self._retry(call, "look up", above)["ContentLength"]
+                size = self._retry(partial(self._look_up, above), "look up", above)
             except StorageError:
                 continue
             if size or self.endpoint.engine is None:

@@ -11,19 +11,18 @@ from typing import Any
 from drcli.base.errors import DiskFull, NoAnswer, NoKeys, StorageError
 from drcli.store import keys
 from drcli.store.bucket import ObjectMissing
-from drcli.store.endpoint import Endpoint
+from drcli.store.endpoint import Endpoint, SettingNames
 
 MISSING_CODES = frozenset({"NoSuchKey", "404"})
 _KEY_CODES = frozenset(
     {
-        "403",
         "AuthorizationHeaderMalformed",
         "InvalidAccessKeyId",
         "InvalidToken",
         "SignatureDoesNotMatch",
     }
 )
-"""The server does not know the access keys; a HEAD request has no better code than 403."""
+"""The server does not know the access keys."""
 
 _EXPIRED_CODES = frozenset({"ExpiredToken", "ExpiredTokenException", "TokenRefreshRequired"})
 """Temporary keys, such as those of a session, of a role or of single sign-on, are too old."""
@@ -34,7 +33,7 @@ _MOST_SKEW_S = 14.5 * 60.0
 """Servers accept requests that are signed up to 15 minutes before or after their time."""
 
 _REGION_CODES = frozenset(
-    {"301", "PermanentRedirect", "IllegalLocationConstraintException", "TemporaryRedirect"}
+    {"PermanentRedirect", "IllegalLocationConstraintException", "TemporaryRedirect"}
 )
 _READ_ONLY_CODES = frozenset({"405", "MethodNotAllowed", "501", "NotImplemented"})
 _PERMISSIONS = {
@@ -58,11 +57,11 @@ _EXPLICIT = {
     "identity-based policy": "the policy of these keys",
 }
 """Who denies a request explicitly, by the words in Amazon's text."""
-_BUSY_CODES = frozenset({"SlowDown", "503", "ServiceUnavailable", "RequestTimeout", "Throttling"})
+_BUSY_CODES = frozenset({"SlowDown", "ServiceUnavailable", "RequestTimeout", "Throttling"})
 _BLOCKED_CODES = frozenset({"XMinioParentIsObject", "ExistingObjectIsFile", "ObjectParentIsFile"})
 """An object is where a folder must be: of MinIO, SeaweedFS and VersityGW. rclone answers 500."""
 
-_FULL_CODES = frozenset({"507", "XMinioStorageFull", "QuotaExceeded", "InsufficientStorage"})
+_FULL_CODES = frozenset({"XMinioStorageFull", "QuotaExceeded", "InsufficientStorage"})
 
 _FRESH_KEYS = (
     "Check the keys of that profile: sign in again, as with `aws sso login`, or write new ones. "
@@ -201,12 +200,14 @@ def needs_folder(error: BaseException | None) -> bool:
 
 def blocked(attempt: Attempt, above: str, size_bytes: int) -> StorageError:
     """The error if an object is where the server needs a folder for another object."""
-    program = "aws" if attempt.endpoint.engine is None else "dr-local-aws"
+    endpoint, place = attempt.endpoint, f"s3://{attempt.bucket}/{above}"
+    own = endpoint.names.bucket == SettingNames.bucket
+    program = "dr-local-aws" if own else f"aws --endpoint-url {endpoint.place}"
     return StorageError(
         f"Cannot {attempt}: the object {attempt.bucket}/{above} ({size_bytes} bytes) is where that "
         "server needs a folder.",
-        remedy=f"Delete it if nobody needs it, as with `{program} s3 rm "
-        f"s3://{attempt.bucket}/{above}`; some programs write such an object for a folder.",
+        remedy=f"Delete it if nobody needs it, as with `{program} s3 rm {place}`; some programs "
+        "write an empty object for a folder.",
     )
 
 
@@ -415,8 +416,7 @@ def error_code(error: Exception) -> str:
 
 def error_text(error: Exception) -> str:
     """The sentence in an answer of a server, on one line; else that of the exception."""
-    found = _response(error).get("Error", {}).get("Message") or error
-    return " ".join(str(found).split()).rstrip(".")
+    return (_said(error) or " ".join(str(error).split())).rstrip(".")
 
 
 def _answer(error: Exception) -> tuple[str, int]:

@@ -54,18 +54,22 @@ class TraceRetention:
 
     def __init__(self, bucket: Bucket, prefix: str, workers: int, max_bytes: int) -> None:
         self._bucket = bucket
-        self._folders = [keys.training_traces_folder(prefix, 0, 1)]
+        self._folders = [
+            keys.training_traces_folder(prefix, worker, workers) for worker in range(workers)
+        ]
         self._prefix = prefix
         self._max_bytes = max_bytes
         self._next = 0
-        for worker in range(max(1, workers)):
-            self.cover(worker)
+        if workers == 1 and bucket.list(keys.training_traces_folder(prefix, 0, 2)):
+            self.cover(0)  # others had joined an earlier start
 
     def cover(self, worker: int) -> None:
         """Also delete traces of a worker that has joined the training."""
         folder = keys.training_traces_folder(self._prefix, worker, 2)
         if folder not in self._folders:
             self._folders.append(folder)
+        if worker:
+            self.cover(0)  # the traces of the first worker move there
 
     def apply(self, newest: int) -> Thinned | None:
         """Delete traces if there are too many; mostly, this only compares two numbers.

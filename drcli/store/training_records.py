@@ -11,14 +11,13 @@ from typing import TypeVar
 from drcli.exchange.training_record import TrainingFiles, TrainingRecord
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer, read_record
+from drcli.store.remedies import remedy_of
 
 AT_ONCE = 16
 """Requests at the same time: a bucket on another continent answers after a quarter of a second."""
 
 MOST_TEXT = 256 << 10
 """Longest file whose text is kept, characters."""
-
-_REMEDY = "Delete it with `dr-history forget`, or restore it from a copy."
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -42,7 +41,7 @@ def read_training(bucket: Bucket, prefix: str, training: str) -> TrainingRecord 
     """
     try:
         key = keys.training_record(prefix, training)
-        return read_record(bucket, key, TrainingRecord.decode, _REMEDY)
+        return read_record(bucket, key, TrainingRecord.decode, remedy_of(key))
     except ObjectMissing:
         return None
 
@@ -81,7 +80,7 @@ def read_files(bucket: Bucket, prefix: str, training: str) -> Mapping[str, str]:
     """The texts of the files of a training by fingerprint; none if they are missing or damaged."""
     try:
         key = keys.training_files(prefix, training)
-        return read_record(bucket, key, TrainingFiles.decode, _REMEDY).texts
+        return read_record(bucket, key, TrainingFiles.decode, remedy_of(key)).texts
     except (ObjectMissing, ObjectDamaged, ObjectNewer):
         return {}
 

@@ -8,6 +8,7 @@ from drcli.exchange.sweep_record import SweepRecord, TrialRecord
 from drcli.store import sweep_keys
 from drcli.store.bucket import Bucket, ObjectMissing, read_record
 from drcli.store.model_prefix import is_used, wipe
+from drcli.store.remedies import remedy_of
 from drcli.sweeps.sweep_file import SweepFile
 from drcli.sweeps.trials import Trial
 
@@ -24,9 +25,8 @@ def read_sweep(bucket: Bucket, name: str) -> SweepRecord | None:
         StorageError: It cannot be read.
     """
     key = sweep_keys.sweep(name)
-    remedy = f"Delete {key} from the bucket and give the sweep another name; its models stay."
     try:
-        return read_record(bucket, key, SweepRecord.decode, remedy)
+        return read_record(bucket, key, SweepRecord.decode, remedy_of(key))
     except ObjectMissing:
         return None
 

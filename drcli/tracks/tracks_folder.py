@@ -6,7 +6,9 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from drcli.base.atomic_file import rewrite
 from drcli.base.errors import SettingsError
+from drcli.base.private_files import hand_out, make_folder
 from drcli.tracks.track_facts import TrackFacts, TrackList
 from drsim.errors import TrackError
 from drsim.track.route_files import read_route, write_route
@@ -59,13 +61,7 @@ def show_track(
     except TrackError as error:
         raise _refused(error) from None
     if picture is not None:
-        try:
-            picture.write_bytes(png_bytes(picture_map(track)))
-        except OSError as error:
-            raise SettingsError(
-                f"--png {picture} cannot be written: {error.strerror}.",
-                remedy="Choose a file in a folder that exists and that you can write to.",
-            ) from None
+        rewrite(picture, png_bytes(picture_map(track)))
     return TrackView(facts, text_map(track, columns), str(picture) if picture else None)
 
 
@@ -99,8 +95,9 @@ def add_track(
         raise _refused(error, file, {"width_m": "--width", "length_m": "--length"}) from None
     unfinished = target.with_name(f".{wanted}.{os.getpid()}.npy")
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         write_route(track, unfinished)
+        hand_out(unfinished)
         unfinished.replace(target)
     except TrackError as error:
         raise _refused(error) from None

@@ -18,6 +18,7 @@ from PIL import Image
 
 from drcli.base.errors import NotAvailable, SettingsError
 from drcli.base.installation import import_error
+from drcli.base.private_files import hand_out
 
 Frame = NDArray[np.uint8]
 
@@ -251,18 +252,12 @@ def _whole(path: Path) -> Iterator[Path]:
     part = Path(name)
     try:
         yield part
-        part.chmod(0o666 & ~_umask())
+        hand_out(part)
         part.replace(path)
     except OSError as error:
         raise _cannot_write(path, error) from None
     finally:
         part.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def _cannot_write(path: Path, error: OSError) -> SettingsError:

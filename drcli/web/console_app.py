@@ -64,12 +64,13 @@ PARTS: tuple[Callable[[ServedFolder], Sequence[BaseRoute]], ...] = (
 """Each subject declares its topics with the hub, and returns its routes below /api."""
 
 
-def build_app(directory: Path, token: str | None) -> ASGIApp:
+def build_app(directory: Path, token: str | None, *, here_only: bool = False) -> ASGIApp:
     """The application for a working folder.
 
     Args:
         directory: The working folder.
         token: As for `Guard`.
+        here_only: As for `Guard`.
     """
     hub = Hub()
     tasks = Tasks(hub.publish, directory / "data" / "viewer" / "tasks.json")
@@ -95,7 +96,7 @@ def build_app(directory: Path, token: str | None) -> ASGIApp:
             end()
         await asyncio.to_thread(tasks.close)
 
-    return Guard(Starlette(routes=routes, lifespan=lifespan), token)
+    return Guard(Starlette(routes=routes, lifespan=lifespan), token, here_only=here_only)
 
 
 async def _unknown(_: Request) -> Response:

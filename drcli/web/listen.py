@@ -29,7 +29,7 @@ class Listen:
 
     Attributes:
         descriptor: A socket that is bound to address and port.
-        token: Without one, only this machine may open the console.
+        token: Without one, every user of this machine may use the console.
         secrets: Of the environment of the command, such as keys to the bucket.
     """
 

@@ -14,17 +14,21 @@ from collections import OrderedDict, deque
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse
+from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from drcli.base.termination import Stopped
-from drcli.web.listen import ENTER
+from drcli.web.enter_page import GET_LINK, STYLE, enter_page
+from drcli.web.listen import ENTER, STREAM
 
 LOOPBACK = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]{1,5})?")
 """Names of this machine that only this machine can use. Any port: it may be forwarded by ssh."""
 
 MOST_TRIES = 10
 """Wrong tokens in a minute from one address; then it must wait for the rest of it."""
+
+KEPT_S = 365 * 86_400
+"""How long a browser keeps the token. Browsers keep no cookie for longer than 400 days."""
 
 MOST_ADDRESSES = 1000
 """Whose wrong tokens are remembered."""
@@ -58,6 +62,8 @@ _HEADERS = {
 _POLICY_VIOLATION = 1008
 """Code with which a WebSocket is closed. Source: RFC 6455, section 7.4.1."""
 
+NEEDS_TOKEN = "This console needs its token."
+
 _STOPPED = "The console was stopped before it could answer."
 
 _REMEDY = "Start it again with `dr-start-viewer`, then repeat what you did."
@@ -68,12 +74,15 @@ class Guard:
 
     Args:
         app: What is guarded.
-        token: What a request from another machine must know; None on a loopback address, which
-            only this machine can reach.
+        token: What a request must know; None if every user of this machine may use the console.
+        here_only: Whether only this machine can reach it, as without a token. Then it answers to
+            names of this machine only, and nobody who guesses must wait: all its users have one
+            address, so they would wait with him.
     """
 
-    def __init__(self, app: ASGIApp, token: str | None) -> None:
+    def __init__(self, app: ASGIApp, token: str | None, *, here_only: bool = False) -> None:
         self._app, self._token = app, token
+        self._here_only = here_only or token is None
         self._cookie = cookie_name(token or "")
         self._wrong: OrderedDict[str, deque[float]] = OrderedDict()
 
@@ -111,7 +120,7 @@ class Guard:
         """Status and sentence; None if the request may pass."""
         hosts = headers.getlist("host")
         host = hosts[0].lower() if len(hosts) == 1 else ""
-        if not host or (self._token is None and not LOOPBACK.fullmatch(host)):
+        if not host or (self._here_only and not LOOPBACK.fullmatch(host)):
             return 421, "This console does not answer to that name. Use the printed address."
         origin = headers.get("origin")
         ours = {f"http://{host}", f"https://{host}"}
@@ -122,9 +131,16 @@ class Guard:
             headers.get("sec-fetch-mode") != "navigate" or changes
         ):
             return 403, "The request comes from another site."
-        if self._token is None or scope["path"] == ENTER or self._knows(self._given(headers)):
+        if scope["path"] in (ENTER, STYLE) or self._is_admitted(scope, headers):
             return None
-        return 401, f"This console needs its token. Open {ENTER} or the printed address."
+        return 401, NEEDS_TOKEN
+
+    def _is_admitted(self, scope: Scope, headers: Headers) -> bool:
+        """Whether a request has the token: in its cookie or, as players have none, its address."""
+        if self._token is None or self._knows(self._given(headers)):
+            return True
+        given = _token_in(scope) if scope["path"] == STREAM else ""
+        return bool(given) and not self._must_wait(scope) and self._tries(scope, given)
 
     def _given(self, headers: Headers) -> str:
         """The token of the cookie."""
@@ -141,22 +157,24 @@ class Guard:
 
     async def _enter(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Give the cookie for the right token; without one, a form asks for it."""
-        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
-        response: PlainTextResponse | RedirectResponse
+        given = _token_in(scope)
+        response: Response
         if not given:
-            response = PlainTextResponse(_FORM, media_type="text/html")
+            response = HTMLResponse(enter_page(NEEDS_TOKEN))
         elif self._must_wait(scope):
-            response = PlainTextResponse("Too many wrong tokens. Wait a minute.", 429)
-        elif not self._knows(given):
-            self._note_wrong(scope)
-            response = PlainTextResponse(
-                "Wrong token. `dr-start-viewer` prints the right address.", 401
-            )
+            response = HTMLResponse(enter_page("Too many wrong tokens. Wait a minute."), 429)
+        elif not self._tries(scope, given):
+            response = HTMLResponse(enter_page("This is not the token of this console."), 401)
         else:
             response = RedirectResponse("/", 303)
-            secure = scope.get("scheme") == "https"
             response.set_cookie(
-                self._cookie, given, path="/", httponly=True, samesite="strict", secure=secure
+                self._cookie,
+                given,
+                max_age=KEPT_S,
+                path="/",
+                httponly=True,
+                samesite="strict",
+                secure=scope.get("scheme") == "https",
             )
         response.headers.update(_HEADERS)
         response.headers["cache-control"] = "no-store"
@@ -164,15 +182,19 @@ class Guard:
 
     def _must_wait(self, scope: Scope) -> bool:
         tries = self._wrong.get(_address(scope))
-        if tries is None or len(tries) < MOST_TRIES:
+        if self._here_only or tries is None or len(tries) < MOST_TRIES:
             return False
         return time.monotonic() - tries[0] < 60.0
 
-    def _note_wrong(self, scope: Scope) -> None:
+    def _tries(self, scope: Scope, given: str) -> bool:
+        """Whether a token is the right one; a wrong one is remembered."""
+        if self._knows(given):
+            return True
         tries = self._wrong.setdefault(_address(scope), deque(maxlen=MOST_TRIES))
         tries.append(time.monotonic())
         if len(self._wrong) > MOST_ADDRESSES:
             self._wrong.popitem(last=False)
+        return False
 
 
 def cookie_name(token: str) -> str:
@@ -185,18 +207,10 @@ def _address(scope: Scope) -> str:
     return str(client[0])
 
 
-_FORM = """<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width">
-<title>DeepRacer console</title>
-<h1>DeepRacer console</h1>
-<form action="/enter" method="get">
-<p><label for="token">Token (dr-start-viewer prints it)</label></p>
-<p><input id="token" name="token" autocomplete="off" required> <button>Open</button></p>
-</form>
-</html>
-"""
+def _token_in(scope: Scope) -> str:
+    """The token in an address; empty if there is none."""
+    query: str = scope["query_string"].decode("latin-1")
+    return parse_qs(query).get("token", [""])[0]
 
 
 def _add_headers(message: Message) -> None:
@@ -211,5 +225,15 @@ async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, sente
         await receive()
         await send({"type": "websocket.close", "code": _POLICY_VIOLATION, "reason": sentence})
         return
-    body = {"error": {"message": sentence, "remedy": "", "code": 2}}
-    await JSONResponse(body, status, _HEADERS)(scope, receive, send)
+    headers = Headers(scope=scope)
+    response: Response
+    if status == 401 and "text/html" in headers.get("accept", ""):
+        # A browser sends no cookie of ours with a link from elsewhere, such as a chat; it does if
+        # this page asks once more.
+        from_elsewhere = headers.get("sec-fetch-site") in ("cross-site", "same-site")
+        response = HTMLResponse(enter_page(sentence, asks_again=from_elsewhere), 401, _HEADERS)
+        response.headers["cache-control"] = "no-store"
+    else:
+        body = {"message": sentence, "remedy": GET_LINK if status == 401 else "", "code": 2}
+        response = JSONResponse({"error": body}, status, _HEADERS)
+    await response(scope, receive, send)

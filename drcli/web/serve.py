@@ -11,6 +11,7 @@ from starlette.types import ASGIApp
 
 from drcli.base.log import LogFile
 from drcli.config import secret_environment
+from drcli.config.figure_types import LOOPBACK_HOSTS
 from drcli.web.connection_limits import TimedHttp, TimedWebSocket
 from drcli.web.console_app import build_app
 from drcli.web.listen import Listen
@@ -35,7 +36,9 @@ def main() -> None:
     log = LogFile(log_path(directory), LOG_BYTES)
     try:
         with socket.socket(fileno=listen.descriptor) as bound:
-            server_of(build_app(directory, listen.token or None)).run([bound])
+            here_only = bound.getsockname()[0] in LOOPBACK_HOSTS
+            app = build_app(directory, listen.token or None, here_only=here_only)
+            server_of(app).run([bound])
     finally:
         log.end()
     # Threads whose work was cut short may take minutes; `Tasks.close` has said what becomes of it.

@@ -33,8 +33,6 @@ PORT_S = 2.0
 
 _LEAST_TOKEN = 16
 
-LOOPBACK_HOSTS = frozenset({"127.0.0.1", "::1", "localhost"})
-
 
 @dataclass(frozen=True)
 class ViewerRecord:
@@ -61,7 +59,7 @@ class ViewerReport:
         pid: Its process.
         host: The address that it listens at.
         port: Its port.
-        needs_token: Whether other machines may open it, with the token.
+        needs_token: Whether who opens it needs the token.
         started: Whether this command has started it.
     """
 
@@ -116,7 +114,7 @@ def start_viewer(directory: Path, config: WebConfig, *, again: bool = False) -> 
 
 def _start(directory: Path, config: WebConfig, bound: socket.socket) -> ViewerReport:
     port = int(bound.getsockname()[1])
-    token = "" if config.host in LOOPBACK_HOSTS else _own_token(directory)
+    token = _own_token(directory) if config.asks_token else ""
     log = log_path(directory)
     log.parent.mkdir(parents=True, exist_ok=True)
     environment, _ = secret_environment.split(os.environ)

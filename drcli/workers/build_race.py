@@ -18,7 +18,7 @@ from drcli.exchange.stage import Stage
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
-from drcli.workers import print_limit
+from drcli.workers.reward_client import RewardProcess
 from drcli.workers.reward_failures import file_of, message_of
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ
@@ -26,8 +26,7 @@ from drsim.car.car_parameters import MIN_SPEED_MPS, CarParameters
 from drsim.car.car_sets import car_of
 from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules
-from drsim.episode.load_reward import load_reward_function
-from drsim.episode.reward import RewardFunction
+from drsim.episode.reward import RewardFunction, RewardHost
 from drsim.episode.simulation import Simulation
 from drsim.errors import RewardError, TrackError
 from drsim.race.race import TIME_TRIAL, BotRules, ObstacleRules, Race
@@ -206,7 +205,7 @@ def build_simulation(
     track: Track,
     *,
     num_cars: int,
-    reward: RewardFunction | list[RewardFunction],
+    reward: RewardFunction | list[RewardFunction] | RewardHost,
     rules: EpisodeRules,
     num_threads: int,
     seed: int,
@@ -259,11 +258,11 @@ def load_reward(
     cars: int,
     stage: Stage | None = None,
     inputs: Mapping[str, str] | None = None,
-) -> list[RewardFunction]:
+) -> RewardProcess:
     """A stage's reward function, that of a start (`Job.inputs`), or the model's: one for each car.
 
     Reward functions are written for a single car and keep values in globals from step to step, so
-    each car needs its own.
+    each car needs its own. The simulation that gets the process closes it.
     """
     folder.mkdir(parents=True, exist_ok=True)
     if stage is None:
@@ -276,8 +275,7 @@ def load_reward(
         path = folder / (name if name.endswith(".py") else keys.REWARD_FUNCTION_FILE)
         path.write_text(stage.reward, encoding="utf-8")
     try:
-        with print_limit.limited_prints():
-            return [load_reward_function(path) for _ in range(cars)]
+        return RewardProcess(path, cars)
     except RewardError as error:
         raise reward_failure(error) from None
 

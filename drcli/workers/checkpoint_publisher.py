@@ -77,7 +77,9 @@ class CheckpointPublisher:
             on_pointed=self._on_weights,
         )
         plain.info("Checkpoint> Saving in path=['%s']", record.name)
-        if tensors and moments is None:
+        if moments is not None:
+            self.submit(self._checkpoints.forget_older_states, record.name)
+        elif tensors:
             self.submit(self._checkpoints.attach_optimizer, record, save_tensors(tensors))
         self.submit(self._graphs.write, record.number, weights)
         self.submit(self._thin_traces, name.number)

@@ -8,7 +8,6 @@ the job; a model that cannot be evaluated has its reason there, and the others a
 import sys
 from dataclasses import replace
 
-from drcli.base import signal_guard
 from drcli.base.atomic_file import save_record
 from drcli.base.errors import DrError
 from drcli.base.log import get_logger
@@ -89,7 +88,6 @@ def _refused(error: DrError) -> TaskOutcome:
 
 def main(job: Job, lifeline: Lifeline) -> None:
     """Drive a share of the tasks in this process."""
-    signal_guard.install()
     share, shares = map(int, sys.argv[1:])
     facts = facts_of(job.config.race(), [job.config.model.prefix])
     name = f"evaluation-{share}"

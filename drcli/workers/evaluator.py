@@ -6,6 +6,7 @@ drive instead, and in which engines. It writes traces and metrics and never chan
 """
 
 import math
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -14,7 +15,6 @@ from typing import cast
 
 import torch
 
-from drcli.base import signal_guard
 from drcli.base.errors import SettingsError
 from drcli.base.log import plain, traces
 from drcli.config.run_config import EvaluationConfig, RunConfig
@@ -192,7 +192,7 @@ def evaluate(
     plans = [replace(plan, racer=racer) for plan in starts for racer in range(len(racers))]
     num_cars = min(len(plans), MOST_CARS) if fresh_laps else len(plans)
     reward = (
-        load_reward(bucket, config.model.prefix, job.folder, num_cars)
+        load_reward(bucket, config.model.prefix, job.folder / f"reward-{os.getpid()}", num_cars)
         if s.eval_debug_reward
         else centre_line_reward
     )
@@ -349,7 +349,6 @@ def laps_of(race: Episode) -> list[Episode]:
 
 def main(job: Job, lifeline: Lifeline) -> None:
     """Run an evaluation in this process."""
-    signal_guard.install()
     stamp, *checkpoints = sys.argv[1:]
     entered = entries(job.config, stamp, checkpoints, job.sources)
     facts = facts_of(job.config.race(), [entered[0].name])

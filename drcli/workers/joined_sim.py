@@ -5,7 +5,6 @@
 
 import sys
 
-from drcli.base import signal_guard
 from drcli.base.errors import DrError
 from drcli.base.log import get_logger
 from drcli.exchange.job import Job
@@ -26,7 +25,6 @@ def main(job: Job, lifeline: Lifeline) -> None:
     """Drive for the training until it ends."""
     assert isinstance(lifeline, JoinedLifeline)
     flush_denormals()
-    signal_guard.install()
     member, prefix = sys.argv[1], job.config.model.prefix
     bucket = worker_process.open_own_bucket(job, lifeline, far=True)
     membership = Membership(bucket, prefix, job.session, member, lifeline)

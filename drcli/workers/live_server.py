@@ -11,8 +11,9 @@ from contextlib import suppress
 from time import monotonic, thread_time
 
 from drcli.base.json_record import RecordError
+from drcli.exchange.framing import WireError, framed, receive
 from drcli.exchange.live_record import LiveRequest, LiveView
-from drcli.exchange.live_wire import HOST, MOST_REQUEST_BYTES, WireError, admit, framed, receive
+from drcli.exchange.live_wire import HOST, MOST_REQUEST_BYTES, admit
 
 MOST_VIEWERS = 8
 """Visitors at a time, those included that have not proved the key yet."""

@@ -23,7 +23,10 @@ BEAT_S = 2.0
 STACKS_SIGNAL = getattr(signal, "SIGUSR2", None)
 """Signal on which a worker writes the stacks of its threads into its log, and goes on."""
 
-_PROC = Path("/proc/self")
+_PROC = Path("/proc")
+
+companions: set[int] = set()
+"""Numbers of processes that work for this one alone, such as that of the reward function."""
 
 _logger = get_logger(__name__)
 
@@ -103,7 +106,7 @@ class Pulse:
             worked_s=self._worked_s,
             turned_s=self._turned_s,
             memory_bytes=relayed.memory_bytes if relayed else own_memory_bytes(),
-            open_files=relayed.open_files if relayed else open_files(),
+            open_files=relayed.open_files if relayed else own_open_files(),
         )
 
     def _beat(self, folder: Path, name: str, descriptor: int, end: threading.Event) -> None:
@@ -118,10 +121,19 @@ class Pulse:
             end.wait(BEAT_S)
 
 
+def own_open_files() -> int:
+    """Files that this process has open, or one of its `companions` if that has more."""
+    return max(open_files(), *(open_files(each) for each in [*companions]), 0)
+
+
 def own_memory_bytes() -> int:
-    """Memory of this process (resident set)."""
+    """Memory of this process and its `companions` (resident sets)."""
+    pages = 0
+    for each in [*companions]:
+        with suppress(OSError, IndexError):  # it has just ended
+            pages += int((_PROC / str(each) / "statm").read_bytes().split()[1])
     try:
-        pages = int((_PROC / "statm").read_bytes().split()[1])
+        pages += int((_PROC / "self" / "statm").read_bytes().split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError, IndexError):
         import psutil  # not needed on Linux

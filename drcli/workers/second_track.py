@@ -10,8 +10,8 @@ from drcli.workers.driven_episode import Driven, columns_of
 from drcli.workers.driving import Driver, Racer
 from drcli.workers.evaluation_starts import fresh_starts
 from drcli.workers.live_moment import Onlooker
+from drcli.workers.reward_client import RewardProcess
 from drsim.episode.episode_rules import EpisodeRules
-from drsim.episode.reward import RewardFunction
 from drsim.errors import RewardError
 from drsim.track.worlds import directed
 
@@ -39,7 +39,7 @@ class SecondTrack:
         race: RaceConfig,
         metadata: ModelMetadata,
         racer: Racer,
-        reward: list[RewardFunction],
+        reward: RewardProcess,
         *,
         num_threads: int,
         seed: int,
@@ -55,7 +55,7 @@ class SecondTrack:
             "training",
             metadata,
             track,
-            num_cars=len(reward),
+            num_cars=reward.cars,
             reward=reward,
             rules=EpisodeRules(max_steps=longest_episode(track, racer.actions)),
             num_threads=num_threads,

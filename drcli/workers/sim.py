@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import torch
 
-from drcli.base import signal_guard
 from drcli.base.fingerprint import Fingerprint
 from drcli.base.log import get_logger, plain
 from drcli.base.wakeup import Wakeup, wake
@@ -194,6 +193,7 @@ class SimWorker:
                 _logger.info("Evaluations took %s.", self._budget)
             self._activity.close()
             self._wakeup.close()
+            self._simulation.close()
         self._results.close()
 
     def _drive(self) -> None:
@@ -459,7 +459,6 @@ class SimWorker:
 def main(job: Job, lifeline: Lifeline) -> None:
     """Run a simulation worker in this process."""
     flush_denormals()
-    signal_guard.install()
     worker, *divisor = (int(word) for word in sys.argv[1:])
     facts = facts_of(job.config.race(worker), [job.config.model.prefix])
     with live_show(job, f"sim-{worker}", lambda: lifeline.pulse.activity, facts) as live:

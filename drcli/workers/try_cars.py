@@ -8,7 +8,6 @@ from collections.abc import Callable
 
 import torch
 
-from drcli.base import signal_guard
 from drcli.base.log import plain
 from drcli.exchange.car_trial import TRIALS_FILE, CarTrial, encode_trials
 from drcli.exchange.job import Job
@@ -72,7 +71,6 @@ def drive_car(
 
 def main(job: Job, lifeline: Lifeline) -> None:
     """Try all cars in this process."""
-    signal_guard.install()
     checkpoint, starts = sys.argv[1], int(sys.argv[2])
     torch.set_num_threads(1)
     bucket = open_bucket(job.config.storage, hurried=lifeline.should_stop)

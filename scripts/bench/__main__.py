@@ -33,6 +33,7 @@ NAMES = (
     "fast_lap",
     "goal",
     "flame",
+    "flush",
     "rewards",
     "runtimes",
     "startup",

@@ -34,6 +34,7 @@ import psutil
 from machine import print_json
 from websockets.sync.client import ClientConnection, connect
 
+from drcli.web.security import cookie_name
 from drcli.web.viewer_process import running_viewer
 
 VIEWS = ("camera", "chase", "scene")
@@ -47,7 +48,7 @@ def measure(folder: Path, viewers: int, seconds: float) -> dict[str, Any]:
     if record is None:
         sys.exit(f"No console of {folder} runs; start it with dr-start-viewer.")
     process = psutil.Process(record.pid)
-    url = f"{record.host}:{record.port}"
+    url, token = f"{record.host}:{record.port}", record.token
     found: dict[bool, list[float]] = {False: [], True: []}
     received = 0
     seen: dict[str, list[tuple[float, float]]] = {view: [] for view in VIEWS}
@@ -57,7 +58,13 @@ def measure(folder: Path, viewers: int, seconds: float) -> dict[str, Any]:
         watched = block % 2 == 1
         with ExitStack() as pages:
             opened = [
-                pages.enter_context(connect(f"ws://{url}/ws", origin=f"http://{url}"))  # type: ignore[arg-type]
+                pages.enter_context(
+                    connect(
+                        f"ws://{url}/ws",
+                        origin=f"http://{url}",  # type: ignore[arg-type]
+                        additional_headers={"Cookie": f"{cookie_name(token)}={token}"},
+                    )
+                )
                 for _ in range(viewers if watched else 0)
             ]
             for page in opened:

@@ -152,8 +152,8 @@ REFERENCE: tuple[Row, ...] = (
         "dr-start-viewer",
         "better",
         "the console, one page for live pictures, curves, models and races; `-p -b` as there; "
-        "`-w -h -q -t` are accepted, the page chooses them itself; for this machine only, unless "
-        "DR_WEBVIEWER_HOST opens it to others with a token",
+        "`-w -h -q -t` are accepted, the page chooses them itself; asks for a token; for this "
+        "machine only, unless DR_WEBVIEWER_HOST opens it to others",
     ),
     Row("dr-stop-viewer", "same", "prints that nothing is running and exits 0"),
     Row(

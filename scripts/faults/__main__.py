@@ -1,7 +1,8 @@
 """Trains while faults happen, and audits what comes of it; see docs/faults.md.
 
 python scripts/faults [--faults N] [--seed N] [--replay FILE] [--shrink] [--bar NAME]
-                      [--crash-points] [--takeovers N] [--workers N] [--folder PATH]
+                      [--crash-points] [--takeovers N] [--power-cuts N] [--workers N]
+                      [--folder PATH]
 """
 
 import argparse
@@ -17,6 +18,7 @@ from fault_run import LAST_ITERATIONS, FaultRun, Verdict
 from fault_schedule import KINDS, Fault, crash_points, parse, random_schedule, text_of
 from fault_shrink import shrink
 from fault_takeovers import TakeoverRun
+from power_cut import PowerCuts, why_not
 
 FAULTS = 20
 """About three minutes on two cores that have nothing else to do."""
@@ -42,6 +44,9 @@ def main() -> None:
         "--crash-points", action="store_true", help="kill each writer around each write, instead"
     )
     parser.add_argument("--takeovers", type=int, help="two machines on one model, so many times")
+    parser.add_argument(
+        "--power-cuts", type=int, help="so many of them, with the files of defaults/ (needs root)"
+    )
     parser.add_argument("--shrink", action="store_true", help="shorten the schedule if it fails")
     parser.add_argument("--workers", type=int, default=2, help="simulation workers")
     parser.add_argument("--folder", type=Path, help="where; must not exist, and is kept")
@@ -56,6 +61,8 @@ def main() -> None:
             f"the latest began {result.latest_s:.1f} s after the takeover."
         )
         findings = result.findings
+    elif options.power_cuts is not None:
+        findings = _cut_power(folder, options)
     else:
         schedule, last = _schedule(options)
         print(f"# seed {options.seed}, {len(schedule)} faults\n{text_of(schedule)}")
@@ -69,6 +76,25 @@ def main() -> None:
     if options.folder is None and not findings:
         shutil.rmtree(folder.parent, ignore_errors=True)
     sys.exit(bool(findings))
+
+
+def _cut_power(folder: Path, options: argparse.Namespace) -> list[str]:
+    """What is wrong after power cuts at random moments."""
+    if why_not():
+        return [f"A power cut cannot be tried here: {why_not()}."]
+    trial = PowerCuts(folder, options.seed, shipped=True, workers=options.workers, tell=_tell)
+    try:
+        cuts = trial.run(options.power_cuts)
+        findings = [sentence for cut in cuts for sentence in cut.findings] + trial.audit()
+    finally:
+        trial.close()
+    lost = collections.Counter(cut.open - cut.left for cut in cuts)
+    print(
+        f"{len(cuts)} power cuts. Lost besides the open iteration: "
+        + ", ".join(f"{count} times {n}" for n, count in sorted(lost.items()))
+        + f" iterations. {sum(bool(cut.empty) for cut in cuts)} cuts left an empty object."
+    )
+    return findings
 
 
 def _schedule(options: argparse.Namespace) -> tuple[list[Fault], int]:

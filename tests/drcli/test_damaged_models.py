@@ -18,6 +18,7 @@ from drcli.base.fingerprint import Fingerprint
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
 from drcli.exchange.run_record import RunRecord, run_folder
+from drcli.models.checkpoint_list import list_checkpoints
 from drcli.models.download import DownloadOptions, download, plan_download
 from drcli.models.model_list import list_models
 from drcli.models.upload import UploadOptions, plan_upload, upload
@@ -31,6 +32,7 @@ from drcli.store.bucket import Watch
 from drcli.store.checkpoints import CheckpointStore
 from drcli.store.history import read_history
 from drcli.store.reconstruct import whole_checkpoints
+from drcli.store.remedies import remedy_of
 from drcli.store.repair import read_metrics
 from drcli.workers.pulse import Pulse
 from drcli.workers.sim import SimWorker
@@ -387,11 +389,11 @@ def increment(world: World) -> list[str]:
 
 
 READERS = {
-    "status": (status, {"index", "history"}),
+    "status": (status, {"index", "history", "metrics", "pointer", "record", "evaluation", "lease"}),
     "evaluate": (evaluate, set(OBJECTS) - {"finished", "parameters"}),
     "upload": (upload_model, set(OBJECTS) - {"finished", "parameters"}),
     "download": (download_model, {"index", "pointer"}),
-    "list": (list_all, {"index"}),
+    "list": (list_all, {"index", "pointer", "record", "lease"}),
     "increment": (increment, set(OBJECTS) - {"finished", "parameters"}),
 }
 
@@ -415,3 +417,28 @@ def test_a_command_says_what_is_damaged_and_goes_on(world, name, reader, told):
         if name in tells and is_told(name, damage):
             end = key.removeprefix(f"{PREFIX}/")
             assert any(end in sentence for sentence in said), (damage, said)
+
+
+LISTS: dict[str, Callable[[World], list[str]]] = {
+    "status": status,
+    "list-models": list_all,
+    "list-checkpoints": lambda world: (
+        list_checkpoints(world.settings.model, world.here, PREFIX).damaged
+    ),
+}
+
+
+@pytest.mark.parametrize("listing", LISTS)
+@pytest.mark.parametrize("name", ["pointer", "index", "record", "lease", "outcome"])
+def test_what_a_list_says_about_a_damaged_object_ends_with_what_to_do(world, name, listing):
+    key = keys.outcome(PREFIX) if name == "outcome" else key_of(world, name)
+    world.here.put(key, b"")
+
+    [text] = LISTS[listing](world)
+
+    assert text.startswith(f"bucket/{key} is damaged: ")
+    assert text.endswith(f". {remedy_of(key)}")
+
+
+def test_a_whole_model_has_nothing_to_tell(world):
+    assert [text for read in LISTS.values() for text in read(world)] == []

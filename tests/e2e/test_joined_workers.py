@@ -8,6 +8,7 @@ from typing import Any
 import psutil
 import pytest
 
+from counted_episodes import counted_episodes
 from drcli.store import keys
 from drcli.store.checkpoints import CheckpointStore
 
@@ -108,6 +109,13 @@ def test_a_worker_that_is_killed_comes_back_and_one_that_leaves_is_not_missed(si
     assert [(each["name"], each["alive"]) for each in joined] == [("sim-1", True)]
     assert not site.bucket.list(keys.members_folder(site.home.prefix))
     assert site.bucket.exists(keys.training_metrics("model/metrics", 1))
+    copy = site.home.folder / "copy"
+    for info in site.bucket.list(f"{site.home.prefix}/"):
+        path = copy / info.key
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(site.bucket.get(info.key))
+    counts = counted_episodes(copy / site.home.prefix)
+    assert len(set(counts.values())) == 1, counts
 
 
 def test_a_machine_that_has_joined_goes_on_with_a_training_that_was_interrupted(site):

@@ -236,6 +236,16 @@ def test_the_keys_of_the_local_server_stay_in_one_file_that_others_cannot_read(r
     assert sightings("\n".join(lines), "command lines", keys) == []
 
 
+def test_other_users_can_read_nothing_that_a_training_has_written(racer, trained):
+    data = racer.folder / "data"
+    assert racer.run("support-bundle", str(racer.folder / "bundle.tar.gz")).returncode == 0
+
+    written = [data, *data.rglob("*"), racer.folder / "bundle.tar.gz"]
+    open_ones = [path for path in written if not path.is_symlink() and path.stat().st_mode & 0o077]
+    assert open_ones == []
+    assert {"run.json", ".server.json", "sim-0.log"} <= {path.name for path in written}
+
+
 def test_disguised_secrets_are_found():
     """The search itself: a secret in base64 after any number of letters, and in an address."""
     import base64

@@ -24,7 +24,13 @@ from drcli.checks.doctor.libraries import (
     examine_trainer,
 )
 from drcli.checks.doctor.room import examine_disks, examine_memory
-from drcli.checks.doctor.surroundings import examine_language, examine_limits, examine_place
+from drcli.checks.doctor.surroundings import (
+    examine_confinement,
+    examine_language,
+    examine_limits,
+    examine_place,
+)
+from drcli.checks.machine_rules import review_access
 from drcli.checks.start_rules import start_problems
 from drcli.config.loading import load_settings
 from drcli.config.settings import Settings
@@ -77,17 +83,21 @@ def _settings(directory: Path) -> tuple[Settings | None, list[Finding]]:
         more = len(error.errors) - len(found)
         text = f"the bucket was not examined{f'; {more} more settings are wrong' if more else ''}."
         return None, [*found, Finding("settings", "warning", text, "Correct the settings first.")]
+    access = [
+        Finding("settings", "warning", problem.message, problem.remedy)
+        for problem in review_access(settings.storage, directory)
+    ]
     problems = [*track_problems(settings.races), *start_problems(settings, here=True)]
     # A training that runs is told among the runs.
     errors = [each for each in of_severity(problems, "error") if each.rule != "V-13"]
     if errors:
-        return settings, _wrong(errors)
+        return settings, [*_wrong(errors), *access]
     names = {place.file for place in settings.sources.values() if place.line is not None}
     files = " and ".join(sorted(names)) or "no file"
     text = f"{len(settings.sources)} settings of {files} are right"
     odd = len(settings.problems)
     text += f"; {odd} remarks, which `dr config check` shows" if odd else ""
-    return settings, [Finding("settings", "ok", text, facts={"warnings": odd})]
+    return settings, [Finding("settings", "ok", text, facts={"warnings": odd}), *access]
 
 
 def _wrong(errors: Sequence[Problem]) -> list[Finding]:
@@ -111,6 +121,7 @@ def _on_this_machine(directory: Path, settings: Settings | None) -> list[Probe]:
         Probe("disk", lambda: examine_disks(directory, data_dir)),
         Probe("place", lambda: examine_place(os.environ)),
         Probe("limits", examine_limits),
+        Probe("reward", examine_confinement),
         Probe("locale", lambda: examine_language(os.environ)),
         Probe("runs", lambda: examine_runs(directory)),
     ]

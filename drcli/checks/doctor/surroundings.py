@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from zoneinfo import TZPATH
 
+from drcli.base.confinement import FREEDOMS, offered
 from drcli.base.system_calls import Limit, soft_limit
 from drcli.checks.doctor.findings import Finding
+from drcli.workers.reward_access import freedoms_told
 
 METADATA_PATIENCE_S = 1.0
 LEAST_OPEN_FILES = 512
@@ -121,6 +123,13 @@ def is_spot(cloud: str, environ: Mapping[str, str]) -> bool | None:
         headers = {"X-aws-ec2-metadata-token": token} if token else {}
     answer = _ask(address + path, headers, "GET")
     return None if answer is None else answer.strip() == yes
+
+
+def examine_confinement() -> Iterator[Finding]:
+    """What the kernel keeps from reward functions."""
+    left = set(FREEDOMS) - offered()
+    text = freedoms_told(left) or "reads no keys, opens no sockets, sends no signals to others"
+    yield Finding("reward", "ok", text, facts={"free": sorted(left)})
 
 
 def examine_limits(root: Path = _ROOT) -> Iterator[Finding]:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
-from urllib.parse import urlencode
+from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 
 import typer
 
@@ -76,9 +76,10 @@ def start_viewer(
     """Start the console, a web page on this machine, and print its address.
 
     The page shows trainings live, models, evaluations and races, and does what the commands do. It
-    runs in the background until dr-stop-viewer or dr-stop-all. Only this machine can open it,
-    unless DR_WEBVIEWER_HOST lets other machines do so with a token. One console serves all
-    DR_RUN_IDs of a folder. Exits 7 without the extra web.
+    runs in the background until dr-stop-viewer or dr-stop-all. The address contains a token that a
+    browser keeps. Only those who have it can open the page: on this machine or, with
+    DR_WEBVIEWER_HOST, on others. One console serves all DR_RUN_IDs of a folder. Exits 7 without the
+    extra web.
 
     Example: dr-start-viewer
     """
@@ -144,8 +145,7 @@ def view_stream(
 
     For scripts and players such as VLC or ffmpeg; the page of the console needs them not. Starts
     the console if it does not run. kvs_stream and main_camera show the car from behind, camera what
-    it sees. With a token (DR_WEBVIEWER_HOST), only a browser that has opened the console can show
-    them.
+    it sees. An address contains the token of the console: keep it to yourself.
 
     Example: dr-view-stream -t /racecar/camera/zed/rgb/image_rect_color
     """
@@ -159,11 +159,11 @@ def view_stream(
     loaded = settings_or_defaults()
     report = _started(loaded)
     query = {"topic": topic, "quality": quality, "width": width, "height": height}
-    shown = f"[{report.host}]" if ":" in report.host else report.host
-    host = f"127.0.0.1:{report.port}" if report.host == "0.0.0.0" else f"{shown}:{report.port}"
+    page = urlsplit(report.url or "")
+    token = dict(parse_qsl(page.query))
     urls = [
-        f"http://{host}{STREAM}?{urlencode({**query, **({'worker': k} if k else {})}, safe='/')}"
-        for k in range(loaded.workers)
+        urlunsplit((*page[:2], STREAM, urlencode({**query, **worker, **token}, safe="/"), ""))
+        for worker in ({"worker": k} if k else {} for k in range(loaded.workers))
     ]
     console.emit(StreamReport(topic, urls), "\n".join(urls), as_json=as_json, folded=False)
     if program and not as_json:
@@ -196,10 +196,11 @@ def _started(loaded: "Settings", port: int | None = None, *, again: bool = False
 
 
 def _warn_of_old(report: "ViewerReport", config: "WebConfig") -> None:
-    """Say it if a console that runs already listens elsewhere than the settings say."""
+    """Say it if a console that runs already was started with other settings."""
     moved = report.host != config.host or (config.is_chosen and report.port != config.port)
-    if moved and not report.started:
+    if (moved or report.needs_token != config.asks_token) and not report.started:
+        token = "" if report.needs_token else ", and asks for no token"
         console.warn(
-            f"The console runs already, on {report.host} port {report.port}. "
+            f"The console runs already, on {report.host} port {report.port}{token}. "
             "`dr-update-viewer` starts it again with the settings of now."
         )

@@ -1,5 +1,7 @@
 """The console: a web page that shows trainings, models and races."""
 
+from typing import Literal
+
 from drcli.config.fields import Group, setting
 from drcli.config.figure_types import THIS_MACHINE, ListenHost
 
@@ -15,4 +17,9 @@ class WebSettings(Group, title="Console", file="system.env"):
         THIS_MACHINE,
         "Address on which the console listens; with 0.0.0.0, other machines can open it with its "
         "token.",
+    )
+    webviewer_auth: Literal["token", "none"] = setting(
+        "DR_WEBVIEWER_AUTH",
+        "token",
+        "What the console asks for; with none, every user of this machine may use it.",
     )

@@ -67,8 +67,7 @@ class Sandbox:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.terminate()  # it kills what it has started
         self._process.wait()
         self._scratch.cleanup()
 

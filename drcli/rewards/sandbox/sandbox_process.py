@@ -11,18 +11,17 @@ import os
 import signal
 import statistics
 import sys
-import threading
 import traceback
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
-from time import monotonic, perf_counter, sleep  # which racers' code may replace in `time`
+from time import monotonic, perf_counter  # which racers' code may replace in `time`
 from types import FunctionType
 from typing import Any, NamedTuple, NoReturn, TextIO
 
-from drcli.base import signal_guard
+from drcli.base.descendants import keep_descendants
 from drcli.base.problems import Problem
 from drcli.base.system_calls import limit_data
 from drcli.rewards.sandbox.sample_calls import FIRST_UNUSUAL, sample_races, state_of
@@ -37,8 +36,10 @@ from drcli.rewards.sandbox.sandbox_records import (
     SandboxResult,
     Timing,
 )
+from drcli.rewards.sandbox.shared_state import SharedStateTrial
 from drcli.rewards.sandbox.side_effects import Effects, Originals, PrintCounter
 from drcli.store.keys import REWARD_FUNCTION_FILE
+from drcli.workers.reward_access import confine_reward
 from drsim.episode.load_reward import load_reward_function
 from drsim.episode.reward import RewardFunction, RewardParams, checked_reward
 from drsim.errors import RewardError
@@ -52,9 +53,6 @@ later."""
 
 _MEMORY_BYTES = 16 << 30
 """Memory limit: a list that grows in an endless loop must not fill the machine."""
-
-_PARENT_S = 0.5
-"""How often to check whether the parent is alive."""
 
 Values = dict[CallIndex, float | None]
 
@@ -84,8 +82,12 @@ def try_function(
 ) -> SandboxResult:
     """Make all calls, then repeat some; `faults` is where Python writes if it ends the process."""
     passes = _Passes(request, file, calls, faults)
-    with contextlib.redirect_stdout(passes.printed), contextlib.redirect_stderr(passes.printed):
-        return passes.run()
+    with (
+        contextlib.redirect_stdout(passes.printed),
+        contextlib.redirect_stderr(passes.printed),
+        SharedStateTrial(file, calls.sequences) as trial,  # begins before the file is loaded
+    ):
+        return passes.run(trial)
 
 
 class _Passes:
@@ -110,7 +112,8 @@ class _Passes:
         self._line: int | None = None
         self._discards: list[tuple[RewardError, CallIndex]] = []
 
-    def run(self) -> SandboxResult:
+    def run(self, trial: SharedStateTrial) -> SandboxResult:
+        """Make all calls; then the trial tells whether cars would share something."""
         everything = [
             CallIndex(k, i) for k, calls in enumerate(self._calls) for i in range(len(calls))
         ]
@@ -139,6 +142,9 @@ class _Passes:
         if replaced := ", ".join(self._originals.replaced):
             what = f"The file replaces {replaced}, which the simulation and other packages use too."
             self._failures["replaces", "", None] = Failure("replaces", what)
+        shared = trial.result() if values and not self._failures else None
+        if shared is not None:  # what earlier passes have left is why these differ
+            random = memory = None
         return SandboxResult(
             problems=self._problems,
             values=[
@@ -155,6 +161,7 @@ class _Passes:
             printed=printed,
             random=random,
             memory=memory,
+            shared=shared,
         )
 
     def _load(self, *, first: bool = False) -> RewardFunction | None:
@@ -333,11 +340,10 @@ def _timing(took_s: Mapping[CallIndex, float]) -> Timing | None:
 
 def main(folder: Path, parent_pid: int) -> None:
     """Try what the request in the folder says, and write the result there."""
-    threading.Thread(target=_end_after, args=(parent_pid,), daemon=True).start()
+    keep_descendants(parent_pid)
     faults = (folder / FAULTS_FILE).open("w", encoding="utf-8", errors="backslashreplace")
     faulthandler.enable(faults)
     sys.excepthook = lambda _, error, trace: traceback.print_exception(error, file=faults)
-    signal_guard.install()
     ends_at_once = os._exit
 
     def tell_and_end(status: int) -> NoReturn:
@@ -354,15 +360,9 @@ def main(folder: Path, parent_pid: int) -> None:
     result = SandboxResult(problems=calls.problems, finished=not file.exists())
     result.write(folder)
     if not result.finished:
+        confine_reward(folder)
         try_function(request, file, calls, faults).write(folder)
     ends_at_once(0)  # does not wait for threads of the racer's code
-
-
-def _end_after(parent_pid: int) -> None:
-    """End this process, and all that the racer's code has started, when the parent is gone."""
-    while os.getppid() == parent_pid:
-        sleep(_PARENT_S)
-    os.killpg(0, signal.SIGKILL)
 
 
 if __name__ == "__main__":

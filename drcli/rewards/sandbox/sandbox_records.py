@@ -149,6 +149,18 @@ class Difference:
 
 
 @dataclass(frozen=True)
+class SharedState:
+    """`times` of `of` rewards of a car are others if a second car drives at the same time.
+
+    `names` are what the file sets outside of itself, such as `math.last`, if that can be told.
+    """
+
+    names: list[str]
+    times: int
+    of: int
+
+
+@dataclass(frozen=True)
 class Printed:
     """Output to stdout and stderr in the counted calls; `line` printed first, if known."""
 
@@ -186,6 +198,7 @@ class SandboxResult:
         printed: Output.
         random: A call that returned something else when the same calls were repeated.
         memory: A call that returned something else when the episodes came in another order.
+        shared: What cars would share that drive at the same time.
         finished: False until the reward function has been tried.
     """
 
@@ -201,6 +214,7 @@ class SandboxResult:
     printed: Printed = Printed()
     random: Difference | None = None
     memory: Difference | None = None
+    shared: SharedState | None = None
     finished: bool = True
 
     def write(self, folder: Path) -> None:

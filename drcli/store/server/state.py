@@ -11,6 +11,7 @@ from drcli.base import notices
 from drcli.base.errors import StorageError
 from drcli.base.json_record import RecordError, from_json, parse_json
 from drcli.base.regular_file import read_regular
+from drcli.base.system_calls import flush_descriptor
 from drcli.config.bucket_config import Engine, StorageConfig
 from drcli.store.endpoint import Endpoint
 from drcli.store.server import server_process
@@ -75,6 +76,8 @@ class ServerState:
         try:
             with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as f:
                 json.dump(asdict(replace(self, inode=path.parent.stat().st_ino)), f)
+                f.flush()
+                flush_descriptor(f.fileno())
             fresh.replace(path)
         except OSError:
             fresh.unlink(missing_ok=True)

@@ -161,7 +161,13 @@ function connection() {
       place,
       h("span", { class: "dot bad" }),
       refused
-        ? ["This console needs its token. ", h("a", { href: "/enter" }, "Enter the token")]
+        ? [
+            "This console needs its token: open it with ",
+            h("code", {}, "dr console"),
+            ", or ",
+            h("a", { href: "/enter" }, "enter the token"),
+            ".",
+          ]
         : [
             "No connection. The page tries again by itself; if the console was stopped, start it with ",
             h("code", {}, "dr-start-viewer"),

@@ -3,7 +3,8 @@
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import repeat
 from pathlib import Path
@@ -50,6 +51,24 @@ class Rewarded(NamedTuple):
 
     rewards: list[float]
     seconds: list[float]
+
+
+class RewardHost(ABC):
+    """Reward functions of the cars of a simulation that are called elsewhere."""
+
+    @abstractmethod
+    def rewards(
+        self,
+        cars: Sequence[int],
+        calls: Iterable[RewardParams],
+        deadline_s: float,
+        on_error: OnRewardError,
+    ) -> Rewarded:
+        """Call the function of each of these cars, as `checked_rewards` does."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """No call follows."""
 
 
 def checked_reward(

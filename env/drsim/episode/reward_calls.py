@@ -6,7 +6,7 @@ import numpy as np
 
 from drsim.arrays import Bools, Floats
 from drsim.episode.params import Situation, params_of
-from drsim.episode.reward import RewardFunction, checked_rewards
+from drsim.episode.reward import RewardFunction, RewardHost, checked_rewards
 from drsim.errors import RewardError
 from drsim.track.track import Track
 
@@ -22,7 +22,7 @@ class RewardCalls:
 
     def __init__(
         self,
-        functions: Sequence[RewardFunction],
+        functions: Sequence[RewardFunction] | RewardHost,
         deadline_s: float,
         on_error: Callable[[RewardError, int], float] | None,
         clock: Callable[[], float],
@@ -62,8 +62,15 @@ class RewardCalls:
         begun = self.made
         self.made += len(cars)
         calls = params_of(tracks, situation, cars)
-        own = [self._functions[car] for car in cars.tolist()]
-        rewards[cars], seconds[cars] = checked_rewards(
-            own, calls, self._deadline_s, instead, self._clock
-        )
+        if isinstance(self._functions, RewardHost):
+            found = self._functions.rewards(cars.tolist(), calls, self._deadline_s, instead)
+        else:
+            own = [self._functions[car] for car in cars.tolist()]
+            found = checked_rewards(own, calls, self._deadline_s, instead, self._clock)
+        rewards[cars], seconds[cars] = found
         return rewards, seconds, failed, discarded
+
+    def close(self) -> None:
+        """No call follows."""
+        if isinstance(self._functions, RewardHost):
+            self._functions.close()

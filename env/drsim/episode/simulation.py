@@ -18,7 +18,7 @@ from drsim.episode.episode_rules import EpisodeRules, Episodes, Observed, Status
 from drsim.episode.params import Situation
 from drsim.episode.placing import Placing
 from drsim.episode.privileged_features import features
-from drsim.episode.reward import REWARD_DEADLINE_S, RewardFunction
+from drsim.episode.reward import REWARD_DEADLINE_S, RewardFunction, RewardHost
 from drsim.episode.reward_calls import RewardCalls
 from drsim.episode.stability import mark_unstable
 from drsim.episode.step import StepResult
@@ -54,7 +54,7 @@ class Simulation:
         track: Track,
         *,
         num_cars: int,
-        reward_function: RewardFunction | Sequence[RewardFunction],
+        reward_function: RewardFunction | Sequence[RewardFunction] | RewardHost,
         rules: EpisodeRules | None = None,
         num_threads: int = 2,
         seed: int = 0,
@@ -77,7 +77,8 @@ class Simulation:
             track: Where they drive.
             num_cars: How many, at least 1; a multiple of `race.racers`.
             reward_function: Called once for every driven step of every car. One for each car where
-                it keeps something from one step to the next, as in a global.
+                it keeps something from one step to the next, as in a global. Or a host that
+                calls those of all cars.
             rules: When episodes end; those of training when left out.
             num_threads: Threads for physics and camera, the caller's included.
             seed: Seed of everything random in episodes that are begun without one of their own.
@@ -148,7 +149,7 @@ class Simulation:
         self._positions = TrackPositions(self._tracks, self._backward, self._cars)
         self._ticks: Ints = np.zeros(num_cars, np.int64)
         self._rewards = RewardCalls(
-            [reward_function] * num_cars if callable(reward_function) else list(reward_function),
+            [reward_function] * num_cars if callable(reward_function) else reward_function,
             reward_deadline_s,
             on_reward_error,
             reward_clock,
@@ -321,8 +322,9 @@ class Simulation:
         )
 
     def close(self) -> None:
-        """Stop the threads that render."""
+        """Stop the threads that render, and the host of reward functions."""
         self._observations.close()
+        self._rewards.close()
 
     def _contacts(self, driven: Bools) -> Contacts | None:
         if self.traffic is None:

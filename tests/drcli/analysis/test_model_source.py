@@ -80,7 +80,8 @@ def test_the_parts_of_a_running_training_are_read_with_the_whole_file(read, in_b
 
 
 def packed(folder, path, top="model"):
-    with tarfile.open(path, "w:gz") as archive:
+    end = path.suffix.removeprefix(".")
+    with tarfile.open(path, "w" if end == "tar" else f"w:{end}") as archive:
         archive.add(folder, arcname=top)
     return path
 
@@ -92,7 +93,27 @@ def zipped(folder, path):
     return path
 
 
-@pytest.mark.parametrize(("pack", "name"), [(packed, "model.tar.gz"), (zipped, "model.zip")])
+def packed_on_a_mac(folder, path):
+    """What the Finder makes: beside each file another one with its attributes."""
+    zipped(folder, path)
+    with zipfile.ZipFile(path, "a") as archive:
+        for name in archive.namelist():
+            above, _, last = name.rpartition("/")
+            archive.writestr(f"__MACOSX/{above}/._{last}", b"\0\5\x16\7")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("pack", "name"),
+    [
+        (packed, "model.tar.gz"),
+        (packed, "model.tar.bz2"),
+        (packed, "model.tar.xz"),
+        (packed, "model.tar"),
+        (zipped, "model.zip"),
+        (packed_on_a_mac, "model.zip"),
+    ],
+)
 def test_an_archive_is_read_in_memory_whatever_its_top_folder(read, tmp_path, pack, name):
     archive = pack(write_model(tmp_path / "files"), tmp_path / name)
 
@@ -207,6 +228,62 @@ def console_archive(tmp_path):
         folder, "logs/training/training-20260102030405-abc-robomaker.log", "\n".join(lines).encode()
     )
     return packed(folder, tmp_path / "model.tar.gz")
+
+
+def trace_lines(episodes, fields=19):
+    """A log with four steps of each episode."""
+    lines = []
+    for number in episodes:
+        for step in range(1, 5):
+            status = "prepare" if step == 1 else "off_track" if step == 4 else "in_progress"
+            row = (
+                f"{number},{step},3.1500,0.6834,0.0,-20.00,1.50,0,1.0000,{step == 4},True,"
+                f"{step:.4f},1,17.71,{100 * number + step / 15:.4f},{status},0.00,0,1700000000.0"
+            )
+            lines.append("SIM_TRACE_LOG:" + ",".join(row.split(",")[:fields]))
+    return "\n".join([*lines, ""]).encode()
+
+
+def test_the_simulation_logs_of_two_starts_follow_each_other_whatever_lies_beside_them(
+    read, tmp_path
+):
+    folder = tmp_path / "console"
+    parameters = b'Using the following hyper-parameters\n{"num_episodes_between_training": 2}\n'
+    for start in range(2):
+        name = f"logs/training/training-2026010203040{start}-a"
+        put(folder, f"{name}-robomaker.log", parameters + trace_lines(range(4)))
+        put(folder, f"{name}-sagemaker.log", b"Training> Name=main_level/agent\n")
+
+    run = read(packed(folder, tmp_path / "model.tar.gz"))
+
+    assert list(run.iterations["episodes"]) == [2, 2, 2, 2]
+    assert set(run.episodes["worker"]) == {0}
+
+
+def test_logs_of_several_workers_are_told_apart_and_rolled_parts_put_together(read, tmp_path):
+    folder = write_model(tmp_path / "model", iterations=0, evaluations=0)
+    put(folder, "ip/hyperparameters.json", b'{"num_episodes_between_training": 4}')
+    put(folder, "logs/robomaker/sim-0.log.part-000002", trace_lines(range(2, 4)))
+    put(folder, "logs/robomaker/sim-0.log.part-000001", trace_lines(range(2)))
+    put(folder, "logs/robomaker/sim-0.log", trace_lines(range(4, 6)))
+    put(folder, "logs/robomaker/joined-away.log", trace_lines(range(2)))
+    put(folder, "logs/sagemaker/trainer.log", b"nothing\n")
+
+    run = read(folder)
+
+    assert list(run.iterations["episodes"]) == [4, 2, 2]
+    assert sorted(set(run.episodes["worker"])) == [0, 1]
+
+
+@pytest.mark.parametrize(("fields", "known"), [(16, False), (17, False), (18, False), (19, True)])
+def test_a_wall_clock_that_a_log_does_not_have_is_unknown(read, tmp_path, fields, known):
+    log = tmp_path / "sim.log"
+    log.write_bytes(trace_lines(range(4), fields))
+
+    run = read(log)
+
+    assert run.steps["wall_clock"].notna().all() == known
+    assert run.steps["wall_clock"].isna().all() != known
 
 
 def test_the_log_of_a_console_stands_in_for_missing_traces(read, tmp_path):

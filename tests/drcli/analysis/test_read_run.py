@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
+from counted_episodes import counted_episodes
 from drcli.analysis.analysis import analyse
 from drcli.base.errors import SettingsError
 from drcli.exchange.trace import STEP_S
@@ -81,6 +82,46 @@ def test_workers_are_put_together_also_more_than_ten(read, tmp_path):
     assert list(run.episodes.index) == list(range(24))
     assert sorted(set(run.episodes["worker"])) == list(range(12))
     assert list(run.iterations["episodes"]) == [12, 12]
+
+
+def with_joined_workers(folder):
+    """A training of one worker that five joined later; one of those was started again."""
+    write_model(folder, iterations=4)
+    for worker in range(1, 6):
+        for iteration in range(1, 4):
+            if (worker, iteration) != (3, 2):
+                numbers = range(2 * iteration, 2 * iteration + 2)
+                name = f"{worker}/training-simtrace/{iteration}-iteration.csv"
+                put(folder, name, trace([episode(n) for n in numbers]))
+    return folder
+
+
+def test_a_worker_and_those_that_joined_it_are_one_training(read, tmp_path):
+    run = read(with_joined_workers(tmp_path / "model"))
+
+    assert run.layout == "drfc-workers"
+    assert list(run.iterations["episodes"]) == [4, 14, 12, 14]
+    assert sorted(set(run.episodes["worker"])) == list(range(6))
+    assert not any("left out" in text for text in run.problems)
+
+
+def test_all_count_the_same_episodes_of_workers_that_joined(tmp_path):
+    folder = with_joined_workers(tmp_path / "model")
+    (folder / "0").mkdir()
+    (folder / "training-simtrace").rename(folder / "0" / "training-simtrace")
+
+    counts = counted_episodes(folder)
+
+    assert set(counts.values()) == {44}, counts
+
+
+def test_of_two_traces_of_the_first_worker_the_one_beside_those_of_others_counts(read, tmp_path):
+    folder = with_joined_workers(tmp_path / "model")
+    put(folder, "0/training-simtrace/3-iteration.csv", trace([episode(12)]))
+
+    run = read(folder)
+
+    assert list(run.iterations["episodes"]) == [4, 14, 12, 11]
 
 
 def test_continuous_actions_have_no_number(read, tmp_path):
@@ -307,6 +348,22 @@ def test_entropy_comes_from_a_trainers_log_where_there_is_no_curve(read, tmp_pat
 
     assert list(run.learner["entropy"]) == pytest.approx([1.8, 0.8])
     assert math.isclose(run.learner["policy_loss"][1], -0.1)
+
+
+def test_the_logs_of_two_starts_of_the_trainer_follow_each_other(read, tmp_path):
+    folder = write_model(tmp_path / "model")
+    line = (
+        "Policy training> Surrogate loss=0.1, KL divergence=0.01, Entropy={}, training epoch={}, "
+        "learning_rate=0.0003\n"
+    )
+    for start in range(2):
+        text = "".join(line.format(5.0 - 2 * start - n, e) for n in range(2) for e in range(3))
+        put(folder, f"logs/training/training-2026010{start}-a-sagemaker.log", text.encode())
+    put(folder, "logs/training/training-20260101-a-robomaker.log", b"nothing\n")
+
+    run = read(folder)
+
+    assert list(run.learner["entropy"]) == [5.0, 4.0, 3.0, 2.0]
 
 
 def test_a_model_without_anything_to_analyse_is_refused(read, tmp_path):

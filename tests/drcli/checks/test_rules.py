@@ -58,6 +58,14 @@ def reward(*lines: str) -> str:
     return "def reward_function(params):\n" + "".join(f"    {line}\n" for line in lines)
 
 
+def own(path: Path, text: str, mode: int) -> Path:
+    """A file with a mode."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"{text}\n")
+    path.chmod(mode)
+    return path
+
+
 @dataclass(frozen=True)
 class Case:
     """A rule, a folder that just keeps it, one that breaks it, and what is said then.
@@ -240,6 +248,34 @@ CASES = (
         lambda f: f.settings(DR_WORKER=1),
         "error",
         ("run.env line 3", "DR_WORKER=1", "Did you mean DR_WORKERS?"),
+    ),
+    Case(
+        "V-50",
+        lambda f: own(f.path / "system.env", "DR_WEBHOOK_URL=https://x.com/hook", 0o600),
+        lambda f: own(f.path / "system.env", "DR_WEBHOOK_URL=https://x.com/hook", 0o644),
+        "warning",
+        ("system.env", "(mode 644), and it contains DR_WEBHOOK_URL", "`chmod go= "),
+    ),
+    Case(
+        "V-50",
+        lambda f: own(f.path / "run.env", "DR_WORLD_NAME=bean", 0o644),
+        lambda f: own(f.path / "system.env.bak", "export DR_CAR_PASSWORD=x", 0o640),
+        "warning",
+        ("system.env.bak", "(mode 640), and it contains DR_CAR_PASSWORD", "`chmod go= "),
+    ),
+    Case(
+        "V-50",
+        lambda f: own(f.path / "data/s3/bucket/object", "", 0o644).parents[1].chmod(0o700),
+        lambda f: own(f.path / "data/s3/bucket/object", "", 0o600).parents[1].chmod(0o750),
+        "warning",
+        ("data/s3", "(mode 750), and it contains the models of the bucket", "`chmod go= "),
+    ),
+    Case(
+        "V-50",
+        lambda f: own(f.path / "data/s3/object", "", 0o640).parent.chmod(0o2750),
+        lambda f: own(f.path / "data/logs/sim-0.log", "", 0o600).parent.chmod(0o755),
+        "warning",
+        ("data/logs", "(mode 755), and it contains the logs", "`chmod go= "),
     ),
     Case(
         "V-13",

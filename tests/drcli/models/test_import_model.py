@@ -3,6 +3,7 @@
 import io
 import json
 import tarfile
+import zipfile
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -20,7 +21,9 @@ from drcli.formats.reference_checkpoint import encode_reference_checkpoint, refe
 from drcli.learn.actor_critic import ActorCritic
 from drcli.learn.policy import PolicySpec
 from drcli.modelfiles.network_shape import Design
-from drcli.models.import_model import import_model, plan_import
+from drcli.models.download import download, plan_download
+from drcli.models.find_checkpoint import OwnModel
+from drcli.models.import_model import copy_of_own, import_model, plan_import
 from drcli.models.imported_model import ImportOptions
 from drcli.models.model_list import list_models
 from drcli.store.checkpoints import CheckpointStore
@@ -441,6 +444,52 @@ def test_a_model_of_ours_needs_no_import(importer, tmp_path):
         importer.run("s3://uploads/team/ours")
 
     assert "`dr-download-model -s s3://uploads/team/ours -t PREFIX`" in caught.value.remedy
+
+
+def own_files(importer):
+    """The files of a model of ours, by name."""
+    put_model(importer.there, "team/ours")
+    return {
+        info.key.removeprefix("team/ours/"): importer.there.get(info.key)
+        for info in importer.there.list("team/ours/")
+    }
+
+
+@pytest.mark.parametrize("top", ["", "model-1/"])
+def test_an_archive_of_a_model_of_ours_becomes_the_same_model(importer, tmp_path, top, monkeypatch):
+    monkeypatch.setattr("drcli.models.download.open_bucket", lambda *_, **__: importer.here)
+    files = own_files(importer)
+    path = pack(tmp_path / "ours.tar.gz", {f"{top}{name}": data for name, data in files.items()})
+    settings = load_settings(importer.folder)
+    options = ImportOptions(str(path), "mine")
+    with pytest.raises(OwnModel):
+        plan_import(settings, options)
+
+    download(plan_download(settings, copy_of_own(settings, options)), settings, no_bar)
+
+    pointer = "model/deepracer_checkpoints.json"
+    assert importer.here.get(f"mine/{pointer}") == files[pointer]
+    assert {key for key in importer.content() if key.startswith("mine/model/")} == {
+        f"mine/{name}" for name in files if name.startswith("model/") and ".finished" not in name
+    }
+    with pytest.raises(SettingsError, match="already contains a model"):
+        copy_of_own(settings, options)
+    with pytest.raises(SettingsError, match="copied as it is"):
+        copy_of_own(settings, replace(options, prefix="other", wanted="best"))
+
+
+def test_a_model_that_was_packed_on_a_mac_is_imported_as_any_other(importer, tmp_path):
+    files = {"m/model_30.pb": graph(), "m/model_metadata.json": described()}
+    left = {f"__MACOSX/m/._{name.rpartition('/')[2]}": b"\0\5\x16\7" for name in files}
+    with zipfile.ZipFile(tmp_path / "m.zip", "w") as archive:
+        for name, data in (files | left | {"m/.DS_Store": b"Bud1"}).items():
+            archive.writestr(name, data)
+    beside = {name.replace("__MACOSX/", ""): data for name, data in left.items()}
+    packed = pack(tmp_path / "m.tar.gz", files | beside)
+    folder = lay(tmp_path / "folder", files | beside)
+
+    for number, source in enumerate((tmp_path / "m.zip", packed, folder / "m")):
+        assert importer.run(source, f"new-{number}").checkpoint == "30_Step-0.ckpt"
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from functools import partial
 
 import pytest
 
@@ -75,13 +76,10 @@ LOSSES = [empty_checkpoints, empty_all, delete_checkpoints, leave_the_pointer]
 def test_no_start_begins_again_among_what_is_left_of_a_model(trained, lose, how):
     lose(trained.bucket)
     before = {i.key: trained.bucket.get(i.key) for i in trained.bucket.list("")}
-    options = StartOptions(resume=how == "--resume")
+    plan = partial(prepare_next, wait=False) if how == "--resume-or-start" else prepare
 
     with pytest.raises(CheckpointsLost, match="has no checkpoint that can be read") as refused:
-        if how == "--resume-or-start":
-            prepare_next(trained.settings(), options, wait=False)
-        else:
-            prepare(trained.settings(), options)
+        plan(trained.settings(), StartOptions(resume=how == "--resume"))
 
     assert refused.value.code == 4
     assert "-w" not in refused.value.remedy
@@ -91,11 +89,13 @@ def test_no_start_begins_again_among_what_is_left_of_a_model(trained, lose, how)
 def test_the_refusal_says_what_is_lost_and_what_is_left(trained):
     empty_checkpoints(trained.bucket)
 
-    lost = find_lost(trained.bucket, MODEL)
+    with pytest.raises(CheckpointsLost) as refused:
+        refuse_lost(trained.bucket, MODEL)
 
-    assert "trained for 4 iterations" in lost.sentence
-    assert "Lost: 5 checkpoints (0 to 4)" in lost.sentence
-    assert "the learning curve of 4 iterations (0 to 3), traces of 2 iterations" in lost.sentence
+    said = str(refused.value)
+    assert "trained for 4 iterations" in said
+    assert "Lost: 5 checkpoints (0 to 4)" in said
+    assert "the learning curve of 4 iterations (0 to 3), traces of 2 iterations" in said
 
 
 @pytest.mark.parametrize("metrics", ["", "DR_LOCAL_S3_METRICS_PREFIX=model-1/metrics\n"])

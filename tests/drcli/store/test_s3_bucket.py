@@ -409,5 +409,5 @@ def test_an_object_where_another_server_needs_a_folder_is_named(code, status):
         with pytest.raises(StorageError, match=r"object blocked/races \(0 bytes\)") as blocked:
             bucket.put("races/1/race.json", b"{}")
 
-    assert "`aws s3 rm s3://blocked/races`" in blocked.value.remedy
+    assert f"`aws --endpoint-url {endpoint.url} s3 rm s3://blocked/races`" in blocked.value.remedy
     bucket.close()

@@ -109,7 +109,7 @@ def test_a_placeholder_on_a_server_of_others_is_named_and_stays(local):
         with pytest.raises(StorageError, match=r"object bucket/races \(0 bytes\)") as blocked:
             bucket.put("races/1/race.json", b"{}")
 
-        assert "`aws s3 rm s3://bucket/races`" in blocked.value.remedy
+        assert "`dr-local-aws s3 rm s3://bucket/races`" in blocked.value.remedy
         assert bucket.exists("races")
 
 

@@ -100,3 +100,15 @@ def test_far_below_the_limit_the_bucket_is_hardly_asked(monkeypatch):
         retention.apply(iteration)
 
     assert len(asked) <= 6
+
+
+def test_traces_of_those_who_joined_and_of_the_first_worker_beside_them_count():
+    bucket = MemoryBucket()
+    drive(bucket, range(20))
+    drive(bucket, range(20, 40), workers=3)
+    retention = TraceRetention(bucket, "model", 1, 0)
+
+    retention.cover(2)
+    retention.cover(1)
+
+    assert retention.delete_after(9) == 10 + 3 * 20

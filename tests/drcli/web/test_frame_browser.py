@@ -95,6 +95,46 @@ def test_a_page_whose_token_is_no_longer_right_asks_for_the_new_one(
         page.context.close()
 
 
+@pytest.mark.parametrize("width", [360, 1280])
+def test_a_bookmark_is_asked_for_the_token_once_and_then_kept_also_by_a_console_started_again(
+    working_folder, browser, reports, width
+):
+    page = browser.new_context(viewport={"width": width, "height": 700}).new_page()
+    with served_console(working_folder, token="the-token") as first:
+        bookmark, port = f"{first.url}/", first.port
+        page.goto(bookmark)
+        assert page.get_by_role("alert").inner_text() == "This console needs its token."
+        page.get_by_text("dr console", exact=True).wait_for()
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert serious_findings(page) == []
+        page.get_by_label("Token").fill("not-the-token")
+        page.get_by_role("button", name="Open").click()
+        page.get_by_text("This is not the token of this console.").wait_for()
+        page.goto(f"{bookmark}enter?token=the-token#/models")
+        page.get_by_role("heading", name="Models").wait_for()
+        assert page.url == f"{bookmark}#/models"
+    with served_console(working_folder, token="the-token", port=port):
+        connection(page).get_by_text("Connected").wait_for()
+        page.goto("about:blank")
+        page.goto(bookmark)
+        connection(page).get_by_text("Connected").wait_for()
+        page.context.close()
+
+
+def test_a_link_in_a_file_opens_the_page_though_its_cookie_is_for_its_own_site_only(
+    working_folder, browser, reports, tmp_path
+):
+    page = browser.new_context().new_page()
+    link = tmp_path / "open.html"
+    with served_console(working_folder, token="the-token") as served:
+        url = f"{served.url}/enter?token=the-token"
+        link.write_text(f'<meta http-equiv="refresh" content="0; url={url}">')
+        page.goto(link.as_uri())
+        connection(page).get_by_text("Connected").wait_for()
+        assert page.url == f"{served.url}/"
+        page.context.close()
+
+
 @pytest.mark.parametrize(("theme", "width"), [("dark", 360), ("light", 800), ("dark", 1920)])
 def test_the_page_fits_and_is_named_and_reachable_by_keyboard(served, visit, reports, theme, width):
     page = visit(served.url, theme=theme, width=width).page

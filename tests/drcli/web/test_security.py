@@ -21,8 +21,9 @@ async def app(scope, receive, send):
     await PlainTextResponse("reached")(scope, receive, send)
 
 
-def page(token=None, base=HERE, **options):
-    return TestClient(Guard(app, token), base_url=base, follow_redirects=False, **options)
+def page(token=None, base=HERE, *, here_only=False, **options):
+    guarded = Guard(app, token, here_only=here_only)
+    return TestClient(guarded, base_url=base, follow_redirects=False, **options)
 
 
 @pytest.mark.parametrize(
@@ -155,6 +156,7 @@ def test_another_machine_needs_the_token_and_keeps_it_in_a_cookie():
     assert "httponly" in cookie
     assert "samesite=strict" in cookie
     assert "secure" not in cookie  # it would not come back over http
+    assert "max-age=31536000" in cookie  # a bookmark works after the browser was closed
     assert other.get("/").text == "reached"
 
 
@@ -178,8 +180,87 @@ def test_a_websocket_needs_the_token_too():
         assert opened.receive()["type"] == "websocket.close"
 
 
-def test_this_machine_needs_the_token_too_if_others_may_come():
-    assert page(TOKEN).get("/").status_code == 401
+@pytest.mark.parametrize("here_only", [True, False])
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/",
+        "/app.js",
+        "/api/folder",
+        "/stream?worker=1",
+        "/vendor/x.css",
+        "/none",
+        "/enter/",
+        "//enter",
+    ],
+)
+def test_this_machine_needs_the_token_too_for_everything(here_only, path):
+    here = page(TOKEN, here_only=here_only)
+    assert here.get(path).status_code == 401
+    assert here.get(path, headers={"cookie": f"{cookie_name(TOKEN)}=wrong"}).status_code == 401
+    assert here.post(path, headers={"origin": HERE}).status_code == 401
+
+    assert here.get("/enter", params={"token": TOKEN}).status_code == 303
+    assert here.get(path).text == "reached"
+
+
+def test_with_a_token_a_console_of_this_machine_still_answers_to_its_own_names_only():
+    cookie = {"cookie": f"{cookie_name(TOKEN)}={TOKEN}"}
+    here = page(TOKEN, here_only=True)
+
+    assert here.get("/", headers={**cookie, "host": "localhost:9000"}).text == "reached"
+    assert here.get("/", headers={**cookie, "host": "evil.example"}).status_code == 421
+    assert here.post("/", headers={**cookie, "origin": "http://evil.example"}).status_code == 403
+
+
+def test_a_browser_without_the_token_gets_a_page_that_says_where_it_is_found():
+    browser = {"accept": "text/html,application/xhtml+xml,*/*;q=0.8"}
+    answer = page(TOKEN, here_only=True).get("/", headers=browser)
+
+    assert answer.status_code == 401
+    assert answer.headers["content-type"].startswith("text/html")
+    assert answer.headers["cache-control"] == "no-store"
+    for told in ("This console needs its token.", "dr console", 'name="token"'):
+        assert told in answer.text
+    assert TOKEN not in answer.text
+    program = page(TOKEN, here_only=True).get("/api/folder").json()["error"]
+    assert program["message"] == "This console needs its token."
+    assert "dr console" in program["remedy"]
+    assert "dr-start-viewer" in program["remedy"]
+
+
+@pytest.mark.parametrize(
+    ("site", "asks"), [("cross-site", 1), ("same-site", 1), ("same-origin", 0), ("none", 0)]
+)
+def test_a_link_from_elsewhere_with_which_a_browser_sends_no_cookie_is_asked_for_once_more(
+    site, asks
+):
+    link = {"accept": "text/html", "sec-fetch-site": site, "sec-fetch-mode": "navigate"}
+
+    answer = page(TOKEN, here_only=True).get("/", headers=link)
+
+    assert answer.text.count('http-equiv="refresh"') == asks
+
+
+def test_pictures_for_players_take_the_token_from_their_address_and_nothing_else_does():
+    here = page(TOKEN, "http://10.0.0.5:8100")
+
+    assert here.get("/stream", params={"token": TOKEN, "worker": 1}).text == "reached"
+    assert here.get("/stream", params={"token": "wrong"}).status_code == 401
+    for path in ("/", "/api/folder", "/stream/"):
+        assert here.get(path, params={"token": TOKEN}).status_code == 401
+    for _ in range(MOST_TRIES):
+        here.get("/stream", params={"token": "guess"})
+    assert here.get("/stream", params={"token": TOKEN}).status_code == 401
+    assert here.get("/enter", params={"token": TOKEN}).status_code == 429
+
+
+def test_another_user_of_this_machine_who_guesses_does_not_shut_out_its_owner():
+    here = page(TOKEN, here_only=True)
+    for _ in range(3 * MOST_TRIES):
+        assert here.get("/enter", params={"token": "guess"}).status_code == 401
+
+    assert here.get("/enter", params={"token": TOKEN}).status_code == 303
 
 
 def test_without_a_token_there_is_nothing_to_enter():

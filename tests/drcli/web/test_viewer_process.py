@@ -9,6 +9,7 @@ import urllib.error
 import urllib.request
 from contextlib import ExitStack
 from dataclasses import replace
+from urllib.parse import urljoin
 
 import psutil
 import pytest
@@ -54,8 +55,12 @@ def free_port():
         return probe.getsockname()[1]
 
 
-def fetched(url):
-    with urllib.request.urlopen(url, timeout=20.0) as answer:
+def fetched(url, path="/"):
+    """What a browser that follows a printed link is answered at a path."""
+    browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+    with browser.open(url, timeout=20.0):
+        pass
+    with browser.open(urljoin(url, path), timeout=20.0) as answer:
         return answer.status, answer.read()
 
 
@@ -63,9 +68,9 @@ def test_it_runs_in_the_background_and_again_where_it_was(folder):
     where = web(folder)
     report = start_viewer(folder, where)
     assert report.started
-    assert not report.needs_token
-    assert b"DeepRacer console" in fetched(report.url)[1]
-    assert json.loads(fetched(f"{report.url}api/folder")[1])["folder"] == str(folder)
+    assert report.needs_token
+    assert b"app.js" in fetched(report.url)[1]
+    assert json.loads(fetched(report.url, "/api/folder")[1])["folder"] == str(folder)
 
     again = start_viewer(folder, where)
     assert (again.pid, again.url, again.started) == (report.pid, report.url, False)
@@ -91,9 +96,10 @@ def test_it_runs_in_the_background_and_again_where_it_was(folder):
     assert stop_viewer(folder) is None
 
 
-def test_the_process_shows_no_secret_and_is_given_them(folder, monkeypatch):
+@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
+def test_the_process_shows_no_secret_and_is_given_them(folder, monkeypatch, host):
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "canary-of-the-environment")
-    report = start_viewer(folder, web(folder, webviewer_host="0.0.0.0"))
+    report = start_viewer(folder, web(folder, webviewer_host=host))
     assert report.needs_token
     token = report.url.partition("token=")[2]
     process = psutil.Process(report.pid)
@@ -105,13 +111,23 @@ def test_the_process_shows_no_secret_and_is_given_them(folder, monkeypatch):
     assert token not in with_secrets
     assert (folder / RECORD).stat().st_mode & 0o077 == 0
     assert (folder / "data/viewer/token.json").stat().st_mode & 0o077 == 0
-    with pytest.raises(urllib.error.HTTPError) as refused:
-        fetched(f"http://127.0.0.1:{report.port}/")
-    assert refused.value.code == 401
-    refused.value.close()
+    names = {"127.0.0.1": 401, "evil.example": 421 if host == "127.0.0.1" else 401}
+    for name, status in names.items():
+        request = urllib.request.Request(f"http://127.0.0.1:{report.port}/", headers={"Host": name})
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            fetched(request)
+        assert refused.value.code == status
+        refused.value.close()
     stop_viewer(folder)
     # Bookmarks and cookies go on working.
     assert viewer_process._own_token(folder) == token
+
+
+def test_without_a_token_only_by_its_setting(folder):
+    report = start_viewer(folder, web(folder, webviewer_auth="none"))
+
+    assert not report.needs_token
+    assert fetched(report.url, "/api/folder")[0] == 200
 
 
 def test_two_starts_at_once_make_one_console(folder):
@@ -138,7 +154,7 @@ def test_two_folders_have_two_consoles(folder, tmp_path):
     try:
         assert first.port != second.port
         folders = [
-            json.loads(fetched(f"{each.url}api/folder")[1])["folder"] for each in (first, second)
+            json.loads(fetched(each.url, "/api/folder")[1])["folder"] for each in (first, second)
         ]
         assert folders == [str(folder), str(other)]
     finally:

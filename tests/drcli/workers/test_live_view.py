@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from drcli.exchange.framing import receive
 from drcli.exchange.live_record import LiveMessage, LiveRequest, LiveView, ShownCar
-from drcli.exchange.live_wire import HOST, enter, receive, send
+from drcli.exchange.live_wire import HOST, enter, send
 from drcli.learn.policy import PolicySpec
 from drcli.workers import live_server, live_view
 from drcli.workers.live_moment import Moment

@@ -8,6 +8,8 @@ from drcli.cli import open_page
 from drcli.web import viewer_process
 from drcli.web.viewer_process import ViewerRecord, report_of
 
+PAGE = "http://127.0.0.1:8100/enter?token=secret"
+
 
 @pytest.fixture
 def started(monkeypatch):
@@ -16,7 +18,7 @@ def started(monkeypatch):
 
     def start(directory, config, *, again=False):
         calls.append((config, again))
-        token = "" if config.host == "127.0.0.1" else "secret"
+        token = "secret" if config.asks_token else ""
         record = ViewerRecord(4242, 1.0, config.host, config.port, token)
         return report_of(calls.runs or record, started=calls.runs is None)
 
@@ -39,7 +41,7 @@ def opened(monkeypatch):
 def test_the_address_is_printed_and_nothing_is_opened(dr, working_folder, started, opened, capsys):
     assert dr("start-viewer") == 0
 
-    assert capsys.readouterr().out == "http://127.0.0.1:8100/\n"
+    assert capsys.readouterr().out == f"{PAGE}\n"
     assert opened == []
 
 
@@ -50,7 +52,7 @@ def test_options_of_deepracer_for_cloud_are_accepted(dr, working_folder, started
     assert dr("update-viewer", *options) == 0
 
     assert [(config.port, again) for config, again in started] == [(9000, False), (9000, True)]
-    assert opened == [("http://127.0.0.1:9000/", "firefox --new-tab")]
+    assert opened == [("http://127.0.0.1:9000/enter?token=secret", "firefox --new-tab")]
 
 
 @pytest.mark.parametrize(
@@ -66,28 +68,50 @@ def test_the_console_is_opened_unless_that_is_not_wanted(dr, working_folder, sta
     dr("console", "--no-open")
     dr("console", "--json")
 
-    assert opened == [("http://127.0.0.1:8100/", "")]
+    assert opened == [(PAGE, "")]
 
 
-def test_an_address_with_a_token_comes_with_a_warning(dr, working_folder, started, capsys):
-    (working_folder / "system.env").write_text("DR_CLOUD=local\nDR_WEBVIEWER_HOST=10.0.0.5\n")
+@pytest.mark.parametrize("host", ["10.0.0.5", "127.0.0.1", "localhost"])
+def test_an_address_with_a_token_comes_with_a_warning(
+    dr, working_folder, started, capsys, monkeypatch, host
+):
+    monkeypatch.setenv("DR_WEBVIEWER_HOST", host)
     dr("start-viewer")
 
     printed = capsys.readouterr()
-    assert printed.out == "http://10.0.0.5:8100/enter?token=secret\n"
+    assert printed.out == f"http://{host}:8100/enter?token=secret\n"
     assert "Keep it to yourself" in printed.err
+
+
+def test_only_a_setting_leaves_the_token_away(dr, working_folder, started, capsys, monkeypatch):
+    monkeypatch.setenv("DR_WEBVIEWER_AUTH", "none")
+    dr("start-viewer")
+
+    printed = capsys.readouterr()
+    assert printed.out == "http://127.0.0.1:8100/\n"
+    assert "Keep it to yourself" not in printed.err
+    monkeypatch.setenv("DR_WEBVIEWER_HOST", "0.0.0.0")
+    assert dr("start-viewer") == 3
+    assert "would let every machine that reaches 0.0.0.0" in capsys.readouterr().err
+
+
+def test_a_console_that_runs_without_a_token_is_told(dr, working_folder, started, capsys):
+    started.runs = ViewerRecord(4242, 1.0, "127.0.0.1", 8100)  # of an earlier version
+    dr("start-viewer")
+
+    assert "asks for no token. `dr-update-viewer`" in capsys.readouterr().err
 
 
 def test_settings_that_a_running_console_does_not_have_are_said(
     dr, working_folder, started, capsys
 ):
-    started.runs = ViewerRecord(4242, 1.0, "127.0.0.1", 34567)
+    started.runs = ViewerRecord(4242, 1.0, "127.0.0.1", 34567, "secret")
     dr("start-viewer")
     assert "Warning" not in capsys.readouterr().err
     dr("start-viewer", "-p", "9000")
 
     printed = capsys.readouterr()
-    assert printed.out == "http://127.0.0.1:34567/\n"
+    assert printed.out == "http://127.0.0.1:34567/enter?token=secret\n"
     assert "port 34567" in printed.err
     assert "dr-update-viewer" in printed.err
 
@@ -105,9 +129,9 @@ def test_every_worker_has_a_stream(dr, working_folder, started, capsys):
     first, second = capsys.readouterr().out.splitlines()
     assert first == (
         "http://127.0.0.1:8100/stream?topic=/racecar/deepracer/kvs_stream"
-        "&quality=50&width=320&height=240"
+        "&quality=50&width=320&height=240&token=secret"
     )
-    assert second == f"{first}&worker=1"
+    assert second == first.replace("&token", "&worker=1&token")
 
 
 def test_streams_as_json(dr, working_folder, started, capsys):
@@ -130,6 +154,22 @@ def test_a_browser_that_does_not_start_is_one_sentence(dr, working_folder, start
     error = capsys.readouterr().err
     assert "/no/such/browser --new-tab: this program does not start" in error
     assert "-b firefox" in error
+
+
+def test_a_token_is_in_no_process_list(working_folder, monkeypatch):
+    calls = []
+    monkeypatch.setattr(open_page.subprocess, "Popen", lambda command, **_: calls.append(command))
+    monkeypatch.setattr("webbrowser.open", lambda url: calls.append([url]))
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(open_page.sys, "platform", "linux")
+
+    open_page.open_page(PAGE, "firefox --new-tab")
+    open_page.open_page(PAGE)
+
+    file = working_folder / "data" / "viewer" / "open.html"
+    assert calls == [["firefox", "--new-tab", file.as_uri()], [file.as_uri()]]
+    assert f'content="0; url={PAGE}"' in file.read_text()
+    assert file.stat().st_mode & 0o077 == 0
 
 
 def test_without_a_display_no_browser_is_opened(monkeypatch):

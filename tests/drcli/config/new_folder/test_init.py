@@ -292,15 +292,17 @@ def test_the_racers_own_lines_for_git_stay(dr, empty):
     assert (empty / ".gitignore").read_text() == "*.pyc\n/data/\n"
 
 
-def test_files_have_the_mode_that_the_umask_says(dr, empty):
+def test_files_have_the_mode_that_the_umask_says_and_settings_are_private(dr, empty):
+    empty.chmod(0o755)
     before = os.umask(0o027)
     try:
         dr("init")
     finally:
         os.umask(before)
 
-    modes = {stat.S_IMODE((empty / name).stat().st_mode) for name in WRITTEN}
-    assert modes == {0o640}
+    modes = {name: stat.S_IMODE((empty / name).stat().st_mode) for name in WRITTEN}
+    assert {modes.pop(name) for name in ("run.env", "system.env")} == {0o600}
+    assert set(modes.values()) == {0o640}
     assert stat.S_IMODE((empty / "custom_files").stat().st_mode) == 0o750
 
 

@@ -1,0 +1,86 @@
+"""Ends whatever a process has started when it ends, however deep, and in whatever session.
+
+A process that divides twice and begins a session of its own belongs to nobody that Unix knows of.
+On Linux it is adopted by the nearest ancestor that wants it, which is how it is found here.
+"""
+
+import os
+import signal
+from contextlib import suppress
+from types import FrameType
+
+from drcli.base.system_calls import ExitWait, adopt_orphans, end_with_parent
+
+_LOOK_S = 0.2
+"""How often to look whether the parent has ended."""
+
+
+class _Asked(BaseException):
+    """SIGTERM came."""
+
+
+def keep_descendants(parent_pid: int) -> None:
+    """Go on in a child process. This one waits until it ends, and then ends all that is left.
+
+    The child leads a process group. It is killed when the process `parent_pid`, which has started
+    this one, ends, or when SIGTERM comes. Then this process ends as the child did, by its exit
+    code or signal. On systems other than Linux, what has left the group may go on.
+
+    Only for a process without other threads.
+    """
+    adopt_orphans()
+    own = os.getpid()
+    child = os.fork()
+    if not child:
+        os.setpgid(0, 0)
+        end_with_parent()
+        if os.getppid() != own:
+            os._exit(1)
+        return
+    code = 1
+    try:
+        code = os.waitstatus_to_exitcode(_end_of(child, parent_pid))
+        _end_others(child)
+    finally:
+        if code < 0:
+            with suppress(OSError):  # SIGKILL cannot be set
+                signal.signal(-code, signal.SIG_DFL)
+            os.kill(own, -code)
+        os._exit(code & 0xFF)
+
+
+def _end_of(child: int, parent_pid: int) -> int:
+    """Wait for the child, or kill it when its time is over; its status."""
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        raise _Asked
+
+    ended = ExitWait(child)
+    with suppress(_Asked):
+        signal.signal(signal.SIGTERM, stop)
+        while os.getppid() == parent_pid:
+            ended.wait(_LOOK_S)
+            found, status = os.waitpid(child, os.WNOHANG)
+            if found:
+                signal.signal(signal.SIGTERM, signal.SIG_IGN)
+                return status
+    with suppress(ProcessLookupError):
+        os.kill(child, signal.SIGKILL)
+    return os.waitpid(child, 0)[1]
+
+
+def _end_others(group: int) -> None:
+    """Kill all processes that are left below this one."""
+    with suppress(OSError):
+        os.killpg(group, signal.SIGKILL)
+    with suppress(ChildProcessError):  # nobody is left
+        while True:
+            if os.waitpid(-1, os.WNOHANG)[0]:
+                continue
+            import psutil  # loaded here: hardly ever is somebody left
+
+            for each in psutil.Process().children(recursive=True):
+                with suppress(psutil.Error):
+                    each.kill()
+            os.waitpid(-1, 0)

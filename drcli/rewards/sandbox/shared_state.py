@@ -1,0 +1,194 @@
+"""Finds out whether cars would share state: each has a copy of the file, and of nothing else.
+
+Copies of this process, made before it has loaded the racer's code, call the function: twice for one
+car alone, and twice for two cars in turn. If the first car gets the same rewards each time when it
+is alone, and others beside another car, something outside of the file is to blame. Random numbers
+are drawn from the same seed for the same call, and a function that depends on anything else that
+changes, such as the time, is not judged.
+"""
+
+import json
+import os
+import random
+import select
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from time import monotonic
+from types import FunctionType, ModuleType
+from typing import Any
+
+from drcli.base.json_record import RecordError, from_json, parse_json
+from drcli.rewards.sandbox.sandbox_records import SharedState
+from drsim.episode.load_reward import load_reward_function
+from drsim.episode.reward import USER_MODULE, RewardParams, checked_reward
+from drsim.errors import RewardError
+
+_PASS_S = 1.0
+"""Longest time for the calls of a pass; the rest is not called."""
+
+_PATIENCE_S = 20.0
+"""Longest time for all passes."""
+
+_MOST_CALLS = 300
+_PIECE = 1 << 16
+
+
+class SharedStateTrial:
+    """A copy of this process, which tries when it is told to; a context manager ends it."""
+
+    def __init__(self, file: Path, calls: Sequence[Sequence[RewardParams]]) -> None:
+        self._before = set(sys.modules)
+        self._copy = _Copy(lambda loaded: _judged(file, calls, loaded))
+
+    def __enter__(self) -> "SharedStateTrial":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._copy.end()
+
+    def result(self) -> SharedState | None:
+        """What the cars would share; None for nothing, and where that cannot be told."""
+        try:
+            loaded = [name for name in sys.modules if name not in self._before]
+            answer = parse_json(self._copy.answer(" ".join(loaded), _PATIENCE_S))
+            return None if answer is None else from_json(SharedState, answer)
+        except RecordError:  # it ended, or took too long
+            return None
+
+
+class _Copy:
+    """A copy of this process that does one thing, answers in JSON, and ends without a trace.
+
+    Args:
+        work: Gets the line that `answer` tells it.
+    """
+
+    def __init__(self, work: Callable[[str], object]) -> None:
+        go, self._go = os.pipe()
+        self._read, write = os.pipe()
+        self._pid = os.fork()
+        if self._pid:
+            os.close(go)
+            os.close(write)
+            return
+        try:
+            os.close(self._go)
+            os.close(self._read)
+            with os.fdopen(go) as told:
+                answer = json.dumps(work(told.readline())).encode()
+            while answer:
+                answer = answer[os.write(write, answer) :]
+        finally:
+            os.kill(os.getpid(), signal.SIGKILL)  # nothing of this process ends twice
+
+    def answer(self, told: str, within_s: float) -> bytes:
+        """Let it work, and return what it says; nothing if it takes longer."""
+        said, end_s = b"", monotonic() + within_s
+        with suppress(BrokenPipeError):
+            os.write(self._go, f"{told}\n".encode())
+        while select.select([self._read], [], [], max(0.0, end_s - monotonic()))[0]:
+            piece = os.read(self._read, _PIECE)
+            if not piece:
+                return said
+            said += piece
+        return b""
+
+    def end(self) -> None:
+        """End it."""
+        os.kill(self._pid, signal.SIGKILL)
+        os.waitpid(self._pid, 0)
+        os.close(self._go)
+        os.close(self._read)
+
+
+def _judged(
+    file: Path, calls: Sequence[Sequence[RewardParams]], loaded: str
+) -> dict[str, Any] | None:
+    """The `SharedState` as JSON; None without one. Packages that the file loads are loaded once."""
+    for name in loaded.split():
+        if name != USER_MODULE:
+            with suppress(Exception):
+                import_module(name)
+    own = calls[0][:_MOST_CALLS]
+    other = (calls[1] if len(calls) > 1 else calls[0][::-1])[:_MOST_CALLS]
+    alone, again = (_in_copy(file, own) for _ in range(2))
+    if alone is None or again is None or not _alike(alone, again):
+        return None
+    beside, once_more = (_in_copy(file, own, other) for _ in range(2))
+    if beside is None or once_more is None or not _alike(beside, once_more):
+        return None
+    pairs = [*zip(alone["values"], beside["values"], strict=False)]
+    wrong = sum(a != b for a, b in pairs)
+    return {"names": beside["names"], "times": wrong, "of": len(pairs)} if wrong else None
+
+
+def _alike(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether two passes gave the same rewards, as far as there was time for both."""
+    return all(a == b for a, b in zip(one["values"], other["values"], strict=False))
+
+
+def _in_copy(
+    file: Path, own: Sequence[RewardParams], other: Sequence[RewardParams] = ()
+) -> dict[str, Any] | None:
+    copy = _Copy(lambda _: _played(file, own, other))
+    try:
+        played: dict[str, Any] | None = parse_json(copy.answer("", _PATIENCE_S))
+        return played
+    except RecordError:
+        return None
+    finally:
+        copy.end()
+
+
+def _played(
+    file: Path, own: Sequence[RewardParams], other: Sequence[RewardParams]
+) -> dict[str, Any]:
+    """The rewards of a car, and what its calls and those of the other car have set elsewhere."""
+    before = dict(_elsewhere()) if other else {}
+    car, beside = load_reward_function(file), load_reward_function(file) if other else None
+    before = (dict(_elsewhere()) if other else {}) | before
+    loaded = set(sys.modules)
+    values, end_s = [], monotonic() + _PASS_S
+    for number, params in enumerate(own):
+        if monotonic() > end_s:
+            break
+        values.append(_reward(car, params, number))
+        if beside is not None and number < len(other):
+            _reward(beside, other[number], -1 - number)
+    names = {
+        name
+        for name, (module, value) in (_elsewhere() if other else ())
+        if module in loaded and (name not in before or before[name][1] is not value)
+    }
+    return {"values": values, "names": sorted(names)}
+
+
+def _reward(function: Callable[[RewardParams], float], params: RewardParams, seed: int) -> Any:
+    random.seed(seed)
+    if numpy := sys.modules.get("numpy"):
+        numpy.random.seed(seed % (1 << 32))
+    with suppress(RewardError):
+        return checked_reward(function, _copied(params), _PASS_S)
+    return None
+
+
+def _copied(params: RewardParams) -> RewardParams:
+    return {key: [*each] if isinstance(each, list) else each for key, each in params.items()}
+
+
+def _elsewhere() -> Iterator[tuple[str, tuple[str, Any]]]:
+    """What modules other than the racer's hold, by its name, and the variables of the system."""
+    for module in [*sys.modules.values()]:
+        if not isinstance(module, ModuleType) or module.__name__ == USER_MODULE:
+            continue
+        for name, value in [*vars(module).items()]:
+            if not name.startswith("__") and not isinstance(
+                value, ModuleType | FunctionType | type
+            ):
+                yield f"{module.__name__}.{name}", (module.__name__, value)
+    for name, value in os.environ.items():
+        yield f'os.environ["{name}"]', ("os", sys.intern(value))
