@@ -277,9 +277,9 @@ def _replay_lost(bucket: Bucket, prefix: str, newest: CheckpointName | None) -> 
     if not learned or any(each is not None and each.iteration in learned for each in listed):
         return []
     return [
-        "SAC starts with an empty replay buffer, because the steps of earlier iterations are not in "
-        "the bucket: a copy of a model has none. It learns from new steps only, which costs some "
-        "iterations."
+        "SAC starts with an empty replay buffer, because the steps of earlier iterations are not "
+        "in the bucket: a copy of a model has none. It learns from new steps only, which costs "
+        "some iterations."
     ]
 
 
