@@ -6,7 +6,7 @@ Source of the addresses and fields: MLflow's REST API, version 2.0.
 import time
 import uuid
 from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 from urllib.parse import urlsplit, urlunsplit
 
@@ -30,17 +30,26 @@ _MODEL, _START = "drcli.model", "drcli.start"
 class MlflowRun(RetriedSink):
     """The run of a training. A training that is continued continues its run.
 
+    MLflow takes the number of the highest step for the latest one. So a training that goes on from
+    before numbers that the run has, which were given up, gets a new run, with those up to there.
+
     Args:
         url: Address of the server.
         experiment: Name of the experiment, which is made if it does not exist.
         facts: Of the training.
         parameters: Hyperparameters and the like, by name.
+        earlier: Points of the iterations before.
     """
 
     takes = (Point, Ended)
 
     def __init__(
-        self, url: str, experiment: str, facts: TrainingFacts, parameters: Mapping[str, str]
+        self,
+        url: str,
+        experiment: str,
+        facts: TrainingFacts,
+        parameters: Mapping[str, str],
+        earlier: Sequence[Point] = (),
     ) -> None:
         self.name = f"DR_MLFLOW_URL={urlunsplit(urlsplit(url)._replace(query='', fragment=''))}"
         base = url.rstrip("/") + "/api/2.0/mlflow/"
@@ -48,6 +57,7 @@ class MlflowRun(RetriedSink):
         self._experiment = experiment
         self._facts = facts
         self._parameters = dict(parameters)
+        self._earlier = earlier
         self._run = ""
         self._start, self._may_exist = uuid.uuid4().hex, False
         self._waiting: list[dict[str, Any]] = []
@@ -57,15 +67,7 @@ class MlflowRun(RetriedSink):
         if isinstance(event, Ended):
             self._ended = event
         elif isinstance(event, Point):
-            self._waiting += [
-                {
-                    "key": name,
-                    "value": value,
-                    "timestamp": round(event.time_s * 1000),
-                    "step": event.step,
-                }
-                for name, value in event.values.items()
-            ]
+            self._waiting += _numbers(event)
             del self._waiting[:-_MOST_KEPT]
 
     def _flush(self) -> None:
@@ -87,13 +89,19 @@ class MlflowRun(RetriedSink):
         """Find the run of a training that continues, or make one."""
         experiment = self._experiment_id()
         # A run whose making was not answered in time may have been made all the same.
-        run = self._newest_run(experiment, _START, self._start) if self._may_exist else ""
+        run, _ = self._newest_run(experiment, _START, self._start) if self._may_exist else ("", 0)
         if not run and self._facts.first_step:
-            run = self._newest_run(experiment, _MODEL, self._facts.model)
-            if run:
-                self._post("runs/update", {"run_id": run, "status": "RUNNING"})
-                self._run = run
+            old, last_step = self._newest_run(experiment, _MODEL, self._facts.model)
+            given_up = last_step > self._facts.first_step
+            if old and not given_up:
+                self._post("runs/update", {"run_id": old, "status": "RUNNING"})
+                self._run = old
                 return
+            if old:
+                end_ms = round(time.time() * 1000)
+                self._post("runs/update", {"run_id": old, "status": "KILLED", "end_time": end_ms})
+                known = [number for point in self._earlier for number in _numbers(point)]
+                self._waiting[:0], self._earlier = known, ()
         run = run or self._made(experiment)
         params = [
             {"key": key, "value": value[:_LONGEST_PARAMETER]}
@@ -135,8 +143,8 @@ class MlflowRun(RetriedSink):
             answer = self._post("experiments/create", {"name": self._experiment})
             return str(answer["experiment_id"])
 
-    def _newest_run(self, experiment: str, tag: str, value: str) -> str:
-        """The newest run with this tag; empty if there is none."""
+    def _newest_run(self, experiment: str, tag: str, value: str) -> tuple[str, int]:
+        """The newest run with this tag and its highest step; empty if there is none."""
         quoted = value.replace("'", "")
         answer = self._post(
             "runs/search",
@@ -148,10 +156,24 @@ class MlflowRun(RetriedSink):
             },
         )
         runs = answer.get("runs") or []
-        return str(runs[0]["info"]["run_id"]) if runs else ""
+        if not runs:
+            return "", 0
+        latest = runs[0].get("data", {}).get("metrics") or []
+        # The server writes 64-bit numbers as text in some versions.
+        steps = (int(metric.get("step") or 0) for metric in latest)
+        return str(runs[0]["info"]["run_id"]), max(steps, default=0)
 
     def _post(self, what: str, fields: Mapping[str, Any]) -> dict[str, Any]:
         return self._server.ask("POST", what, json=fields)
+
+
+def _numbers(point: Point) -> list[dict[str, Any]]:
+    """A point as the server takes it."""
+    time_ms = round(point.time_s * 1000)
+    return [
+        {"key": name, "value": value, "timestamp": time_ms, "step": point.step}
+        for name, value in point.values.items()
+    ]
 
 
 def _authorization() -> str:

@@ -53,7 +53,7 @@ def sender_of_trainer(
             partial(_figure_server, config.prometheus_host, config.prometheus_port, facts)
         )
     if config.mlflow_url:
-        openers.append(partial(_mlflow_run, config, facts, parameters or {}))
+        openers.append(partial(_mlflow_run, config, facts, parameters or {}, earlier))
     if config.trackio_url:
         openers.append(partial(_trackio_run, config, facts, parameters or {}))
     return FigureSender([*openers, *_telegraf(config, facts.model)])
@@ -101,10 +101,15 @@ def _figure_server(host: str, port: int, facts: TrainingFacts) -> Sink:
     return FigureServer(host, port, facts)
 
 
-def _mlflow_run(config: FigureConfig, facts: TrainingFacts, parameters: Mapping[str, str]) -> Sink:
+def _mlflow_run(
+    config: FigureConfig,
+    facts: TrainingFacts,
+    parameters: Mapping[str, str],
+    earlier: Sequence[Point],
+) -> Sink:
     from drcli.tracking.mlflow_run import MlflowRun
 
-    return MlflowRun(config.mlflow_url, config.mlflow_experiment, facts, parameters)
+    return MlflowRun(config.mlflow_url, config.mlflow_experiment, facts, parameters, earlier)
 
 
 def _trackio_run(config: FigureConfig, facts: TrainingFacts, parameters: Mapping[str, str]) -> Sink:

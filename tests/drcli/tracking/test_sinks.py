@@ -9,6 +9,7 @@ import time
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
@@ -168,6 +169,7 @@ class Server(ThreadingHTTPServer):
 
     def __init__(self):
         self.asked, self.headers, self.earlier, self.broken = [], [], [], False
+        self.latest = []
         self.loses_answer = False
         super().__init__(("127.0.0.1", 0), Handler)
         threading.Thread(target=self.serve_forever, args=(0.02,), daemon=True).start()
@@ -195,7 +197,9 @@ class Handler(BaseHTTPRequestHandler):
         elif what == "experiments/create":
             answer = {"experiment_id": "7"}
         elif what == "runs/search":
-            answer = {"runs": [{"info": {"run_id": name}} for name in self.server.earlier]}
+            data = {"metrics": self.server.latest}
+            runs = [{"info": {"run_id": name}, "data": data} for name in self.server.earlier]
+            answer = {"runs": runs}
         elif what == "runs/create":
             answer = {"run": {"info": {"run_id": "new"}}}
             if self.server.loses_answer:
@@ -253,6 +257,27 @@ def test_a_continued_training_continues_its_run(server):
 
     assert server.sent("runs/create") == []
     assert server.sent("runs/log-batch")[-1]["run_id"] == "old"
+
+
+def test_a_training_that_gave_figures_up_gets_a_run_without_them(server):
+    server.earlier = ["old"]
+    server.latest = [{"key": "losses/entropy", "value": 9.0, "step": FACTS.first_step + 1}]
+    kept = replace(LEARNED, step=FACTS.first_step)
+    sink = MlflowRun(server.url, "cars", FACTS, {"lr": "0.001"}, [kept])
+
+    sink.send(SCORED)
+    sink.close()
+
+    assert server.sent("runs/update")[0] | {"end_time": 0} == {
+        "run_id": "old",
+        "status": "KILLED",
+        "end_time": 0,
+    }
+    assert len(server.sent("runs/create")) == 1
+    params, *batches = server.sent("runs/log-batch")
+    assert (params["run_id"], params["params"]) == ("new", [{"key": "lr", "value": "0.001"}])
+    numbers = [each for batch in batches for each in batch["metrics"]]
+    assert {each["key"] for each in numbers} == {*LEARNED.values, *SCORED.values}
 
 
 def test_a_run_whose_making_was_not_answered_is_not_made_twice(server):
