@@ -25,7 +25,7 @@ from drcli.workers.training_simulation import TrainingSimulation
 _logger = get_logger(__name__)
 
 _MOVED_AT_ONCE = 50
-"""Traces that are moved after an iteration, while the trainer learns: 1 s on a disk."""
+"""Traces that are moved after an iteration, while the trainer learns. A move is three requests."""
 
 
 class DriveResults:
