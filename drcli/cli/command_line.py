@@ -31,7 +31,7 @@ Exit codes:
     4  the bucket cannot be reached, read or written
     5  a worker died
     6  the training failed and cannot continue
-    7  not available in this version, or not installed, or a broken installation
+    7  not available in this version, not installed, or broken
     8  another machine has taken over the model
     9  another machine trains the model (--no-wait)
    10  the training is complete, but upload or import at its end failed

@@ -133,7 +133,7 @@ def download(planned: PlannedDownload, settings: Settings, progress: Progress) -
     )
     if options.dry_run:
         return _rehearsed(report, delivery, source, listed, options)
-    if planned.used:
+    if planned.used or source.file:
         notices.show(f"Checking the weights of {source.url} ...")
         check_weights(source)
     with progress("Downloading model", sum(info.size_bytes for info in listed)) as watch:

@@ -1,15 +1,15 @@
 """State that a reward function keeps outside of its file, where all cars share it (issue 35)."""
 
-import math
-import os
-import sys
-from collections.abc import Iterator
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
 from drcli.modelfiles.custom_files import InputFile
 from drcli.rewards.lint import problems_of
 from drcli.rewards.reward_rules import read_source
+from drcli.rewards.sandbox.run_sandbox import Sandbox
+from drcli.rewards.sandbox.sandbox_records import SandboxRequest, SandboxResult
 
 SET_ELSEWHERE = """import math
 def reward_function(params):
@@ -60,14 +60,17 @@ def reward_function(params):
 """
 
 
-@pytest.fixture(autouse=True)
-def _clean() -> Iterator[None]:
-    """Here the functions run in the process of the tests."""
-    options = [*sys.warnoptions]
-    yield
-    sys.warnoptions[:] = options
-    vars(math).pop("last_progress", None)
-    os.environ.pop("LAST_PROGRESS", None)
+@pytest.fixture
+def found(
+    request_of: Callable[..., SandboxRequest], tmp_path: Path
+) -> Callable[[str], SandboxResult]:
+    """What the sandbox finds about a file, in a process of its own, which copies itself."""
+
+    def find(text: str) -> SandboxResult:
+        with Sandbox(request_of(), text.encode(), tmp_path) as sandbox:
+            return sandbox.result()
+
+    return find
 
 
 @pytest.mark.parametrize(
