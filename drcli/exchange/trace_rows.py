@@ -124,7 +124,7 @@ def read_rows(data: bytes) -> TraceRows:
         found.names = COLUMNS
     elif lines:
         found.names = tuple(_fields(lines[0]) or ())
-    # A number that was cut off still looks like one, so the end of an unfinished line is not trusted.
+    # A number that was cut off still looks like one: the end of an unfinished line is not trusted.
     unfinished = 0 if text.endswith(("\n", "\r")) else len(lines)
     for number, fields in (_in_log if in_log else _in_table)(lines, unfinished):
         cells = _cells(fields, found.names, in_log=in_log)
