@@ -33,8 +33,11 @@ LOG_MARK = "SIM_TRACE_LOG:"
 _FIELDS_OF_2019 = 15
 _FIELDS_WITHOUT_CLOCK = 18
 
-_IN_LOG = re.compile(rf'{LOG_MARK}((?:"?\[[^\]]*\]"?|[-+\w., ])*)')
-_LIST = re.compile(r'"?\[([^\]]*)\]"?')
+_QUOTE = r'(?:\\?")?'
+"""Inside of JSON, it has a backslash."""
+
+_LIST = re.compile(rf"{_QUOTE}\[([^\]]*)\]{_QUOTE}")
+_IN_LOG = re.compile(rf"{LOG_MARK}((?:{_QUOTE}\[[^\]]*\]{_QUOTE}|[-+\w., ])*)")
 
 _FLAGS = {"true": True, "1": True, "1.0": True, "false": False, "0": False, "0.0": False}
 
@@ -121,11 +124,11 @@ def read_rows(data: bytes) -> TraceRows:
         found.names = COLUMNS
     elif lines:
         found.names = tuple(_fields(lines[0]) or ())
-    unfinished = len(lines) if text and not text.endswith(("\n", "\r")) else None
-    for number, fields in _in_log(lines) if in_log else _in_table(lines):
+    # A number that was cut off still looks like one: the end of an unfinished line is not trusted.
+    unfinished = 0 if text.endswith(("\n", "\r")) else len(lines)
+    for number, fields in (_in_log if in_log else _in_table)(lines, unfinished):
         cells = _cells(fields, found.names, in_log=in_log)
-        # A number that was cut off still looks like one, so an unfinished line is not trusted.
-        row = None if cells is None or number == unfinished else _row(number, cells)
+        row = None if cells is None else _row(number, cells)
         if row is not None:
             found.rows.append(row)
         elif fields is None or any(fields):
@@ -141,15 +144,16 @@ def _text(data: bytes) -> str:
     return data.decode("utf-16" if utf_16 else "utf-8-sig", "replace").replace("\0", "")
 
 
-def _in_log(lines: Sequence[str]) -> Iterator[tuple[int, list[str] | None]]:
+def _in_log(lines: Sequence[str], unfinished: int) -> Iterator[tuple[int, list[str] | None]]:
     for number, line in enumerate(lines, 1):
         for match in _IN_LOG.finditer(line):
-            yield number, _fields(match[1])
+            is_cut = number == unfinished and match.end() == len(line)
+            yield number, None if is_cut else _fields(match[1])
 
 
-def _in_table(lines: Sequence[str]) -> Iterator[tuple[int, list[str] | None]]:
+def _in_table(lines: Sequence[str], unfinished: int) -> Iterator[tuple[int, list[str] | None]]:
     for number, line in enumerate(lines[1:], 2):
-        yield number, _fields(line)
+        yield number, None if number == unfinished else _fields(line)
 
 
 def _fields(line: str) -> list[str] | None:

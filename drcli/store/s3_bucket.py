@@ -206,7 +206,15 @@ class S3Bucket:
         """The client of boto3, for requests that no other method makes; they are not repeated."""
         return self._client
 
-    def _retry(self, call: Callable[[], T], action: str, key: str, size_bytes: int = 0) -> T:
+    def _retry(
+        self,
+        call: Callable[[], T],
+        action: str,
+        key: str,
+        size_bytes: int = 0,
+        *,
+        patient: bool = True,
+    ) -> T:
         """Repeat a call while its failure may be temporary; the rest is for `Attempt`."""
         from boto3.exceptions import Boto3Error
         from botocore.exceptions import BotoCoreError, ClientError, NoCredentialsError
@@ -225,6 +233,8 @@ class S3Bucket:
                 patience_s = self._patience_s * patience_share(
                     e, ours=ours, unattended=self._unattended
                 )
+                if not patient:
+                    patience_s = 0.0
                 if self._hurried():
                     patience_s = min(patience_s, HURRIED_PATIENCE_S)
                 waited_s = self._clock() - started_s
@@ -277,7 +287,8 @@ class S3Bucket:
         """
         for above in keys_above(key):
             try:
-                size = self._retry(partial(self._look_up, above), "look up", above)
+                # The write has waited already if the server is busy.
+                size = self._retry(partial(self._look_up, above), "look up", above, patient=False)
             except StorageError:
                 continue
             if size or self.endpoint.engine is None:

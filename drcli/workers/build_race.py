@@ -151,7 +151,7 @@ def race_warnings(config: RaceConfig, track: Track, race: Race) -> list[Problem]
         often = f"in {len(closed_m)} of {DRAWS} drawn episodes"
         found.append(f"nobody can pass some {what} {often}, because they close both lanes")
     elif len(closed_m):
-        fraction = closed_m[0] / track.length_m
+        fraction = round(closed_m[0] / track.length_m, 3) % 1.0
         found.append(f"nobody can pass the {what} at {fraction:.3f} of the lap")
     place = config.place(name)
     return [Problem("V-07", "warning", *place, f"{name}: {text}.", remedy, name) for text in found]

@@ -1,6 +1,8 @@
 """What a worker does when the racer's reward function fails: end, or count and go on."""
 
+import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 
 from drcli.base.errors import SettingsError
@@ -26,6 +28,10 @@ simulated second, so twenty cars make them in seven. A function that always fail
 after 101 calls with the default share, and one that fails once a lap never does, even if all cars
 come to that place at the same time."""
 
+SAVED_EVERY_S = 60.0
+"""How often the number of calls is saved as long as none has failed. The share of failures that
+come later needs it."""
+
 
 class RewardErrorsExceeded(SettingsError):
     """More calls of the reward function failed than DR_REWARD_MAX_ERROR_SHARE allows."""
@@ -44,7 +50,12 @@ class RewardFailures:
             describes only the first `MOST_ERRORS` errors.
     """
 
-    def __init__(self, settings: FailureSettings, worker: int = 0) -> None:
+    def __init__(
+        self,
+        settings: FailureSettings,
+        worker: int = 0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.record = RewardErrorRecord(worker)
         self.newest_discard = ""
         self._settings = settings
@@ -52,6 +63,8 @@ class RewardFailures:
         self._failed_at: deque[int] = deque()
         self._bucket: Bucket | None = None
         self._key = ""
+        self._clock = clock
+        self._saved_s = clock()
 
     def restore(self, bucket: Bucket, prefix: str) -> None:
         """Continue the counts of earlier processes of this worker, and keep them there."""
@@ -112,10 +125,12 @@ class RewardFailures:
         return self._settings.reward_fallback
 
     def save(self) -> None:
-        """Write the counts into the bucket, unless nothing has failed."""
-        total = self.record.total
-        if self._bucket is not None and (total.failed or total.discarded):
+        """Write the counts into the bucket; unless something has failed, not every time."""
+        total, now_s = self.record.total, self._clock()
+        is_due = total.failed or total.discarded or now_s >= self._saved_s + SAVED_EVERY_S
+        if self._bucket is not None and is_due:
             self._bucket.put(self._key, self.record.encode())
+            self._saved_s = now_s
 
     def _note(self, error: RewardError, *, failed: int = 0, discarded: int = 0) -> None:
         iteration = max(0, self.record.iteration)

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 import math
 import warnings
 from collections.abc import Callable
@@ -90,6 +91,16 @@ def of_2019() -> bytes:
     return log(15, rows, radians=True)
 
 
+def of_cloudwatch() -> bytes:
+    """All messages in one line, which has no end."""
+    return json.dumps([{"message": f"{line}\n"} for line in log(19).decode().splitlines()]).encode()
+
+
+def of_docker() -> bytes:
+    lines = log(19, with_pair('"[{}, {}]"')).decode().splitlines(keepends=True)
+    return "".join(json.dumps({"log": line}) + "\n" for line in lines).encode()
+
+
 WAYS: dict[str, tuple[str, Callable[[], bytes]]] = {
     "of ours": ("0-iteration.csv", lambda: table(names=(*COLUMNS, "reward_ms"))),
     "version 6": ("0-iteration.csv", table),
@@ -120,6 +131,8 @@ WAYS: dict[str, tuple[str, Callable[[], bytes]]] = {
         "sim.log",
         lambda: log(19, line='{{"log":"SIM_TRACE_LOG:{}\\n","stream":"stdout"}}'),
     ),
+    "a log of Docker with a list in quotes": ("sim.log", of_docker),
+    "a log of CloudWatch": ("sim.log", of_cloudwatch),
     "a log of PowerShell": ("sim.log", lambda: log(19).decode().encode("utf-16")),
 }
 """Names of files and what is in them."""

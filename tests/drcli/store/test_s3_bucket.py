@@ -394,6 +394,23 @@ def test_a_probe_of_a_missing_bucket_names_it(moto_endpoint):
         probe(bucket, "model")
 
 
+def test_a_write_during_an_outage_takes_no_longer_because_the_server_may_need_a_folder(
+    clock, monkeypatch
+):
+    bucket = S3Bucket(REMOTE, "bucket", patience_s=60, clock=clock, pause=clock.pause)
+
+    def busy(**_: object) -> None:
+        raise answer("ServiceUnavailable", 503)
+
+    for call in ("put_object", "head_object", "get_object"):
+        monkeypatch.setattr(bucket._client, call, busy)
+
+    with pytest.raises(StorageError, match="503"):
+        bucket.put("team/model/checkpoint", b"")
+
+    assert clock.now_s == pytest.approx(60)
+
+
 @pytest.mark.parametrize(
     ("code", "status"),
     [("XMinioParentIsObject", 400), ("ExistingObjectIsFile", 409), ("ObjectParentIsFile", 409)],

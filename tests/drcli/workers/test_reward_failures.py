@@ -13,6 +13,7 @@ from drcli.store.repair import read_all_metrics
 from drcli.store.reward_errors import read_reward_errors
 from drcli.workers.collect_rollouts import Collected
 from drcli.workers.reward_failures import (
+    SAVED_EVERY_S,
     WINDOW_CALLS,
     AllEpisodesDiscarded,
     RewardErrorsExceeded,
@@ -122,6 +123,26 @@ def test_the_newest_discard_is_known_after_many_other_errors():
 
     assert "discard" not in {each.kind for each in counting.record.total.errors}
     assert counting.newest_discard == "line 77: KeyError: 'x'"
+
+
+def test_calls_of_a_time_without_failures_count_after_a_restart():
+    bucket, now_s = MemoryBucket(), [0.0]
+    counting = RewardFailures(SimpleNamespace(**SETTINGS), clock=lambda: now_s[0])
+    counting.restore(bucket, PREFIX)
+    counting.begin(0)
+    counting.count_calls(1_000)
+    counting.save()
+    assert not bucket.list("")  # not with every iteration
+    now_s[0] += SAVED_EVERY_S
+    counting.save()
+
+    counting = failures()
+    counting.restore(bucket, PREFIX)
+    counting.begin(1)
+    counting.handle(failure(), 1)
+    counting.count_calls(1)
+
+    assert (counting.record.total.calls, counting.record.total.failed) == (1_001, 1)
 
 
 def test_counts_survive_a_kill_and_an_iteration_that_is_driven_again_counts_once():
