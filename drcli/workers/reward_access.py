@@ -56,7 +56,7 @@ def confine_reward(own: Path) -> set[Freedom]:
     caches = [Path(os.environ[name]) for name in ("NUMBA_CACHE_DIR",) if os.environ.get(name)]
     signal_guard.install()
     return confine(
-        [*map(Path, _SYSTEM), *_parts(_python(), secret)],
+        _parts([*map(Path, _SYSTEM), *_python()], secret),
         [
             own.resolve(),
             *(Path("/dev", name) for name in _DEVICES),

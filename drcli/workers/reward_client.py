@@ -34,7 +34,7 @@ from drsim.errors import RewardError, RewardErrorKind
 SERVER = "drcli.workers.reward_server"
 
 _LOAD_S = 120.0
-"""How long loading the file for all cars may take. Its process interrupts it before."""
+"""How long loading the file for one car may take. Its process interrupts it before."""
 
 _PATIENCE_S = 300.0
 """How much longer than allowed calls may take: their process ends those that compute, by the time
@@ -83,7 +83,7 @@ class RewardProcess(RewardHost):
             self._relay = threading.Thread(target=relay, name="reward-prints", daemon=True)
             self._relay.start()
         try:
-            loaded = self._ask(Load(str(file.resolve()), cars).encode(), 0, _LOAD_S)
+            loaded = self._ask(Load(str(file.resolve()), cars).encode(), 0, cars * _LOAD_S)
             for failure in loaded.failures:
                 raise _error(failure)
         except BaseException:
@@ -154,21 +154,22 @@ class RewardProcess(RewardHost):
 
         Then whoever watches this worker does what helps: it starts another one, or explains it.
         """
-        code = self._process.wait()
-        self._relay.join(_EXIT_S)
+        self.close()  # it may have damaged the connection and live on
+        code = self._process.returncode
         _logger.error("The process of the reward function has ended: %d.", code)
         if code < 0:
             with suppress(OSError):  # SIGKILL cannot be set
                 signal.signal(-code, signal.SIG_DFL)
             os.kill(os.getpid(), -code)
-        os._exit(code)
+        os._exit(code or 1)
 
 
 def _relay(pipe: IO[bytes]) -> None:
     """Print here what the racer's code prints, within the limit of this worker."""
     with io.TextIOWrapper(pipe, "utf-8", "backslashreplace", newline="") as lines:
         for line in iter(lambda: lines.readline(_LONGEST_LINE), ""):
-            sys.stdout.write(line)
+            with suppress(OSError):  # a full disk; a print must neither fail nor wait
+                sys.stdout.write(line)
 
 
 def _error(failure: CallFailure) -> RewardError:

@@ -7,14 +7,19 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 
 import psutil
 import pytest
 
 from drcli.base.confinement import offered
+from drcli.workers import reward_access
 from drcli.workers.reward_client import RewardProcess
 from drsim.errors import RewardError
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="Linux only")
 
 WAYPOINTS = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]
 
@@ -185,6 +190,17 @@ def test_what_it_prints_and_what_its_programs_print_is_printed_here(begin, capsy
     assert sorted(capsys.readouterr().out.split()) == ["mine", "theirs"]
 
 
+@linux
+def test_prints_that_the_disk_refuses_are_dropped_and_the_function_goes_on(begin, monkeypatch):
+    process = begin("def reward_function(params):\n    print('x' * 100_000)\n    return 1.0\n")
+    with suppress(OSError), Path("/dev/full").open("w") as full, monkeypatch.context() as patched:
+        patched.setattr(sys, "stdout", full)
+        rewards = [call(process, [0]) for _ in range(20)]
+        process.close()
+
+    assert rewards == [[1.0]] * 20
+
+
 @needs("files")
 def test_it_reads_no_keys_and_no_settings(begin, capsys):
     names = {
@@ -230,6 +246,23 @@ def test_it_reads_its_data_and_writes_to_temporary_files_and_the_working_folder(
     assert (folder / "log.txt").read_text() == "x"
 
 
+@pytest.mark.parametrize("secret", ["home/.aws/credentials", "run.env", "data/s3/.server.json"])
+def test_a_working_folder_or_home_inside_of_a_folder_of_programs_keeps_its_secrets(
+    folder, monkeypatch, secret
+):
+    allowed: list[Path] = []
+    monkeypatch.setattr(reward_access, "_SYSTEM", (str(folder), "/usr"))
+    monkeypatch.setattr(reward_access, "confine", lambda *each: allowed.extend(chain(*each[:2])))
+    monkeypatch.setattr(reward_access.signal_guard, "install", lambda: None)
+    monkeypatch.setattr("tempfile.tempdir", None)
+    monkeypatch.setenv("TMPDIR", "/tmp")
+
+    reward_access.confine_reward(own_file(folder, "").parent)
+
+    assert Path("/usr") in allowed
+    assert not any((folder / secret).is_relative_to(each) for each in allowed)
+
+
 @needs("sockets")
 def test_it_opens_no_sockets(begin, capsys):
     found = seen(
@@ -271,9 +304,6 @@ def assert_ends(process: psutil.Process) -> None:
         assert time.monotonic() < deadline_s, "it goes on"
 
 
-linux = pytest.mark.skipif(sys.platform != "linux", reason="orphans are adopted on Linux only")
-
-
 @linux
 def test_a_grandchild_in_a_session_of_its_own_ends_with_the_process(begin, folder):
     process = begin(DIVIDES.replace("AFTER", "pass"))
@@ -303,7 +333,9 @@ def test_it_ends_with_a_worker_that_is_killed(folder, number):
 
 
 @linux
-@pytest.mark.parametrize(("after", "code"), [("os._exit(9)", 9), ("os.kill(os.getpid(), 11)", -11)])
+@pytest.mark.parametrize(
+    ("after", "code"), [("os._exit(9)", 9), ("os._exit(0)", 1), ("os.kill(os.getpid(), 11)", -11)]
+)
 def test_a_worker_ends_as_the_process_of_its_reward_function_does(folder, after, code):
     file = own_file(folder, DIVIDES.replace("AFTER", after))
 
@@ -311,3 +343,20 @@ def test_a_worker_ends_as_the_process_of_its_reward_function_does(folder, after,
 
     assert done.returncode == code
     assert not psutil.pid_exists(int((folder / "orphan.txt").read_text()))
+
+
+@linux
+def test_a_worker_does_not_wait_for_a_function_that_writes_into_its_connection(folder):
+    file = own_file(
+        folder,
+        "import os, stat\ndef reward_function(params):\n    for each in range(3, 10):\n"
+        "        try:\n            if stat.S_ISSOCK(os.fstat(each).st_mode):\n"
+        "                os.write(each, b'\\xff' * 8)\n"
+        "        except OSError:\n            pass\n    return 1.0\n",
+    )
+
+    done = subprocess.run(
+        [sys.executable, "-c", WORKER, str(file)], capture_output=True, timeout=60
+    )
+
+    assert done.returncode == 1
