@@ -13,7 +13,6 @@ from drcli.base.log import get_logger
 from drcli.exchange.trace import STEP_S, Row
 from drcli.learn.gpu_policy import GpuPolicy
 from drcli.learn.policy import Decision, Observation, Policy, PolicySpec, decide
-from drcli.workers import print_limit
 from drcli.workers.driven_episode import Driven, Plan
 from drcli.workers.live_moment import Look, Moment, Onlooker, Rider
 from drcli.workers.worker_process import StopRequested
@@ -176,16 +175,15 @@ class Driver:
         if not plans:
             return
         moved = any(plan.offset_m or plan.angle_deg for plan in plans)
-        with print_limit.limited_prints():
-            first = self._simulation.reset(
-                np.array(free[: len(plans)]),
-                np.array([plan.start_fraction for plan in plans]),
-                reverse=np.array([plan.reverse for plan in plans]),
-                seeds=np.array([plan.seed(self._seed) for plan in plans], np.uint64),
-                offset_m=np.array([plan.offset_m for plan in plans]) if moved else None,
-                angle_deg=np.array([plan.angle_deg for plan in plans]) if moved else None,
-                conditions=_conditions(plans),
-            )
+        first = self._simulation.reset(
+            np.array(free[: len(plans)]),
+            np.array([plan.start_fraction for plan in plans]),
+            reverse=np.array([plan.reverse for plan in plans]),
+            seeds=np.array([plan.seed(self._seed) for plan in plans], np.uint64),
+            offset_m=np.array([plan.offset_m for plan in plans]) if moved else None,
+            angle_deg=np.array([plan.angle_deg for plan in plans]) if moved else None,
+            conditions=_conditions(plans),
+        )
         for car, plan in zip(free, plans, strict=False):
             seats[car] = _Seat(car, plan, self._racers[plan.racer], self._seed, first)
 
@@ -203,8 +201,7 @@ class Driver:
             decision = decide(racer.model, taken, noise, deterministic, epsilon)
             steering[cars], speed[cars] = racer.actions.requests(decision.actions)
             chosen.append((group, frames, seen, decision))
-        with print_limit.limited_prints():
-            result = self._simulation.step(steering, speed)
+        result = self._simulation.step(steering, speed)
         if self._simulation.unstable.any():
             _tell_of_unstable([seat for seat in driving if self._simulation.unstable[seat.car]])
         for group, frames, seen, decision in chosen:

@@ -87,7 +87,6 @@ class Pulse:
         except OSError as error:
             _logger.warning("The pulse of this worker cannot be written: %s", error)
             return
-        # An event of its own: a reward function may replace `time.sleep`.
         end = threading.Event()
         threading.Thread(
             target=self._beat, args=(folder, name, descriptor, end), name="pulse", daemon=True

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
-from os import kill  # the original, because drcli.base.signal_guard replaces `os.kill`
 from pathlib import Path
 
 from drcli.base.backoff import wait_until
@@ -44,9 +43,9 @@ def end(pid: int, mark: str) -> None:
     """Ask the process to end, and kill it if it does not."""
     if not is_running(pid, mark):
         return
-    kill(pid, signal.SIGTERM)
+    os.kill(pid, signal.SIGTERM)
     if not wait_until(lambda: not is_running(pid, mark), patience_s=_TERM_PATIENCE_S):
-        kill(pid, signal.SIGKILL)
+        os.kill(pid, signal.SIGKILL)
         wait_until(lambda: not is_running(pid, mark), patience_s=_TERM_PATIENCE_S)
 
 
