@@ -1,13 +1,9 @@
 """Limits how much the racer's code prints into the log of its worker."""
 
-import io
 import sys
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from threading import get_ident
-from time import monotonic  # which the racer's code may replace in `time`
-from typing import TextIO
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from time import monotonic
 
 from drcli.base.log import get_logger
 
@@ -23,8 +19,6 @@ TEXT_CHARACTERS = 16 << 10
 reward_logger = get_logger("drcli.reward")
 """For what people must know about their reward function: it is also in the log of its prints."""
 
-_MAIN_THREAD = threading.main_thread().ident
-
 
 class PrintLimit:
     """Counts what the racer's code prints. Too much is left out, and `warn` says how much."""
@@ -34,11 +28,6 @@ class PrintLimit:
         warn: Callable[[str], None] = reward_logger.warning,
         clock: Callable[[], float] = monotonic,
     ) -> None:
-        self.active = False
-        """Whether the racer's code runs; our own output has no limit."""
-        self.threads = False
-        """Whether the racer's code has run, so that other threads than the main one may print for
-        it at any time. Ours write with `logging` alone."""
         self._warn = warn
         self._clock = clock
         self._left = float(BURST_CHARACTERS)
@@ -46,10 +35,6 @@ class PrintLimit:
         self._silent = False
         self._omitted_prints = 0
         self._omitted_characters = 0
-
-    def applies(self) -> bool:
-        """Whether it is the racer's code that prints."""
-        return self.active or (self.threads and get_ident() != _MAIN_THREAD)
 
     def admit(self, text: str) -> str:
         """The part of a printed text that goes into the log."""
@@ -85,58 +70,28 @@ class PrintLimit:
         self._silent, self._omitted_prints, self._omitted_characters = False, 0, 0
 
 
-class LimitedStream(io.TextIOWrapper):
-    """Standard output or error with a limit. It writes line by line.
-
-    Args:
-        inner: The stream that it replaces.
-        limit: Of what the racer's code prints.
-        copies: Take what the racer's code prints within the limit, too.
-    """
-
-    def __init__(
-        self, inner: TextIO, limit: PrintLimit, copies: Sequence[Callable[[str], None]] = ()
-    ) -> None:
-        super().__init__(inner.buffer, inner.encoding, inner.errors, line_buffering=True)
-        self._limit = limit
-        self._copies = copies
-
-    def write(self, text: str, /) -> int:
-        """Write a text, or the part that the limit admits."""
-        if not self._limit.applies():
-            super().write(text)
-            return len(text)
-        admitted = self._limit.admit(text)
-        super().write(admitted)
-        if admitted:
-            for copy in self._copies:
-                copy(admitted)
-        return len(text)
-
-
 _limit = PrintLimit()
+_copies: Sequence[Callable[[str], None]] = ()
 
 
-def install(copies: Sequence[Callable[[str], None]] = ()) -> None:
-    """Take over this process's standard output and error.
-
-    Each of the `copies` gets what the racer's code prints, as far as the limit admits it.
-    """
-    sys.stdout = LimitedStream(sys.stdout, _limit, copies)
-    sys.stderr = LimitedStream(sys.stderr, _limit, copies)
+def install(copies: Sequence[Callable[[str], None]]) -> None:
+    """Let each of the `copies` have what the racer's code prints, as far as the limit admits it."""
+    global _copies
+    _copies = copies
 
 
-@contextmanager
-def limited_prints() -> Iterator[None]:
-    """Limit what is printed inside, where the racer's code runs."""
-    _limit.active = _limit.threads = True
-    try:
-        yield
-    finally:
-        _limit.active = False
+def print_theirs(text: str) -> None:
+    """Print what the racer's code has printed in its own process, as far as the limit admits it."""
+    admitted = _limit.admit(text)
+    if not admitted:
+        return
+    with suppress(OSError):  # a full disk; a print must neither fail nor wait
+        sys.stdout.write(admitted)
+        sys.stdout.flush()
+    for copy in _copies:
+        copy(admitted)
 
 
 def end_limit() -> None:
-    """Lift the limit and log what was left out, even if the racer's code never returned."""
-    _limit.active = _limit.threads = False
+    """Log what was left out since the last report."""
     _limit.report()

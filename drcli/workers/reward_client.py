@@ -79,9 +79,8 @@ class RewardProcess(RewardHost):
             )
         assert self._process.stdout is not None
         relay = partial(_relay, self._process.stdout)
-        with print_limit.limited_prints():  # from now on, what other threads print is the racer's
-            self._relay = threading.Thread(target=relay, name="reward-prints", daemon=True)
-            self._relay.start()
+        self._relay = threading.Thread(target=relay, name="reward-prints", daemon=True)
+        self._relay.start()
         try:
             loaded = self._ask(Load(str(file.resolve()), cars).encode(), 0, cars * _LOAD_S)
             for failure in loaded.failures:
@@ -168,8 +167,7 @@ def _relay(pipe: IO[bytes]) -> None:
     """Print here what the racer's code prints, within the limit of this worker."""
     with io.TextIOWrapper(pipe, "utf-8", "backslashreplace", newline="") as lines:
         for line in iter(lambda: lines.readline(_LONGEST_LINE), ""):
-            with suppress(OSError):  # a full disk; a print must neither fail nor wait
-                sys.stdout.write(line)
+            print_limit.print_theirs(line)
 
 
 def _error(failure: CallFailure) -> RewardError:

@@ -104,10 +104,9 @@ WRITER = """
 import ctypes, faulthandler, os, sys, time
 from pathlib import Path
 from drcli.base import log
-from drcli.workers import print_limit
 
 log.LOOK_S = 0.01
-print_limit.install()
+sys.stdout.reconfigure(line_buffering=True)
 log.LogFile(Path(sys.argv[1]), {max_bytes})
 for k in range({lines}):
     if k % 2:

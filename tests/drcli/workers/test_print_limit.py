@@ -1,15 +1,12 @@
 """What the racer's code prints goes into the log of its worker within bounds."""
 
-import io
-from threading import Thread
-
 import pytest
 
+from drcli.workers import print_limit
 from drcli.workers.print_limit import (
     BURST_CHARACTERS,
     CHARACTERS_S,
     TEXT_CHARACTERS,
-    LimitedStream,
     PrintLimit,
 )
 
@@ -80,50 +77,19 @@ def test_nothing_is_said_where_nothing_is_missing(limit, warnings):
     assert warnings == []
 
 
-def test_a_stream_limits_only_what_is_printed_while_the_racers_code_runs(limit):
-    inner = io.TextIOWrapper(io.BytesIO(), "utf-8")
-    stream = LimitedStream(inner, limit)
-
-    limit.active = True
-    for _ in range(40_000):
-        print(STEP, end="", file=stream)
-    limit.active = False
-    print("own\n" * 20_000, end="", file=stream)
-
-    printed = inner.buffer.getvalue().decode()
-    assert printed.count("own\n") == 20_000
-    assert len(printed) <= BURST_CHARACTERS + 80_000 + CHARACTERS_S
-
-
-def test_threads_of_the_racers_code_are_limited_between_its_calls_too(limit):
-    inner = io.TextIOWrapper(io.BytesIO(), "utf-8")
+def test_copies_get_what_the_limit_admits_of_what_is_printed(limit, monkeypatch, capsys):
     copied = []
-    stream = LimitedStream(inner, limit, [copied.append])
+    monkeypatch.setattr(print_limit, "_limit", limit)
+    monkeypatch.setattr(print_limit, "_copies", ())
+    print_limit.install([copied.append])
 
-    def print_in_a_thread(text):
-        thread = Thread(target=print, args=(text,), kwargs={"file": stream, "end": ""})
-        thread.start()
-        thread.join()
+    for _ in range(40_000):
+        print_limit.print_theirs(STEP)
+    print("own\n" * 20_000, end="")
 
-    print_in_a_thread("of a library\n")
-    limit.threads = True
-    print("own\n", end="", file=stream)
-    print_in_a_thread("theirs\n")
-    for _ in range(100):
-        print_in_a_thread(200 * STEP)
-
-    assert "".join(copied[:1]) == "theirs\n"
-    printed = inner.buffer.getvalue().decode()
-    assert printed.startswith("of a library\nown\ntheirs\n")
-    assert len(printed) <= BURST_CHARACTERS + CHARACTERS_S
-
-
-def test_a_line_is_written_at_its_end(limit):
-    inner = io.TextIOWrapper(io.BytesIO(), "utf-8")
-    stream = LimitedStream(inner, limit)
-
-    print("half", end="", file=stream)
-    before = inner.buffer.getvalue()
-    print(" and whole", file=stream)
-
-    assert (before, inner.buffer.getvalue()) == (b"", b"half and whole\n")
+    printed = capsys.readouterr().out
+    theirs = printed.replace("own\n", "")
+    assert printed.count("own\n") == 20_000
+    assert len(theirs) <= BURST_CHARACTERS
+    assert "".join(copied) == theirs
+    assert theirs.startswith(100 * STEP)

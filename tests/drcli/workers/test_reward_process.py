@@ -179,15 +179,28 @@ def test_an_endless_loop_ends_the_calls_with_its_line(begin):
     assert refusal.value.line in (2, 3)
 
 
+PRINTS = """
+import subprocess, sys, threading, warnings
+def reward_function(params):
+    print("mine", end="")
+    subprocess.run(["echo", " of-a-program"], check=True)
+    warnings.warn("careful")
+    sys.stderr.write("to-stderr\\n")
+    thread = threading.Thread(target=print, args=("of-a-thread",))
+    thread.start()
+    thread.join()
+    return 1.0
+"""
+
+
 def test_what_it_prints_and_what_its_programs_print_is_printed_here(begin, capsys):
-    process = begin(
-        "import subprocess\ndef reward_function(params):\n    print('mine', end='')\n"
-        "    subprocess.run(['echo', ' theirs'], check=True)\n    return 1.0\n"
-    )
+    process = begin(PRINTS)
     call(process, [0])
     process.close()
 
-    assert sorted(capsys.readouterr().out.split()) == ["mine", "theirs"]
+    printed = capsys.readouterr().out
+    assert {"mine", "of-a-program", "to-stderr", "of-a-thread"} <= set(printed.split())
+    assert "UserWarning: careful" in printed
 
 
 @linux
