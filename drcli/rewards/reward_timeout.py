@@ -11,7 +11,8 @@ from drcli.base.errors import SettingsError
 from drcli.exchange.job import WorkerExit
 from drcli.store.keys import REWARD_FUNCTION_FILE
 
-WHY = "one operation takes far longer than a call may, and Python cannot interrupt it"
+_WHY = "one operation takes far longer than a call may, and Python cannot interrupt it"
+_REMEDY = "Correct reward_function.py, then continue with `dr-start-training --resume-or-start`."
 
 _TAIL_BYTES = 20_000
 _THREAD = re.compile(r"^(?:Current thread|Thread) 0x", re.MULTILINE)
@@ -38,7 +39,7 @@ def _letter(escaped: re.Match[str]) -> str:
     return chr(int(next(filter(None, escaped.groups())), 16))
 
 
-def exit_of_stuck(code: int, log: Path, *, remedy: str) -> WorkerExit | None:
+def exit_of_stuck(code: int, log: Path, *, remedy: str = _REMEDY) -> WorkerExit | None:
     """The error of a stuck worker, by the exit code and the log of its process; else None."""
     if not is_stuck(code):
         return None
@@ -50,7 +51,7 @@ def exit_of_stuck(code: int, log: Path, *, remedy: str) -> WorkerExit | None:
         text = ""
     path, line = stuck_place(text)
     where = f" in {REWARD_FUNCTION_FILE}, line {line}," if line else ""
-    what = f"Reward function error: The reward function{where} failed: {WHY}."
+    what = f"Reward function error: The reward function{where} failed: {_WHY}."
     if source := source_line(path, line):
         what += f"\n  {source}"
     return WorkerExit(what, remedy, SettingsError.code, final=True)

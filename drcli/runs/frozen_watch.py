@@ -7,15 +7,12 @@ and it uses no processor time.
 import psutil
 
 from drcli.base.elapsed import duration
-from drcli.base.errors import SettingsError
 from drcli.exchange.job import WorkerExit
-from drcli.rewards.reward_timeout import WHY
 from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.outcome import Outcome
 from drcli.runs.seen_pulses import Seen, SeenPulses, cpu_s
 from drcli.runs.warnings_board import WarningsBoard
-from drcli.runs.worker_processes import Child
-from drcli.runs.worker_stacks import ANSWER_S, REWARD_REMEDY, StacksRequest
+from drcli.runs.worker_processes import STACKS_S, Child
 
 FROZEN_S = 30.0
 """Time without a pulse and without processor time after which a worker is replaced."""
@@ -47,7 +44,7 @@ class FrozenWatch(Duty):
         self._pulses = pulses
         self._board = board
         self._killed: dict[int, float] = {}
-        self._asked: dict[int, tuple[StacksRequest, float]] = {}
+        self._asked: dict[int, float] = {}
 
     def start(self, run: RunningTraining) -> None:
         """Begin."""
@@ -65,8 +62,8 @@ class FrozenWatch(Duty):
             if seen.pid in self._killed:
                 if self._pulses.now_s - self._killed[seen.pid] > REMOVAL_S:
                     child.give_up()
-            elif outcome := self._look_at(child, seen):
-                return outcome
+            else:
+                self._look_at(child, seen)
         return None
 
     def died(self, child: Child, code: int, words: WorkerExit | None) -> Outcome | None:
@@ -76,45 +73,32 @@ class FrozenWatch(Duty):
             self._asked.pop(child.process.pid, None)
         return None
 
-    def _look_at(self, child: Child, seen: Seen) -> Outcome | None:
+    def _look_at(self, child: Child, seen: Seen) -> None:
         silent_s = self._pulses.silent_s(seen)
         if silent_s < (FROZEN_S if seen.record is not None else STARTING_S):
             self._asked.pop(seen.pid, None)
-            return None
+            return
         try:
             state = psutil.Process(seen.pid).status()
         except psutil.Error:
-            return None  # it has just ended
+            return  # it has just ended
         used_s = cpu_s(seen.pid)
         idle = used_s is None or used_s - (seen.quiet_cpu_s or 0.0) < USED_S
         if state == psutil.STATUS_STOPPED or (idle and state != psutil.STATUS_TRACING_STOP):
             how = _STATES.get(state, "without using the processor")
             self._replace(child, seen, f"was frozen for {duration(silent_s)} ({how})")
-            return None
-        return None if silent_s < BUSY_S or idle else self._look_into(child, seen, silent_s)
+        elif silent_s >= BUSY_S and not idle:
+            self._replace_busy(child, seen, silent_s)
 
-    def _look_into(self, child: Child, seen: Seen, silent_s: float) -> Outcome | None:
-        """End the run if the reward function is inside one endless operation; else replace it."""
+    def _replace_busy(self, child: Child, seen: Seen, silent_s: float) -> None:
+        """Replace a worker that computes, once its log says where."""
         now_s = self._pulses.now_s
-        if seen.pid not in self._asked:
-            request = StacksRequest.send(self._run.job, child) if seen.record else None
-            if request is not None:
-                self._asked[seen.pid] = request, now_s
-                return None
-        elif now_s - self._asked[seen.pid][1] < ANSWER_S:
-            return None
-        else:
-            line, text = self._asked[seen.pid][0].reward_place()
-            if line:
-                return Outcome(
-                    SettingsError.code,
-                    f"Reward function error: The reward function in reward_function.py, line "
-                    f"{line}, failed: {WHY}.\n  {text}",
-                    REWARD_REMEDY,
-                )
-        how = "was inside one operation that Python cannot interrupt"
-        self._replace(child, seen, f"{how} for {duration(silent_s)}")
-        return None
+        if seen.pid not in self._asked and seen.record is not None:
+            child.ask_stacks()
+            self._asked[seen.pid] = now_s
+        if now_s - self._asked.get(seen.pid, -STACKS_S) >= STACKS_S:
+            how = "was inside one operation that Python cannot interrupt"
+            self._replace(child, seen, f"{how} for {duration(silent_s)}")
 
     def _replace(self, child: Child, seen: Seen, what: str) -> None:
         self._killed[seen.pid] = self._pulses.now_s

@@ -37,7 +37,6 @@ from drcli.runs.run_logs import LogUpload, begin_logs
 from drcli.runs.take_model import taken
 from drcli.runs.worker_deaths import died_too_often
 from drcli.runs.worker_processes import Child, end_process, start_process
-from drcli.runs.worker_stacks import REWARD_REMEDY
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, read_record
 from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
@@ -342,7 +341,7 @@ class JoinedMachine:
             if code == 0 or self._is_stopped():
                 return None
             words = WorkerExit.read(job.folder, child.name) or exit_of_stuck(
-                code, log_file(job.directory, self._prefix, child.name), remedy=REWARD_REMEDY
+                code, log_file(job.directory, self._prefix, child.name)
             )
             if words is not None and words.code == OwnershipLost.code:
                 return None

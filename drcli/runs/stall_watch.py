@@ -4,7 +4,7 @@ Progress is a finished step of any worker: cars that moved on, or a step of the 
 a huge iteration nor a slow reward function is a stall.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from drcli.base.elapsed import duration
 from drcli.base.errors import StorageError, WorkerDied
@@ -13,8 +13,7 @@ from drcli.runs.duty import Duty, RunningTraining
 from drcli.runs.outcome import Outcome
 from drcli.runs.seen_pulses import Seen, SeenPulses
 from drcli.runs.warnings_board import WarningsBoard
-from drcli.runs.worker_processes import TRAINER, Child
-from drcli.runs.worker_stacks import ANSWER_S, StacksRequest
+from drcli.runs.worker_processes import STACKS_S, TRAINER, Child
 
 TURN_S = 60.0
 """A worker whose main thread did not come by for so long is stuck in one call."""
@@ -34,7 +33,6 @@ class StallWatch(Duty):
         minutes: int,
         pulses: SeenPulses,
         board: WarningsBoard,
-        ask_stacks: Callable[[Child], StacksRequest | None] | None = None,
     ) -> None:
         """Prepare.
 
@@ -42,20 +40,17 @@ class StallWatch(Duty):
             minutes: DR_STALL_MINUTES; 0 to watch nothing.
             pulses: Of the workers; somebody else looks at them.
             board: For warnings.
-            ask_stacks: Asks a worker for its stacks; for tests.
         """
         self._stall_s = 60.0 * minutes
         self._pulses = pulses
         self._board = board
-        self._ask_stacks = ask_stacks
         # When it was looked, when the present quiet time began, and when anybody worked.
         self._checked_s = self._since_s = self._worked_s = pulses.now_s
         self._update_s = self._excused_s = pulses.now_s
         self._told_s = 0.0
         self._restarted = False
         self._stalls = 0
-        self._place = ""
-        self._stuck: list[tuple[Child, int, StacksRequest | None]] = []
+        self._stuck: list[tuple[Child, int]] = []
         self._kill_at_s = 0.0
         self._silent_bucket_s: float | None = None
 
@@ -87,7 +82,7 @@ class StallWatch(Duty):
         if self._restarted or self._stalls >= MOST_STALLS:
             return Outcome(
                 WorkerDied.code,
-                f"{what} Restarting the workers did not help. {self._place}".rstrip(),
+                f"{what} Restarting the workers did not help.",
                 "Everything learned so far is kept. Read where the workers are stuck with "
                 "`dr-logs trainer` and `dr-logs sim`, then continue with "
                 "`dr-start-training --resume`.",
@@ -125,7 +120,7 @@ class StallWatch(Duty):
         trainer = self._pulses.of(TRAINER)
         if trainer is not None and trainer.work_s is not None and trainer.work_s > self._update_s:
             self._update_s = trainer.work_s
-            self._told_s, self._stalls, self._place = 0.0, 0, ""
+            self._told_s, self._stalls = 0.0, 0
             self._board.clear("update")
         return self._pulses.now_s - self._since_s < self._stall_s
 
@@ -184,27 +179,16 @@ class StallWatch(Duty):
     def _prepare_to_kill(self, children: Sequence[Child]) -> None:
         """Ask the workers for their stacks, and kill them a little later."""
         for child in children:
-            pid = child.process.pid if child.process is not None else 0
-            self._stuck.append((child, pid, self._stacks_of(child)))
-        self._kill_at_s = self._pulses.now_s + ANSWER_S
-
-    def _stacks_of(self, child: Child) -> StacksRequest | None:
-        seen = self._pulses.of(child.name)
-        if seen is None or seen.record is None:
-            return None
-        if self._ask_stacks is not None:
-            return self._ask_stacks(child)
-        return StacksRequest.send(self._run.job, child)
+            seen = self._pulses.of(child.name)
+            if seen is not None and seen.record is not None:
+                child.ask_stacks()
+            self._stuck.append((child, child.process.pid if child.process is not None else 0))
+        self._kill_at_s = self._pulses.now_s + STACKS_S
 
     def _kill_stuck(self) -> None:
-        for child, pid, request in self._stuck:
-            if child.process is None or child.process.pid != pid:
-                continue  # it has ended meanwhile
-            line, text = request.reward_place() if request is not None else (0, "")
-            if line:
-                self._place = f"{child.name} was inside reward_function.py, line {line}: {text}"
-                self._board.tell("fault", self._place, worker=child.name, line=line)
-            child.kill_for("stalled")
+        for child, pid in self._stuck:
+            if child.process is not None and child.process.pid == pid:  # else it has ended
+                child.kill_for("stalled")
         self._stuck = []
         self._since_s = self._pulses.now_s
 

@@ -23,7 +23,6 @@ from drcli.runs.run_ending import RunEnding
 from drcli.runs.run_logs import LogUpload
 from drcli.runs.worker_deaths import died_too_often
 from drcli.runs.worker_processes import TRAINER, Child, start_process
-from drcli.runs.worker_stacks import REWARD_REMEDY
 from drcli.store.bucket import Bucket
 from drcli.tracking.open_sinks import tensorboard_folder
 
@@ -196,7 +195,6 @@ class Supervisor:
         words = WorkerExit.read(self._job.folder, child.name) or exit_of_stuck(
             code,
             log_file(self._job.directory, self._job.config.model.prefix, child.name),
-            remedy=REWARD_REMEDY,
         )
         if code == 0 and child.name == TRAINER and words is not None:
             return Outcome(0, words.message)

@@ -1,5 +1,6 @@
 """Starts and stops the processes of a run, each apart from the terminal and with its own log."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -11,11 +12,15 @@ from dataclasses import dataclass
 from drcli.base import log_files
 from drcli.exchange.job import Job
 from drcli.exchange.log_places import log_file
+from drcli.workers.pulse import STACKS_SIGNAL
 
 TRAINER = "trainer"
 
 SIMULATION_EXIT_S = 4.0
 """How long the trainer waits for the exit of simulation workers, to score their evaluations."""
+
+STACKS_S = 4.0
+"""How long a worker may take to write its stacks."""
 
 KILLED_S = 5.0
 """How long the kernel may take to remove a killed process."""
@@ -87,6 +92,12 @@ class Child:
     def running(self) -> bool:
         """Whether the process runs."""
         return self.process is not None and self.process.poll() is None
+
+    def ask_stacks(self) -> None:
+        """Let the worker, which has written a pulse, write the stacks of its threads to its log."""
+        if self.process is not None and self.running and STACKS_SIGNAL is not None:
+            with suppress(ProcessLookupError):
+                os.kill(self.process.pid, STACKS_SIGNAL)
 
     def kill_for(self, reason: str) -> None:
         """Kill the process, so that the supervisor starts another one; does not wait."""

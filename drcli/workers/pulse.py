@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -87,9 +88,8 @@ class Pulse:
         except OSError as error:
             _logger.warning("The pulse of this worker cannot be written: %s", error)
             return
-        end = threading.Event()
         threading.Thread(
-            target=self._beat, args=(folder, name, descriptor, end), name="pulse", daemon=True
+            target=self._beat, args=(folder, name, descriptor), name="pulse", daemon=True
         ).start()
 
     def record(self) -> PulseRecord:
@@ -108,7 +108,7 @@ class Pulse:
             open_files=relayed.open_files if relayed else own_open_files(),
         )
 
-    def _beat(self, folder: Path, name: str, descriptor: int, end: threading.Event) -> None:
+    def _beat(self, folder: Path, name: str, descriptor: int) -> None:
         while True:
             self._beats += 1
             with suppress(OSError):
@@ -117,7 +117,7 @@ class Pulse:
                     os.close(descriptor)
                     descriptor = fresh
                 os.pwrite(descriptor, self.record().file_content(), 0)
-            end.wait(BEAT_S)
+            time.sleep(BEAT_S)
 
 
 def own_open_files() -> int:

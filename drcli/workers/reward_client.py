@@ -29,6 +29,7 @@ from drcli.workers import print_limit
 from drcli.workers.pulse import companions
 from drcli.workers.reward_access import SCRATCH, freedoms_told
 from drsim.episode.reward import OnRewardError, Rewarded, RewardHost, RewardParams
+from drsim.episode.reward_deadline import STUCK
 from drsim.errors import RewardError, RewardErrorKind
 
 SERVER = "drcli.workers.reward_server"
@@ -139,6 +140,9 @@ class RewardProcess(RewardHost):
             self._connection.sendall(framed(message))
             answer = receive(self._connection, MOST_BYTES)
         except TimeoutError:
+            if self._pid is not None and STUCK is not None:
+                os.kill(self._pid, STUCK)  # it shows where it is, and ends
+                self._end_alike()
             self.close()
             what = f"it did not return within {within_s:g} s, and nothing can interrupt it"
             raise RewardError(

@@ -171,11 +171,7 @@ def run(
 
 
 def _explain_unseen(job: Job, name: str, _: object, error: BaseException, _trace: object) -> None:
-    """Explain a failure that `except Exception` does not see, as `sys.excepthook`.
-
-    If a reward function catches every exception that should interrupt it, the simulation calls this
-    and ends the process.
-    """
+    """Explain a failure that `except Exception` does not see, as `sys.excepthook`."""
     _explain(error, job, name)
 
 

@@ -9,18 +9,11 @@ import time
 import psutil
 import pytest
 
-from drcli.exchange.log_places import log_file
 from drcli.runs import frozen_watch
 from drcli.runs.frozen_watch import FrozenWatch
 from drcli.runs.seen_pulses import SeenPulses
 from drcli.runs.warnings_board import WarningsBoard
 from watched_run import WatchedRun
-
-REWARD_STACK = (
-    "Current thread 0x00007f8ac224ab80 (most recent call first):\n"
-    '  File "{path}", line 2 in reward_function\n'
-    '  File "drsim/episode/reward.py", line 109 in checked_rewards\n'
-)
 
 
 class Stage:
@@ -109,12 +102,7 @@ def test_a_worker_that_computes_without_a_pulse_gets_more_time(stage):
     assert not stage.run.child("sim-0").process.killed
 
 
-def test_a_reward_function_inside_one_endless_operation_ends_the_run_with_its_line(stage, tmp_path):
-    copy = tmp_path / "sim-0" / "reward_function.py"
-    copy.parent.mkdir()
-    copy.write_text("def reward_function(params):\n    return sum(range(10**12))\n")
-    log = log_file(stage.run.job.directory, "model", "sim-0")
-    log.parent.mkdir(parents=True)
+def test_an_endless_operation_is_a_reason_for_a_new_process_once_its_place_is_in_the_log(stage):
     stage.pass_time(10)
     stage.uses = 1.0
     stage.pass_time(116, silent=["sim-0"])
@@ -122,19 +110,8 @@ def test_a_reward_function_inside_one_endless_operation_ends_the_run_with_its_li
 
     stage.pass_time(6)
     assert len(stage.asked) == 1
-    log.write_text(REWARD_STACK.format(path=copy))
-    outcome = stage.pass_time(10)
-
-    assert outcome.code == 3
-    assert "reward_function.py, line 2, failed: one operation takes far longer" in outcome.message
-    assert outcome.message.endswith("return sum(range(10**12))")
-
-
-def test_another_endless_operation_is_a_reason_for_a_new_process(stage):
-    stage.pass_time(10)
-    stage.uses = 1.0
-
-    assert stage.pass_time(140, silent=["sim-0"]) is None
+    assert not stage.run.child("sim-0").process.killed
+    assert stage.pass_time(10) is None
 
     assert stage.run.child("sim-0").process.killed
     assert "inside one operation that Python cannot interrupt" in stage.run.told[0]

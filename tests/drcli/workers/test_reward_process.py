@@ -15,6 +15,7 @@ import psutil
 import pytest
 
 from drcli.base.confinement import offered
+from drcli.rewards.reward_timeout import stuck_place
 from drcli.workers import reward_access
 from drcli.workers.reward_client import RewardProcess
 from drsim.errors import RewardError
@@ -55,8 +56,8 @@ def reward_function(params):
 WORKER = """
 import sys
 from pathlib import Path
-from drcli.workers.reward_client import RewardProcess
-process = RewardProcess(Path(sys.argv[1]), 1)
+from drcli.workers import reward_client
+process = reward_client.RewardProcess(Path(sys.argv[1]), 1)
 call = {"is_reversed": False, "waypoints": [(0.0, 0.0)]}
 process.rewards([0], [call], 30.0, lambda *_: 0.0)
 print("called", flush=True)
@@ -177,6 +178,39 @@ def test_an_endless_loop_ends_the_calls_with_its_line(begin):
         process.rewards([0], calls, 0.2, lambda *_: 0.0)
 
     assert refusal.value.line in (2, 3)
+
+
+def test_a_loop_that_swallows_what_would_end_it_ends_the_calls_with_its_line(begin):
+    process = begin(
+        "def reward_function(params):\n    while True:\n        try:\n            while True:\n"
+        "                pass\n        except:\n            pass\n"
+    )
+    calls = [{"is_reversed": False, "waypoints": [*WAYPOINTS]}]
+
+    with pytest.raises(RewardError, match="swallows what is raised to end it") as refusal:
+        process.rewards([0], calls, 0.1, lambda *_: 0.0)
+
+    assert refusal.value.line in range(2, 8)
+
+
+@linux
+def test_a_worker_whose_function_waits_where_nothing_can_interrupt_it_says_where(folder):
+    file = own_file(
+        folder,
+        "import ctypes\ndef reward_function(params):\n    libc = ctypes.CDLL(None)\n"
+        "    mutex = ctypes.create_string_buffer(64)\n    libc.pthread_mutex_lock(mutex)\n"
+        "    libc.pthread_mutex_lock(mutex)\n    return 1.0\n",
+    )
+    impatient = WORKER.replace("process =", "reward_client._PATIENCE_S = 0.1\nprocess =")
+
+    done = subprocess.run(
+        [sys.executable, "-c", impatient.replace("30.0", "0.1"), str(file)],
+        capture_output=True,
+        timeout=60,
+    )
+
+    assert done.returncode == -signal.SIGPROF
+    assert stuck_place(done.stdout.decode()) == (file, 6)
 
 
 PRINTS = """
