@@ -105,13 +105,8 @@ def read_packed(path: Path) -> bytes:
         raise SettingsError(f"{path} cannot be read: {reason}.", remedy=remedy) from e
 
 
-def is_handed_over(name: str) -> bool:
-    """Whether a file was put into an archive by a person."""
-    return not is_left_behind(name)
-
-
 def unpack_archive(
-    file: BinaryIO, origin: str, *, wanted: Callable[[str], bool] = is_handed_over
+    file: BinaryIO, origin: str, *, wanted: Callable[[str], bool] = lambda n: not is_left_behind(n)
 ) -> dict[str, bytes]:
     """Read the wanted files of an archive, which messages call `origin`; see `read_archive`."""
     found: dict[str, bytes] = {}
