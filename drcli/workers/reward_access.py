@@ -25,8 +25,11 @@ SCRATCH = "tmp"
 
 _DEVICES = ("null", "zero", "full", "random", "urandom", "shm", "tty")
 
-_SECRET = ("data", "*.env", ".*", "experiments/*/*.env", "*/.server.json", "*/*/.server.json")
+_SECRET = ("data", "*.env", ".*", "experiments/*/*.env")
 """What no reward function reads in a working folder: bucket, logs, settings, hidden files."""
+
+_BUCKETS = ("*/.server.json", "*/*/.server.json")
+"""Beside the buckets of a local server, wherever DR_S3_DATA_DIR puts them."""
 
 _WORDS: dict[Freedom, str] = {
     "files": "reads and writes whatever your user may",
@@ -52,7 +55,7 @@ def confine_reward(own: Path) -> set[Freedom]:
     scratch.mkdir(exist_ok=True)
     shared = Path(tempfile.gettempdir()).resolve()
     os.environ["TMPDIR"] = tempfile.tempdir = str(scratch)
-    secret = {path.resolve() for path in _secrets(here)}
+    secret = {path.resolve() for path in _secrets(here, shared)}
     caches = [Path(os.environ[name]) for name in ("NUMBA_CACHE_DIR",) if os.environ.get(name)]
     signal_guard.install()
     return confine(
@@ -81,10 +84,12 @@ def _python() -> Iterator[Path]:
     yield from {Path(place).resolve() for place in places if place}
 
 
-def _secrets(here: Path) -> Iterator[Path]:
+def _secrets(here: Path, shared: Path) -> Iterator[Path]:
     """Files and folders that may lie inside of what is allowed."""
     for pattern in _SECRET:
         yield from here.glob(pattern)
+    for pattern in _BUCKETS:
+        yield from (found.parent for root in (here, shared) for found in root.glob(pattern))
     with suppress(RuntimeError):  # nobody knows the home
         yield from Path.home().glob(".*")
     for name, value in os.environ.items():

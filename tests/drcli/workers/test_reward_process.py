@@ -73,7 +73,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in (
         *("system.env", "run.env", "worker-1.env", ".netrc", "home/.aws/credentials"),
         *("home/.ssh/id_ed25519", "data/s3/.server.json", "data/viewer/token.json"),
-        *("elsewhere/.server.json", "experiments/fast/system.env", "custom_files/line.txt"),
+        *("elsewhere/.server.json", "elsewhere/bucket/weights"),
+        *("experiments/fast/system.env", "custom_files/line.txt"),
     ):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -258,6 +259,7 @@ def test_it_reads_no_keys_and_no_settings(begin, capsys):
         "ssh": "key/id_ed25519",
         "server": "data/s3/.server.json",
         "elsewhere": "elsewhere/.server.json",
+        "bucket": "elsewhere/bucket/weights",
         "console": "data/viewer/token.json",
         "experiment": "experiments/fast/system.env",
         "shadow": "/etc/shadow",
@@ -270,6 +272,20 @@ def test_it_reads_no_keys_and_no_settings(begin, capsys):
     found = seen(begin, capsys, **expressions, program=by_program)
 
     assert found == dict.fromkeys(names, "PermissionError") | {"program": "1"}
+
+
+@needs("files")
+def test_it_reads_no_bucket_among_temporary_files(begin, capsys, tmp_path_factory, monkeypatch):
+    shared = tmp_path_factory.mktemp("shared")
+    monkeypatch.setenv("TMPDIR", str(shared))
+    for name in ("notes.txt", "racer/s3/.server.json", "racer/s3/bucket/weights"):
+        (shared / name).parent.mkdir(parents=True, exist_ok=True)
+        (shared / name).write_text(name)
+    weights, notes = shared / "racer/s3/bucket/weights", shared / "notes.txt"
+
+    found = seen(begin, capsys, bucket=f"open('{weights}').read()", other=f"open('{notes}').read()")
+
+    assert found == {"bucket": "PermissionError", "other": "'notes.txt'"}
 
 
 def test_it_reads_its_data_and_writes_to_temporary_files_and_the_working_folder(
