@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import IO, NoReturn, get_args
 
 from drcli.base.confinement import FREEDOMS
+from drcli.base.json_record import RecordError
 from drcli.base.log import get_logger
 from drcli.config import secret_environment
 from drcli.exchange.framing import WireError, framed, receive
@@ -138,7 +139,7 @@ class RewardProcess(RewardHost):
         self._connection.settimeout(within_s)
         try:
             self._connection.sendall(framed(message))
-            answer = receive(self._connection, MOST_BYTES)
+            return Answer.decode(receive(self._connection, MOST_BYTES), calls)
         except TimeoutError:
             if self._pid is not None and STUCK is not None:
                 os.kill(self._pid, STUCK)  # it shows where it is, and ends
@@ -148,9 +149,8 @@ class RewardProcess(RewardHost):
             raise RewardError(
                 f"The reward function failed: {what}.", kind="endless", reason=what
             ) from None
-        except (WireError, OSError):
+        except (WireError, RecordError, OSError):
             self._end_alike()
-        return Answer.decode(answer, calls)
 
     def _end_alike(self) -> NoReturn:
         """End this process in the same way as that of the racer's code has ended.

@@ -7,21 +7,13 @@ import sys
 import psutil
 import pytest
 
+from drcli.store.server import server_process
+
 ASKING = """
 import sys
 from drcli.store.server.server_process import is_running
 
 print(is_running(int(sys.argv[1]), sys.argv[2]))
-"""
-
-ENDING = """
-import sys
-import drcli.workers.worker_process
-from drcli.base import signal_guard as signalguard
-from drcli.store.server import server_process as process
-
-signalguard.install()
-process.end(int(sys.argv[1]), sys.argv[2])
 """
 
 
@@ -50,9 +42,11 @@ def test_a_process_of_a_folder_with_an_umlaut_is_known_in_the_c_locale(sleeper, 
     assert answer.stdout == "True\n"
 
 
-def test_a_server_can_be_ended_where_a_reward_function_may_send_no_signals(sleeper):
+def test_a_process_with_the_mark_is_ended_and_any_other_is_left_alone(sleeper):
     pid, mark = sleeper
 
-    subprocess.run([sys.executable, "-c", ENDING, str(pid), mark], check=True)
+    server_process.end(pid, mark + " of another racer")
+    assert psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
 
+    server_process.end(pid, mark)
     assert psutil.Process(pid).status() == psutil.STATUS_ZOMBIE

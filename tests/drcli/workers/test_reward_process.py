@@ -409,12 +409,13 @@ def test_a_worker_ends_as_the_process_of_its_reward_function_does(folder, after,
 
 
 @linux
-def test_a_worker_does_not_wait_for_a_function_that_writes_into_its_connection(folder):
+@pytest.mark.parametrize("written", [r"b'\xff' * 8", r"b'\0\0\0\2ab'"])
+def test_a_worker_does_not_wait_for_a_function_that_writes_into_its_connection(folder, written):
     file = own_file(
         folder,
         "import os, stat\ndef reward_function(params):\n    for each in range(3, 10):\n"
         "        try:\n            if stat.S_ISSOCK(os.fstat(each).st_mode):\n"
-        "                os.write(each, b'\\xff' * 8)\n"
+        f"                os.write(each, {written})\n"
         "        except OSError:\n            pass\n    return 1.0\n",
     )
 
