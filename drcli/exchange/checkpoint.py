@@ -10,6 +10,7 @@ from typing import Any
 from drcli.base.fingerprint import Fingerprint
 from drcli.base.json_record import JsonRecord, RecordError
 from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.phase import PhaseMark
 from drcli.exchange.stage import StageMark
 
 CHECKPOINT_NAME = re.compile(r"(\d+)_Step-(\d+)\.ckpt")
@@ -56,6 +57,7 @@ class Counters:
             policy that came without its critic.
         rollbacks: How often the training had gone back to an older checkpoint; None for never.
         stage: The stage of the training that the weights are for; None without a curriculum.
+        phase: The phase of a training with a teacher that drives with the weights; else None.
         shares: Version of the `Shares` that say who drives; None where each of DR_WORKERS drives
             the same share.
     """
@@ -70,6 +72,7 @@ class Counters:
     critic_warmup: int | None = None
     rollbacks: int | None = None
     stage: StageMark | None = None
+    phase: PhaseMark | None = None
     shares: int | None = None
 
 

@@ -53,6 +53,9 @@ class IterationRecord(JsonRecord):
         second_progress: Progress of each evaluation episode there, percent.
         second_lap_s: Lap times of the laps that were completed there, simulated seconds.
         world: Track of the first worker, which evaluates; empty in histories of version 0.1.0.
+        phase: Phase of a training with a teacher, else empty.
+        imitation_loss: Mean difference of the student's actions from its teacher's, in the last
+            part of an update of the phase `distillation`; else None.
     """
 
     iteration: int
@@ -89,11 +92,14 @@ class IterationRecord(JsonRecord):
     second_progress: list[float] = field(default_factory=list)
     second_lap_s: list[float] = field(default_factory=list)
     world: str = ""
+    phase: str = ""
+    imitation_loss: float | None = None
 
     def compares_with(self, other: "IterationRecord") -> bool:
         """Whether both belong to the same stage and track, as far as the tracks are known."""
         known = self.world and other.world
-        return self.stage == other.stage and (not known or self.world == other.world)
+        same = (self.stage, self.phase) == (other.stage, other.phase)
+        return same and (not known or self.world == other.world)
 
     @property
     def evaluation(self) -> Laps | None:
@@ -139,6 +145,8 @@ LEFT_OUT_IF_EMPTY = (
     "second_progress",
     "second_lap_s",
     "world",
+    "phase",
+    "imitation_loss",
 )
 """Fields that few trainings have."""
 

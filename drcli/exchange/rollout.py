@@ -127,7 +127,8 @@ class Episodes:
 def encode_episodes(episodes: Episodes) -> bytes:
     """Episodes as bytes; the arrays may be used again afterwards."""
     frames = np.ascontiguousarray(episodes.rollout.frames)
-    packed = zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(frames.data.cast("B"))
+    plain = frames.data.cast("B") if frames.size else b""
+    packed = zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(plain)
     tensors = {"frames": np.frombuffer(packed, np.uint8)}
     for name, (key, _) in (_STEP | _EPISODE).items():
         tensors[key] = np.ascontiguousarray(episodes.column(name))
@@ -216,6 +217,8 @@ class _Packed:
     def unpack_into(self, room: NDArray[np.uint8]) -> None:
         if self.frames_shape != room.shape:
             raise ValueError(f"frames of shape {self.frames_shape} instead of {room.shape}")
+        if not room.size:
+            return
         reader = zstandard.ZstdDecompressor().stream_reader(self.frames.data)
         if reader.readinto(room.data.cast("B")) != room.nbytes or reader.read(1):
             raise ValueError("more or fewer frames than it says")
@@ -248,7 +251,8 @@ def _header(data: bytes) -> dict[str, str]:
 def _checked_shape(value: Any) -> tuple[int, ...]:
     if not isinstance(value, list) or len(value) != 4:
         raise ValueError("its frames have no shape (steps, eyes, height, width)")
-    if not all(isinstance(size, int) and 0 < size < 2**31 for size in value):
+    # Nothing is drawn for a teacher, so its frames have no pixels.
+    if not all(isinstance(size, int) and 0 <= size < 2**31 for size in value):
         raise ValueError(f"frames cannot have the shape {value}")
     if math.prod(value[1:]) > LARGEST_FRAMES_BYTES:
         raise ValueError(f"frames of {value[1:]} are too large")

@@ -1,13 +1,13 @@
 """Builds the network of a model from model_metadata.json and hyperparameters.json."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
-from torch import nn
+from torch import Tensor, nn
 
 from drcli.base.errors import SettingsError
 from drcli.learn.actor_critic import ActorCritic
@@ -16,9 +16,12 @@ from drcli.learn.sac_networks import SACAgent
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
-STATE_DIMS = 22
-"""Length of `Simulation.privileged`. It is repeated here because loading the simulator for it would
-cost the trainer 33 MB of memory."""
+STATE_DIMS, TEACHER_DIMS = 22, 24
+"""Lengths of `Simulation.privileged` and `Simulation.teacher_state`. They are repeated here because
+loading the simulator for them would cost the trainer 33 MB of memory."""
+
+TEACHER = "teacher."
+"""The names of a teacher's weights begin with it."""
 
 
 def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicySpec:
@@ -31,7 +34,12 @@ def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicyS
         eyes=metadata.eyes,
         stack=parameters.stack_size,
         scan_dims=metadata.scan_dims,
-        state_dims=STATE_DIMS if parameters.critic == "state" else 0,
+        state_dims=TEACHER_DIMS
+        if parameters.taught
+        else STATE_DIMS
+        if parameters.critic == "state"
+        else 0,
+        taught=parameters.taught,
     )
 
 
@@ -49,7 +57,7 @@ def load_weights(model: nn.Module, data: bytes, name: str) -> None:
         SettingsError: The parameter files describe another network.
     """
     try:
-        model.load_state_dict(load_tensors(data))
+        model.load_state_dict(_with_own_critic(model, load_tensors(data)))
     except (RuntimeError, SafetensorError) as error:
         what = str(error).strip().splitlines()[-1].strip()
         raise SettingsError(
@@ -58,6 +66,20 @@ def load_weights(model: nn.Module, data: bytes, name: str) -> None:
             remedy="Restore the files that the model was trained with, or train a new model under "
             "another DR_LOCAL_S3_MODEL_PREFIX.",
         ) from None
+
+
+def _with_own_critic(model: nn.Module, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The same with teacher and critic of the model, where only one of both has a teacher."""
+    own = model.state_dict()
+    if _is_taught(own) == _is_taught(tensors):
+        return tensors
+    of_critic = (TEACHER, "value_head.", "returns.")
+    kept = {name: tensor for name, tensor in tensors.items() if not name.startswith(of_critic)}
+    return {name: tensor for name, tensor in own.items() if name.startswith(of_critic)} | kept
+
+
+def _is_taught(names: Iterable[str]) -> bool:
+    return any(name.startswith(TEACHER) for name in names)
 
 
 def weights_of(model: nn.Module) -> dict[str, NDArray[np.float32]]:

@@ -1,4 +1,4 @@
-"""The network of PPO: policy and critic on one body."""
+"""The networks of PPO: policy and critic on one body, and a teacher that sees the state."""
 
 from typing import NamedTuple, cast
 
@@ -16,6 +16,12 @@ LOG_STD_RANGE = (-20.0, 3.0)
 _CRITIC_WIDTH = 64
 """Width of the two hidden layers of a critic that sees the state."""
 
+_TEACHER_WIDTH = 128
+"""The same of a teacher, and of the critic that it shares with its student."""
+
+FIRST_LOG_STD = -0.5
+"""Log standard deviation of a teacher before it has learned."""
+
 
 class Output(NamedTuple):
     """The result of one forward pass."""
@@ -26,50 +32,30 @@ class Output(NamedTuple):
     """Expected discounted return, in the critic's own units. Shape (n,)."""
 
 
-class ActorCritic(nn.Module):
-    """Policy and value on one shared body.
-
-    The reference trains two bodies, one for the policy and one for the value. Sharing one halves
-    the arithmetic and does not change the exported policy. With `state_dims` the value comes from
-    the state alone, and the body learns from the policy's gradient only.
+class PolicyAndValue(nn.Module):
+    """What policies with a critic have in common, whatever they see.
 
     Attributes:
+        spec: The shape of the policy.
+        value_head: The last layers of the critic.
         returns: How much reward a unit of the value head is worth. Without it, errors of large
             values would disturb the shared body, and small ones would not be learned.
+        log_std: Log standard deviation of a Gaussian policy. Shape (num_actions,).
     """
 
-    def __init__(self, spec: PolicySpec) -> None:
-        super().__init__()
-        self.spec = spec
-        self.body = Encoder(spec)
-        self.policy_head = Dense(self.body.features, spec.num_actions)
-        self.value_head: nn.Module
-        if spec.state_dims:
-            last = Dense(_CRITIC_WIDTH, 1)
-            self.value_head = nn.Sequential(
-                Dense(spec.state_dims, _CRITIC_WIDTH),
-                nn.Tanh(),
-                Dense(_CRITIC_WIDTH, _CRITIC_WIDTH),
-                nn.Tanh(),
-                last,
-            )
-        else:
-            self.value_head = last = Dense(self.body.features, 1)
-        nn.init.zeros_(self.policy_head.bias)
-        nn.init.zeros_(last.bias)
-        _init_rows(last.weight, 1.0)
-        self.returns = ReturnScale()
-        # All actions are nearly equally likely at the start, so that each one is tried.
-        _init_rows(self.policy_head.weight, 0.01)
-        if spec.continuous:
-            self.log_std = nn.Parameter(torch.zeros(spec.num_actions))
+    spec: PolicySpec
+    value_head: nn.Module
+    returns: ReturnScale
+    log_std: nn.Parameter
+
+    @property
+    def block(self) -> int:
+        """Side of the blocks into which frames are cut for it in bfloat16."""
+        return 1
 
     def forward(self, seen: Observation) -> Output:
         """Evaluate policy and value for n steps."""
-        # Only the body may use bfloat16: probability ratios need more than its three digits.
-        features = self.body(seen).to(self.policy_head.weight.dtype)
-        value = self.value_head(seen.state if self.spec.state_dims else features)
-        return Output(self.policy_head(features), value.squeeze(-1))
+        raise NotImplementedError
 
     def without_critic(self) -> list[Tensor]:
         """The parameters of policy and body: all but those of the critic."""
@@ -121,6 +107,91 @@ class ActorCritic(nn.Module):
     def log_std_bounded(self) -> Tensor:
         """Log standard deviation of the Gaussian policy. Shape (num_actions,)."""
         return self.log_std.clamp(*LOG_STD_RANGE)
+
+
+class ActorCritic(PolicyAndValue):
+    """Policy and value on one shared body.
+
+    The reference trains two bodies, one for the policy and one for the value. Sharing one halves
+    the arithmetic and does not change the exported policy. With `state_dims` the value comes from
+    the state alone, and the body learns from the policy's gradient only.
+
+    Attributes:
+        teacher: The layers of a teacher's policy, and its `log_std`; only with `spec.taught`.
+    """
+
+    def __init__(self, spec: PolicySpec) -> None:
+        super().__init__()
+        self.spec = spec
+        self.body = Encoder(spec)
+        self.policy_head = Dense(self.body.features, spec.num_actions)
+        if spec.state_dims:
+            width = _TEACHER_WIDTH if spec.taught else _CRITIC_WIDTH
+            self.value_head = _on_state(spec, width, 1)
+            last = cast(Dense, self.value_head[-1])
+        else:
+            self.value_head = last = Dense(self.body.features, 1)
+        nn.init.zeros_(self.policy_head.bias)
+        nn.init.zeros_(last.bias)
+        _init_rows(last.weight, 1.0)
+        self.returns = ReturnScale()
+        # All actions are nearly equally likely at the start, so that each one is tried.
+        _init_rows(self.policy_head.weight, 0.01)
+        if spec.continuous:
+            self.log_std = nn.Parameter(torch.zeros(spec.num_actions))
+        if spec.taught:
+            self.teacher = _TeacherLayers(spec)
+
+    @property
+    def block(self) -> int:
+        """Side of the blocks into which frames are cut for it in bfloat16."""
+        return self.body.block
+
+    def forward(self, seen: Observation) -> Output:
+        """Evaluate policy and value for n steps."""
+        # Only the body may use bfloat16: probability ratios need more than its three digits.
+        features = self.body(seen).to(self.policy_head.weight.dtype)
+        value = self.value_head(seen.state if self.spec.state_dims else features)
+        return Output(self.policy_head(features), value.squeeze(-1))
+
+
+class Teacher(PolicyAndValue):
+    """A policy that drives by what the simulation knows, on the weights of an `ActorCritic`.
+
+    Both have the same critic: what it has learned of the teacher's returns is a good beginning for
+    a student that drives nearly alike (Pinto et al., 2017, "Asymmetric actor critic").
+    """
+
+    def __init__(self, student: ActorCritic) -> None:
+        super().__init__()
+        self.spec = student.spec
+        self.layers = student.teacher.layers
+        self.value_head, self.returns = student.value_head, student.returns
+        if self.spec.continuous:
+            self.log_std = student.teacher.log_std
+
+    def forward(self, seen: Observation) -> Output:
+        """Evaluate policy and value for n steps; frames and scans are not looked at."""
+        return Output(self.layers(seen.state), self.value_head(seen.state).squeeze(-1))
+
+
+class _TeacherLayers(nn.Module):
+    def __init__(self, spec: PolicySpec) -> None:
+        super().__init__()
+        self.layers = _on_state(spec, _TEACHER_WIDTH, spec.num_actions)
+        last = cast(Dense, self.layers[-1])
+        nn.init.zeros_(last.bias)
+        _init_rows(last.weight, 0.01)
+        if spec.continuous:
+            self.log_std = nn.Parameter(torch.full((spec.num_actions,), FIRST_LOG_STD))
+
+
+def _on_state(spec: PolicySpec, width: int, outputs: int) -> nn.Sequential:
+    """Two hidden layers on the state."""
+    last = Dense(width, outputs)  # first, because equal seeds must go on to give equal weights
+    return nn.Sequential(
+        Dense(spec.state_dims, width), nn.Tanh(), Dense(width, width), nn.Tanh(), last
+    )
 
 
 def _init_rows(weight: Tensor, length: float) -> None:

@@ -2,5 +2,6 @@
 
 from drcli.learn.ppo import PPO
 from drcli.learn.sac import SAC
+from drcli.learn.taught import TaughtLearner
 
-Learner = PPO | SAC
+Learner = PPO | SAC | TaughtLearner

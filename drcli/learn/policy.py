@@ -27,6 +27,7 @@ class PolicySpec:
         stack: Frames that are seen together.
         scan_dims: Values of the lidar, 0 without one.
         state_dims: Values that only the critic sees; 0 if it sees the same as the policy.
+        taught: Whether it has a teacher, a policy that drives by the state alone.
     """
 
     num_actions: int
@@ -36,6 +37,7 @@ class PolicySpec:
     stack: int = 1
     scan_dims: int = 0
     state_dims: int = 0
+    taught: bool = False
 
     @property
     def channels(self) -> int:

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 
-from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.actor_critic import PolicyAndValue
 from drcli.learn.adam import Adam
 from drcli.learn.advantages import explained_variance, gae, normalized
 from drcli.learn.algorithm_config import PPOConfig
@@ -52,7 +52,7 @@ class PPO:
 
     def __init__(
         self,
-        model: ActorCritic,
+        model: PolicyAndValue,
         config: PPOConfig,
         compute: Compute,
         group: GradientGroup | None = None,
@@ -201,7 +201,7 @@ class PPO:
         self._batch = RolloutTensors.of(
             rollout,
             self.model.spec.stack,
-            self.model.body.block if self.compute.bf16 else 1,
+            self.model.block if self.compute.bf16 else 1,
             values=self.model.returns.units(values),
             advantages=better.clip(-clip, clip),
             returns=self.model.returns.units(returns),
@@ -213,7 +213,7 @@ class PPO:
                 self._step.forget()
         return explained_variance(rollout.values[rollout.learned], targets[rollout.learned])
 
-    def _loss(self, rows: Tensor, model: ActorCritic, part: slice) -> tuple[Tensor, Tensor]:
+    def _loss(self, rows: Tensor, model: PolicyAndValue, part: slice) -> tuple[Tensor, Tensor]:
         """The loss of a part of a minibatch's rows, and its means of the numbers in `PPOStats`.
 
         `model` is the network or a copy on the same weights.

@@ -1,4 +1,4 @@
-"""The replay buffer of soft actor-critic: the steps of many iterations, each frame stored once."""
+"""The steps of many iterations, each frame stored once: for SAC, and for students of a teacher."""
 
 from collections import deque
 from typing import NamedTuple
@@ -158,6 +158,21 @@ class ReplayBuffer:
         return Transitions(
             self._seen(rows), self._actions[rows], returns, self._seen(after), discounts
         )
+
+    def sample_observed(
+        self, count: int, draw: torch.Generator, newest: int
+    ) -> tuple[Observation, Tensor]:
+        """Draw `count` observations with their actions, half of them from the newest steps.
+
+        Args:
+            count: How many.
+            draw: Random numbers.
+            newest: How many steps are new.
+        """
+        ages = torch.rand(count, generator=draw)
+        ages[::2] *= min(newest, self.steps) / self.steps
+        rows = (self._end - 1 - (ages * self.steps).long()) % self.capacity
+        return self._seen(rows), self._actions[rows]
 
     def _seen(self, rows: Tensor) -> Observation:
         """The observations before some steps; an episode's first frame stands for earlier ones."""

@@ -171,5 +171,6 @@ class RolloutTensors:
         # index_select copies whole frames; indexing with two dimensions is several times slower.
         seen = self.frame_rows[rows].flatten().to(self.frames.device)
         frames = self.frames.index_select(0, seen).to(self.scans.device)
-        frames = frames.view(len(rows), -1, *self.frames.shape[2:])
+        channels = self.frame_rows.shape[1] * self.frames.shape[1]
+        frames = frames.view(len(rows), channels, *self.frames.shape[2:])
         return Observation(frames, self.scans[rows], self.states[rows])

@@ -64,7 +64,14 @@ class SACStats(_Statistics):
         return super().metrics() | {"losses/qf_loss": self.qf_loss}
 
 
-Stats = PPOStats | SACStats
+@dataclass(frozen=True)
+class DistillationStats(_Statistics):
+    """Mean over a part of an update: how far the student's actions are from the teacher's."""
+
+    imitation_loss: float
+
+
+Stats = PPOStats | SACStats | DistillationStats
 
 
 class NonFiniteLossError(ArithmeticError):

@@ -22,6 +22,7 @@ Exploration = Literal["categorical", "e-greedy", "additive_noise"]
 Loss = Literal["huber", "mean squared error"]
 Schedule = Literal["constant", "linear"]
 Critic = Literal["camera", "state"]
+TrainingMethod = Literal["camera", "teacher"]
 
 _Exploration = Annotated[Exploration, choice(Exploration, {"e_greedy": "e-greedy"})]
 _Loss = Annotated[
@@ -92,6 +93,7 @@ class Hyperparameters(BaseModel):
     entropy_schedule: _Schedule = "constant"
     schedule_steps: Whole = Field(500_000, ge=1)
     critic: Annotated[Critic, choice(Critic)] = "camera"
+    training_method: Annotated[TrainingMethod, choice(TrainingMethod)] = "camera"
     bootstrap_cut: bool = Field(False, strict=True)
     sac_auto_alpha: bool = Field(False, strict=True)
     sac_tau: Annotated[Number, Field(ge=1e-5, le=1)] | None = None
@@ -118,6 +120,11 @@ class Hyperparameters(BaseModel):
         """Whether the value loss is Huber's, not the mean squared error."""
         return self.loss_type == "huber"
 
+    @property
+    def taught(self) -> bool:
+        """Whether a teacher that sees the track comes first."""
+        return self.training_method == "teacher"
+
     def canonical_json(self, training_algorithm: str = "clipped_ppo") -> str:
         """All values, in the layout of the copy that is stored with a model.
 
@@ -133,6 +140,11 @@ class Hyperparameters(BaseModel):
 
     def conflict(self, algorithm: str, *, continuous: bool) -> str | None:
         """Why this does not fit the algorithm and actions of a model; None when it does."""
+        if self.taught and algorithm == "sac":
+            return (
+                "training_method=teacher ends with clipped_ppo, but training_algorithm of "
+                "model_metadata.json is sac."
+            )
         match self.exploration_type, algorithm:
             case "e-greedy", "sac":
                 reason = "chooses from a list of actions, but sac needs ranges; use additive_noise"

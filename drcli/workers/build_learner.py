@@ -15,6 +15,7 @@ from drcli.learn.learner import Learner
 from drcli.learn.ppo import PPO
 from drcli.learn.sac import SAC
 from drcli.learn.sac_networks import SACAgent
+from drcli.learn.taught import TaughtLearner
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.workers.cores import learning_threads
@@ -37,7 +38,10 @@ def build_learner(
     if metadata.training_algorithm == "sac":
         agent = SACAgent(spec, parameters.sac_alpha)
         return SAC(agent, algorithm_config(SACConfig, parameters), compute, group)
-    return PPO(ActorCritic(spec), algorithm_config(PPOConfig, parameters), compute, group)
+    config = algorithm_config(PPOConfig, parameters)
+    if parameters.taught:
+        return TaughtLearner(ActorCritic(spec), config, compute)
+    return PPO(ActorCritic(spec), config, compute, group)
 
 
 def learner_of_training(

@@ -113,7 +113,7 @@ class Collected:
     late: tuple[int, ...] = ()
 
     def record(
-        self, newest: CheckpointName, *, elapsed_s: float, stage: str, world: str
+        self, newest: CheckpointName, *, elapsed_s: float, stage: str, world: str, phase: str
     ) -> IterationRecord:
         """What is known about the iteration before anything is learned from it.
 
@@ -122,6 +122,7 @@ class Collected:
             elapsed_s: Wall time of training so far.
             stage: Stage of the training; empty without a curriculum.
             world: Track of the first worker.
+            phase: Phase of a training with a teacher; else empty.
         """
         steps = self.rollout.steps
         return IterationRecord(
@@ -140,6 +141,7 @@ class Collected:
             discarded=self.discarded,
             stage=stage,
             world=world,
+            phase=phase,
         )
 
 

@@ -275,12 +275,13 @@ class Driver:
         """The newest frame of each car of a racer, and everything as the policy takes it."""
         cars = np.array([seat.car for seat in group])
         spec = group[0].racer.model.spec
-        frames = self._simulation.frames[cars]
-        states = (
-            self._simulation.privileged(cars)
-            if spec.state_dims
-            else np.empty((len(cars), 0), np.float32)
-        )
+        drawn = self._simulation.frames
+        frames = drawn[cars] if self._simulation.draws else drawn[cars, :, :0, :0]
+        states = np.empty((len(cars), 0), np.float32)
+        if spec.taught:
+            states = self._simulation.teacher_state(cars)
+        elif spec.state_dims:
+            states = self._simulation.privileged(cars)
         stacked = frames
         if spec.stack > 1:
             looks = zip(group, frames, strict=True)

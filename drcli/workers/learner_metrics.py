@@ -43,6 +43,7 @@ def row_of(record: IterationRecord, stats: "Stats | None" = None) -> Row:
         "losses/qf_loss": record.critic_loss,
         "losses/alpha": record.alpha,
         "losses/entropy": record.entropy,
+        "losses/imitation_loss": record.imitation_loss,
     }
     if stats is not None:
         row |= stats.metrics()
@@ -61,6 +62,7 @@ def with_losses(record: IterationRecord, stats: "Stats | None") -> IterationReco
         actor_loss=numbers.get("losses/actor_loss"),
         critic_loss=numbers.get("losses/qf_loss"),
         alpha=numbers.get("losses/alpha"),
+        imitation_loss=numbers.get("losses/imitation_loss"),
     )
 
 

@@ -63,8 +63,9 @@ class LiveFigures:
 
     def epoch(self, stats: "Stats") -> None:
         """Send the entropy of an epoch."""
-        if self._sender.is_active and math.isfinite(stats.entropy):
-            self._sender.send(EpochPoint(time.time(), stats.entropy))
+        entropy = stats.metrics().get("losses/entropy", math.nan)
+        if self._sender.is_active and math.isfinite(entropy):
+            self._sender.send(EpochPoint(time.time(), entropy))
 
     def learned(self, row: Row, records: Sequence[IterationRecord]) -> None:
         """Send an iteration, the last of the records, and what was scored since the last one."""

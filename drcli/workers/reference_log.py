@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from drcli.config.run_config import RaceConfig
 from drcli.exchange.trace import Episode, log_lines
-from drcli.learn.update_result import PPOStats, Stats
+from drcli.learn.update_result import DistillationStats, PPOStats, Stats
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
@@ -111,8 +111,14 @@ def evaluation_lines(
 def epoch_line(stats: Stats) -> str:
     """The log line of one epoch of PPO's update, or of a part of SAC's.
 
-    PPO's is the reference's line. SAC has no surrogate loss and no KL divergence.
+    PPO's is the reference's line. SAC has no surrogate loss and no KL divergence, and a student
+    that learns from its teacher has a line of its own.
     """
+    if isinstance(stats, DistillationStats):
+        return (
+            f"Distillation> Imitation loss={stats.imitation_loss}, "
+            f"training epoch={stats.epoch}, learning_rate={stats.learning_rate}"
+        )
     if isinstance(stats, PPOStats):
         losses = f"Surrogate loss={stats.policy_loss}, KL divergence={stats.approx_kl}"
     else:

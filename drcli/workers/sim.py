@@ -21,6 +21,7 @@ from drcli.exchange.rollout_manifest import Driving, Manifest, session_of_worker
 from drcli.exchange.scores import EvaluationEpisodes, EvaluationResult
 from drcli.exchange.stage import Stage, StageMark
 from drcli.formats.build_network import build_policy, load_weights
+from drcli.learn.actor_critic import ActorCritic, Teacher
 from drcli.learn.compute import driving_format, flush_denormals
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.encoders import compute_in
@@ -111,7 +112,10 @@ class SimWorker:
         if self._device.gpu is not None:
             self._on_gpu = GpuPolicy(self._model, self._device.gpu)
         policy = self._on_gpu or DataParallelPolicy(self._model, threads)
-        self._racer = Racer(policy, actions_of(design.metadata))
+        actions = actions_of(design.metadata)
+        self._racers = [Racer(policy, actions)]
+        if isinstance(self._model, ActorCritic) and self._model.spec.taught:
+            self._racers.append(Racer(Teacher(self._model).eval(), actions))
         self._failures = RewardFailures(train, worker)
         self._failures.restore(self._bucket, self._prefix)
         own = Model(self._bucket, self._prefix, model.metrics_prefix, model.metric, (worker,))
@@ -161,7 +165,7 @@ class SimWorker:
             self._job,
             self._bucket,
             self._design,
-            self._racer,
+            self._racers,
             stage,
             worker=self._worker,
             divisor=self._divisor,
@@ -226,6 +230,9 @@ class SimWorker:
             if stage is not None and stage is not self._simulation.stage:
                 self._enter(stage)
                 iteration = newest  # what was driven ahead belongs to the stage before
+            if counters.phase != self._simulation.phase:
+                self._simulation.enter_phase(counters.phase)
+                iteration = newest
             if record.tensors != self._loaded:  # else it has driven with these weights before
                 self._waiter.learn_from(record)
                 self._load(record)
@@ -338,7 +345,9 @@ class SimWorker:
             if self._membership is not None:
                 self._membership.begin_drive(iteration, lambda: simulation.reward_calls)
             for attempt in range(MOST_ATTEMPTS):
-                plans = simulation.plans(numbers, 0 if attempt else trials, attempt)
+                plans = simulation.plans(
+                    numbers, 0 if attempt else trials, attempt, iteration=iteration
+                )
                 policy_steps = name.steps - self._first_step
                 simulation.drive(plans, collect, should_stop, policy_steps)
                 if self._driven_steps:
@@ -445,6 +454,9 @@ class SimWorker:
         """Whether to evaluate the checkpoint during this drive, which takes time."""
         if not self._simulation.trials or name.number == self._evaluated:
             return False
+        phase = self._simulation.phase
+        if phase is not None and phase.name == "teacher":
+            return False  # the camera policy has learned nothing yet
         if not self._drives_as_trained:
             return False  # its score would be that of other actions
         assigned = self._simulation.assigned

@@ -23,6 +23,7 @@ from drcli.formats.build_network import load_weights
 from drcli.learn.compute import flush_denormals
 from drcli.learn.gradient_group import LearnerLostError
 from drcli.learn.learner import Learner
+from drcli.learn.taught import TaughtLearner
 from drcli.learn.update_result import NonFiniteLossError, Stats
 from drcli.modelfiles.custom_files import write_model_files
 from drcli.modelfiles.network_shape import Design
@@ -50,6 +51,7 @@ from drcli.workers.roll_back import RollbackControl, RolledBack
 from drcli.workers.scoring import Scoring
 from drcli.workers.share_keeper import ShareKeeper
 from drcli.workers.stage_progress import parameters_of
+from drcli.workers.training_phases import PhaseJudge, episodes_of, most_episodes
 from drcli.workers.training_progress import TrainingProgress
 from drcli.workers.wait_for_trainer import RECHECK_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
@@ -110,7 +112,9 @@ class Trainer:
         counters = Counters() if self._found is None else self._found.record.counters
         before_s = max(counters.elapsed_s, self._rollbacks.known.elapsed_s)
         self._cycle_began = self._rechecked = time.monotonic()
-        self._progress = TrainingProgress(job, self._found, self._history, before_s)
+        self._progress = TrainingProgress(
+            job, self._found, self._history, before_s, taught=parameters.taught
+        )
         self._stages = self._progress.stages
         torch.manual_seed(job.seed)
         self._learner = self._build_learner(counters.number_format)
@@ -186,15 +190,14 @@ class Trainer:
 
     def _divide_episodes(self) -> None:
         """Let the workers share the episodes of the present stage."""
-        numbers = [
-            parameters_of(stage, self._design.parameters).num_episodes_between_training
-            for stage in self._job.stages
-        ]
         parameters = self._stages.parameters(self._design.parameters)
+        each = [parameters_of(stage, self._design.parameters) for stage in self._job.stages]
+        if not each and parameters.taught:
+            each = [parameters]
         self._shares.begin_stage(
-            parameters.num_episodes_between_training,
-            max(numbers, default=0),
-            self._stages.first_iteration,
+            episodes_of(self._progress.phase, parameters),
+            max(map(most_episodes, each), default=0),
+            self._progress.first_iteration,
         )
 
     def run(self) -> None:
@@ -226,7 +229,7 @@ class Trainer:
             self._rechecked = time.monotonic()
             newest = self._progress.newest
             # What is older than the stage belongs to another one.
-            oldest = max(self._stages.first_iteration, newest.number - self._lag)
+            oldest = max(self._progress.first_iteration, newest.number - self._lag)
             drivers = self._checkpoints.drivers(newest, oldest)
             workers = self._shares.at(newest.number)
             if not workers:
@@ -270,6 +273,8 @@ class Trainer:
             _logger.warning("Skipped a damaged checkpoint: %s", damage)
         record = found.record
         forget_evaluations(self._bucket, self._prefix, newest=record.number)
+        if isinstance(self._learner, TaughtLearner) and self._progress.phase is not None:
+            self._learner.begin(self._progress.phase.name)
         restore_learner(self._learner, found)
         self._scoring.begin_stage(self._stages.first_iteration)
         self._history.restore(record.number, record.counters.learned)
@@ -304,7 +309,7 @@ class Trainer:
         if self._learner.memory_steps == 0:
             return
         for iteration in self._reader.iterations():
-            older = self._stages.first_iteration <= iteration < self._progress.newest.number
+            older = self._progress.first_iteration <= iteration < self._progress.newest.number
             rollout = self._collector.recall(iteration) if older else None
             if rollout is not None:
                 if self._group is not None:
@@ -378,9 +383,13 @@ class Trainer:
         sentence += f"the weights of checkpoint {source} on {mark.world}."
         _logger.info("%s", sentence)
         self._activity.say(f"begins {mark}")
+        if self._progress.phase is not None:
+            self._progress.begin_phase()
         self._divide_episodes()
         self._learner = self._build_learner(self._learner.compute.number_format)
         load_weights(self._learner.model, tensors, source)
+        if isinstance(self._learner, TaughtLearner):
+            self._learner.begin("teacher")
         self._publish(record)
         note = StageNote(self._job.session, mark.name, str(self._progress.newest), sentence)
         with suppress(OSError):  # a full disk: the journal does without
@@ -397,7 +406,7 @@ class Trainer:
             _logger.info("The critic is new: until it is useful, this update improves it alone.")
         began = time.monotonic()
         seed = self._job.seed + SEED_STRIDE * self._progress.newest.number
-        steps_before = self._progress.newest.steps - self._stages.first_step
+        steps_before = self._progress.newest.steps - self._progress.first_step
         try:
             if self._group is not None:
                 self._group.begin_update(self._learner, collected.rollout, seed, steps_before)
@@ -448,6 +457,7 @@ class Trainer:
         reason = self._reached(record)
         if reason is not None:
             self._mark_end(reason)
+        self._begin_next_phase(record)
         self._publish(record)
         self._history.add(record)
         self._report(row_of(record, last))
@@ -457,6 +467,26 @@ class Trainer:
         fallen = self._alarms.check()
         if fallen is not None and reason is None:
             self._roll_back("collapse", fallen[0].upper() + fallen[1:])
+
+    def _begin_next_phase(self, newest: IterationRecord) -> None:
+        """Go on with the next phase of a training with a teacher if this one is over.
+
+        The checkpoint that is published next belongs to the new phase.
+        """
+        mark = self._progress.phase
+        if mark is None or not isinstance(self._learner, TaughtLearner):
+            return
+        targets = targets_of(self._job, self._stages.stage)
+        wanted = [s for each in targets for s in (each.most_s, each.mean_s) if s is not None]
+        judge = PhaseJudge(min(wanted, default=None))
+        found = judge.next_mark(mark, [*self._history.records, newest])
+        if found is None:
+            return
+        self._progress.phase, why = found
+        self._learner.begin(self._progress.phase.name)
+        _logger.info("The phase %s is over: %s. %s begins.", mark.name, why, found[0].name)
+        self._activity.say(f"begins the phase {found[0].name}")
+        self._divide_episodes()
 
     def _ends_update(self) -> bool:
         """Whether time is over, so that an update ends with what it has learned until now.
@@ -530,6 +560,7 @@ class Trainer:
             critic_warmup=self._learner.critic_warmup or None,
             rollbacks=self._rollbacks.known.count or None,
             stage=self._stages.mark,
+            phase=self._progress.phase,
             shares=self._shares.version_for(self._progress.newest.number),
         )
         self._publisher.publish(self._progress.newest, self._learner, counters)

@@ -5,6 +5,7 @@ import time
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job
+from drcli.exchange.phase import PhaseMark
 from drcli.exchange.stage import StageMark
 from drcli.store.checkpoints import Checkpoint
 from drcli.store.history import History
@@ -26,22 +27,48 @@ class TrainingProgress:
         newest: The newest checkpoint.
         episodes: Training episodes driven.
         stages: The stage that the training is in.
+        phase: Of a training with a teacher; else None.
     """
 
     def __init__(
-        self, job: Job, found: Checkpoint | None, history: History, before_s: float
+        self,
+        job: Job,
+        found: Checkpoint | None,
+        history: History,
+        before_s: float,
+        *,
+        taught: bool = False,
     ) -> None:
         self._history = history
         self._before_s = before_s
         self._began_s = time.monotonic()
         self.newest, self.episodes = CheckpointName(0, 0), 0
         mark: StageMark | None = None
+        self.phase: PhaseMark | None = None
         if found is not None:
             record = found.record
             self.newest = CheckpointName(record.number, record.steps)
             self.episodes, mark = record.counters.episodes, record.counters.stage
+            self.phase = record.counters.phase if taught else None
+        if taught and self.phase is None:
+            self.begin_phase()
         self.stages = StageProgress(job.stages, mark, self.counted())
         self._world = job.config.race().world_name
+
+    def begin_phase(self) -> None:
+        """Begin with the first phase of a training with a teacher at the newest checkpoint."""
+        self.phase = PhaseMark("teacher", self.newest.number, self.newest.steps)
+
+    @property
+    def first_iteration(self) -> int:
+        """Number of the first checkpoint of the stage and the phase."""
+        first = 0 if self.phase is None else self.phase.iteration
+        return max(first, self.stages.first_iteration)
+
+    @property
+    def first_step(self) -> int:
+        """Steps before the stage and the phase; schedules begin again with them."""
+        return max(0 if self.phase is None else self.phase.steps, self.stages.first_step)
 
     @property
     def world(self) -> str:
@@ -64,6 +91,7 @@ class TrainingProgress:
             elapsed_s=self.elapsed_s,
             stage=self.stages.name,
             world=self.world,
+            phase="" if self.phase is None else self.phase.name,
         )
 
     def advance(self, record: IterationRecord) -> None:

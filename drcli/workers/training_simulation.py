@@ -1,17 +1,26 @@
 """What a simulation worker drives in a training, or in one stage of it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from drcli.base.log import plain
 from drcli.config.run_config import RaceConfig
 from drcli.exchange.job import Job
 from drcli.exchange.laps import CONFIRMING_LAPS
+from drcli.exchange.phase import PhaseMark
 from drcli.exchange.stage import Stage
 from drcli.modelfiles.network_shape import Design
 from drcli.store.bucket import Bucket
 from drcli.workers import reference_log
-from drcli.workers.build_race import build_simulation, load_reward, load_world, longest_episode
+from drcli.workers.build_race import (
+    build_simulation,
+    load_reward,
+    load_world,
+    longest_episode,
+    realism_of,
+)
 from drcli.workers.cores import driving_threads, usable_cores
 from drcli.workers.driven_episode import Driven, Plan
 from drcli.workers.driving import Driver, Racer
@@ -22,6 +31,9 @@ from drcli.workers.live_moment import Onlooker
 from drcli.workers.reward_failures import RewardFailures
 from drcli.workers.second_track import SecondTrack
 from drcli.workers.stage_progress import parameters_of
+from drcli.workers.training_phases import episodes_of, most_episodes, teacher_drives
+from drsim.car.conditions import NOMINAL
+from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules
 from drsim.errors import RewardError
 from drsim.track.worlds import directed
@@ -31,6 +43,25 @@ SEED_STRIDE = 7_919
 
 CONFIRMATION_STRIDE = 1_000_003
 """Keeps the starts of the confirmations of different checkpoints apart."""
+
+
+START_OFFSET_M, START_ANGLE_DEG = 0.15, 10.0
+"""How far beside the centre line, and how much turned, episodes of a training with a teacher begin:
+who has seen this comes back to the line."""
+
+MILD = Realism(
+    image_noise=4.0,
+    brightness=0.25,
+    camera_angle_deg=1.0,
+    latency_jitter_s=0.04,
+    friction=0.15,
+    battery=0.08,
+    steering_trim_deg=1.5,
+    glare=0.2,
+    reflections=0.2,
+)
+"""How far episodes of a student differ from the nominal car and camera, where the settings name
+nothing: half of them, so that the other half is what evaluations drive."""
 
 
 class TrainingSimulation:
@@ -44,6 +75,7 @@ class TrainingSimulation:
         targets: What evaluations must show to end the stage or the training.
         track_length_m: Of the lap.
         second: Evaluates on a second track; None without one, or for workers that never evaluate.
+        phase: Of a training with a teacher; else None.
     """
 
     def __init__(
@@ -51,7 +83,7 @@ class TrainingSimulation:
         job: Job,
         bucket: Bucket,
         design: Design,
-        racer: Racer,
+        racers: Sequence[Racer],
         stage: Stage | None,
         *,
         worker: int,
@@ -67,7 +99,7 @@ class TrainingSimulation:
             job: The training.
             bucket: Where the model is.
             design: Its parameter files.
-            racer: The policy, whose weights the worker loads.
+            racers: The policy, whose weights the worker loads, and its teacher if it has one.
             stage: The stage to drive; None without a curriculum.
             worker: Counts from 0.
             divisor: How many times fewer cars than usual are driven at a time.
@@ -87,17 +119,16 @@ class TrainingSimulation:
         self.stage = stage
         self._parameters = parameters_of(stage, design.parameters)
         self.assigned: AssignedShare | None = None
+        self.phase: PhaseMark | None = None
+        racer = racers[0]
+        each = [parameters_of(other, design.parameters) for other in job.stages]
+        if not each and self._parameters.taught:
+            each = [self._parameters]
         self.share = Share(
             worker,
             max(1, train.workers),
             self._parameters.num_episodes_between_training,
-            max(
-                (
-                    parameters_of(each, design.parameters).num_episodes_between_training
-                    for each in job.stages
-                ),
-                default=0,
-            ),
+            max(map(most_episodes, each), default=0),
         )
         plain.info(reference_log.start_lines(prefix, race, metadata, self._parameters, "TRAINING"))
         self.targets = targets_of(job, stage)
@@ -106,7 +137,9 @@ class TrainingSimulation:
         # Without a worker of its own, any of those that have joined may have to evaluate.
         evaluates = train.workers == 0 if joined else worker == 0
         self.trials = trials if evaluates else 0
-        episodes = self.share.most if joined else self.share.count
+        episodes = self.share.count
+        if joined or self._parameters.taught:
+            episodes = self.share.most
         num_cars = -(-(race.train_lanes or episodes + self.trials) // divisor)
         folder = job.folder / f"sim-{worker}"
         reward = load_reward(bucket, prefix, folder, num_cars, stage, job.inputs)
@@ -115,6 +148,7 @@ class TrainingSimulation:
         self._track = track
         threads = usable_cores(train) if joined else driving_threads(train)
         seed = job.seed + SEED_STRIDE * worker
+        self._is_nominal = realism_of(race, "training") == Realism()
         self._simulation = build_simulation(
             race,
             "training",
@@ -126,9 +160,11 @@ class TrainingSimulation:
             num_threads=threads,
             seed=seed,
             on_reward_error=on_reward_error,
+            longest_latency_s=MILD.longest_latency_s if self._parameters.taught else 0.0,
             gpu=gpu,
         )
-        self._driver = Driver(self._simulation, [racer], seed, onlooker=onlooker)
+        self._seed = seed
+        self._driver = Driver(self._simulation, racers, seed, onlooker=onlooker)
         second = job.config.second_race(race) if evaluates else None
         self.second: SecondTrack | None = None
         if second is not None:
@@ -144,6 +180,12 @@ class TrainingSimulation:
                 on_reward_error=RewardFailures(train, worker).handle,
                 onlooker=onlooker,
             )
+
+    def enter_phase(self, mark: PhaseMark | None) -> None:
+        """Drive for this phase of a training with a teacher from now on."""
+        self.phase = mark
+        self.share = replace(self.share, episodes=episodes_of(mark, self._parameters))
+        self._simulation.draws = mark is None or mark.name != "teacher"
 
     @property
     def part(self) -> Share | AssignedShare:
@@ -192,7 +234,9 @@ class TrainingSimulation:
         own = range(max(0, cars - self.trials), cars)
         self._driver.drive(plans, on_end, should_stop, cars=own)
 
-    def plans(self, numbers: range, trials: int, attempt: int = 0) -> list[Plan]:
+    def plans(
+        self, numbers: range, trials: int, attempt: int = 0, *, iteration: int = 0
+    ) -> list[Plan]:
         """The training episodes of an iteration, and the evaluation episodes of its checkpoint."""
         race = self._race
         offset = race.train_start_position_offset
@@ -208,7 +252,29 @@ class TrainingSimulation:
             )
             for number in numbers
         ]
-        return plans + (fresh_starts(self._track, trials, self._job.seed) if trials else [])
+        trial_plans = fresh_starts(self._track, trials, self._job.seed) if trials else []
+        if self.phase is not None:
+            plans = [self._of_phase(self.phase, plan, iteration) for plan in plans]
+        if self.phase is not None and self._is_nominal:
+            trial_plans = [replace(plan, conditions=NOMINAL) for plan in trial_plans]
+        return plans + trial_plans
+
+    def _of_phase(self, mark: PhaseMark, plan: Plan, iteration: int) -> Plan:
+        """A training episode as the phase needs it: who drives it, from where, and under what."""
+        random = np.random.Generator(np.random.Philox(key=[self._seed, plan.number]))
+        fraction, offset, angle, nominal = random.uniform(-1.0, 1.0, 4).tolist()
+        by_teacher = teacher_drives(mark, iteration, self.part.position(plan.number))
+        conditions = NOMINAL
+        if mark.name != "teacher" and nominal > 0.0:
+            conditions = MILD.draw(plan.seed(self._seed))
+        return replace(
+            plan,
+            start_fraction=0.5 + 0.5 * fraction,
+            offset_m=START_OFFSET_M * offset,
+            angle_deg=START_ANGLE_DEG * angle,
+            racer=int(by_teacher),
+            conditions=conditions if self._is_nominal else None,
+        )
 
     def confirmation_plans(self, number: int, count: int) -> list[Plan]:
         """Evaluation episodes of the checkpoint of this number, from starts of its own.
@@ -231,7 +297,8 @@ class TrainingSimulation:
         """E-greedy's share of uniform actions by the steps of this iteration, or None."""
         p = self._parameters
         workers = len(self.assigned.shares.workers) if self.assigned else self.share.workers
-        if p.exploration_type != "e-greedy":
+        in_phase = self.phase is not None and self.phase.name != "ppo"
+        if p.exploration_type != "e-greedy" or in_phase:
             return None
 
         def share(driven: int) -> float:

@@ -1,0 +1,252 @@
+"""Learns in three phases: a teacher that sees the track, its student with a camera, and PPO.
+
+A policy that sees where the car is and how the road goes on learns within seconds, because its
+network is small and no picture has to be drawn for it. A student that sees the camera then learns
+to do what the teacher would do, on roads that it drives itself (Ross et al., 2011, "DAgger"; Chen
+et al., 2019, "Learning by cheating"). In the end, the student improves by PPO: what is best for
+somebody who sees less differs from what the teacher does.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from drcli.learn.actor_critic import FIRST_LOG_STD, ActorCritic, Teacher
+from drcli.learn.adam import Adam
+from drcli.learn.algorithm_config import PPOConfig
+from drcli.learn.compute import Compute
+from drcli.learn.data_parallel import DataParallel
+from drcli.learn.phases import Phase
+from drcli.learn.policy import Float32s, Observation
+from drcli.learn.ppo import PPO
+from drcli.learn.replay_buffer import ReplayBuffer
+from drcli.learn.rollout_buffer import Rollout
+from drcli.learn.update_result import (
+    DistillationStats,
+    Stats,
+    require_finite_losses,
+    require_finite_weights,
+)
+
+TEACHER = PPOConfig(
+    batch_size=512,
+    num_epochs=8,
+    lr=1e-3,
+    discount_factor=0.99,
+    beta_entropy=5e-4,
+    gae_lambda=0.9,
+    max_grad_norm=0.5,
+    lr_schedule="linear",
+    bootstrap_cut=True,
+)
+"""Hyperparameters of the teacher. Those of the model are for its camera policy."""
+
+STUDENT = PPOConfig(batch_size=64, lr=1e-3, lr_schedule="linear", schedule_steps=50_000)
+"""Batch size and learning rate of a student that learns from its teacher."""
+
+REMEMBERED_STEPS = 40_000
+"""Steps that a student learns from again: 0.8 GB of frames."""
+
+NEWEST_STEPS = 8_192
+"""Half of what it learns from is of these."""
+
+PASSES = 3
+"""How often each step is learned from in the update after it was driven."""
+
+REPORTS = 4
+"""Number of parts of an update that are reported."""
+
+SMALL_LOG_STD = -2.3
+"""Log standard deviation of teacher and student in distillation. It is enough to show what to do
+beside the line, and not so much that cars leave the road."""
+
+LARGEST_LABEL = 1.2
+"""Actions count from -1 to 1. What a teacher means beyond that says how sure it is, but would make
+a student move its other actions as well."""
+
+
+class TaughtLearner:
+    """The learner of a student and its teacher.
+
+    Attributes:
+        phase: What it learns now.
+        lr_factor: As in `PPO`.
+    """
+
+    def __init__(self, model: ActorCritic, config: PPOConfig, compute: Compute) -> None:
+        """Begin with the first phase."""
+        self.model = model.to(compute.device)
+        self.config = config
+        self.compute = compute
+        self.lr_factor = 1.0
+        self.teacher = Teacher(model)
+        self.phase: Phase = "teacher"
+        self._learner: PPO | _Distillation
+        self.begin("teacher")
+
+    def begin(self, phase: Phase) -> None:
+        """Go on with a phase and a fresh optimizer, on the present weights."""
+        self.phase = phase
+        self.model.teacher.requires_grad_(phase == "teacher")
+        if phase == "teacher":
+            if self.model.spec.continuous:  # a teacher that comes from elsewhere has to try again
+                with torch.no_grad():
+                    self.model.teacher.log_std.fill_(FIRST_LOG_STD)
+            small = replace(self.compute, bf16=False, parts=1)
+            self._learner = PPO(self.teacher, TEACHER, small)
+        elif phase == "distillation":
+            self._calm()
+            self._learner = _Distillation(self.model, self.teacher, self.compute)
+        else:
+            self._learner = PPO(self.model, self.config, self.compute)
+
+    def _calm(self) -> None:
+        """Let teacher and student drive with little noise."""
+        if self.model.spec.continuous:
+            with torch.no_grad():
+                self.model.log_std.fill_(SMALL_LOG_STD)
+                self.model.teacher.log_std.fill_(SMALL_LOG_STD)
+
+    @property
+    def optimizer(self) -> Adam:
+        """Of the present phase."""
+        return self._learner.optimizer
+
+    @property
+    def critic_warmup(self) -> int:
+        """As in `PPO`."""
+        return self._learner.critic_warmup if isinstance(self._learner, PPO) else 0
+
+    @critic_warmup.setter
+    def critic_warmup(self, updates: int) -> None:
+        if isinstance(self._learner, PPO):
+            self._learner.critic_warmup = updates
+
+    @property
+    def capture_failure(self) -> str | None:
+        """As in `PPO`."""
+        return self._learner.capture_failure if isinstance(self._learner, PPO) else None
+
+    @property
+    def most_samples(self) -> int | None:
+        """How many samples fit into the memory of the GPU at once; None as long as all do."""
+        return self._learner.most_samples
+
+    @property
+    def memory_steps(self) -> int:
+        """Steps of earlier rollouts that it learns from again."""
+        return self._learner.memory_steps
+
+    def remember(self, rollout: Rollout) -> None:
+        """Add a rollout of an earlier iteration of this phase without learning from it."""
+        self._learner.remember(rollout)
+
+    def update(
+        self,
+        rollout: Rollout,
+        seed: int,
+        on_epoch: Callable[[Stats], None] = lambda stats: None,
+        should_stop: Callable[[], bool] = lambda: False,
+        steps_before: int = 0,
+    ) -> list[Stats]:
+        """Improve the teacher or the student; arguments and errors are those of `PPO.update`.
+
+        `steps_before` are the steps of this phase.
+        """
+        self._learner.lr_factor = self.lr_factor
+        threads = torch.get_num_threads()
+        if self.phase == "teacher":  # its operations are shorter than to wake a thread
+            torch.set_num_threads(1)
+        try:
+            return [*self._learner.update(rollout, seed, on_epoch, should_stop, steps_before)]
+        finally:
+            torch.set_num_threads(threads)
+
+
+class _Distillation:
+    """Teaches a student what its teacher would do wherever one of them has driven."""
+
+    memory_steps = REMEMBERED_STEPS
+
+    def __init__(self, student: ActorCritic, teacher: Teacher, compute: Compute) -> None:
+        self._student, self._teacher = student, teacher
+        self.compute = compute
+        self.lr_factor = 1.0
+        self.optimizer = Adam([*student.body.parameters(), *student.policy_head.parameters()], 0.0)
+        self._parallel = DataParallel(
+            student, compute.parts, compute.threads, bf16=compute.bf16, num_statistics=1
+        )
+        self._driven = ReplayBuffer(student.spec, REMEMBERED_STEPS)
+
+    @property
+    def most_samples(self) -> int | None:
+        return self._parallel.most_samples
+
+    def remember(self, rollout: Rollout) -> None:
+        """Add what was driven, with what the teacher would have done."""
+        if rollout.frames.size:  # nothing was drawn for a teacher
+            self._driven.add(replace(rollout, actions=self._labels(rollout)))
+
+    def update(
+        self,
+        rollout: Rollout,
+        seed: int,
+        on_epoch: Callable[[DistillationStats], None],
+        should_stop: Callable[[], bool],
+        steps_before: int,
+    ) -> list[DistillationStats]:
+        self.remember(rollout)
+        draw = torch.Generator().manual_seed(seed)
+        self.optimizer.lr = self.lr_factor * STUDENT.lr_at(steps_before)
+        self._student.train()
+        total = max(REPORTS, PASSES * rollout.steps // STUDENT.batch_size)
+        history = []
+        with self._parallel.optimizer_threads():
+            for part in range(REPORTS):
+                count = total * (part + 1) // REPORTS - total * part // REPORTS
+                losses = []
+                for _ in range(count):
+                    losses.append(self._take_step(draw))
+                    if should_stop():
+                        break
+                loss = float(torch.cat(losses).mean())
+                require_finite_losses({"imitation": loss})
+                history.append(DistillationStats(part, self.optimizer.lr, loss))
+                on_epoch(history[-1])
+                if len(losses) < count:
+                    break
+        require_finite_weights(self._student)
+        return history
+
+    def _take_step(self, draw: torch.Generator) -> Tensor:
+        seen, wanted = self._driven.sample_observed(STUDENT.batch_size, draw, NEWEST_STEPS)
+        device = self.compute.device
+        seen, wanted = Observation(*(column.to(device) for column in seen)), wanted.to(device)
+
+        def loss_of(student: ActorCritic, part: slice) -> tuple[Tensor, Tensor]:
+            policy = student(seen.part(part)).policy
+            if student.spec.continuous:
+                loss = functional.huber_loss(policy, wanted[part])
+            else:
+                loss = functional.cross_entropy(policy, wanted[part])
+            return loss, loss.detach().reshape(1)
+
+        self.optimizer.zero_grad()
+        statistics = self._parallel.backward(loss_of, len(wanted))
+        self.optimizer.step()
+        return statistics
+
+    def _labels(self, rollout: Rollout) -> Float32s:
+        """What the teacher would do: actions, or the probability of each of them."""
+        state = torch.from_numpy(rollout.states).to(self.compute.device)
+        with torch.inference_mode():
+            policy = self._teacher.layers(state)
+            if self._student.spec.continuous:
+                policy = policy.clamp(-LARGEST_LABEL, LARGEST_LABEL)
+            else:
+                policy = policy.softmax(-1)
+        labels: Float32s = policy.cpu().numpy()
+        return labels

@@ -1,0 +1,116 @@
+"""Knows in which phase a training with a teacher is, and when the next one begins."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.phase import PhaseMark
+from drcli.learn.phases import Phase
+from drcli.modelfiles.hyperparameters import Hyperparameters
+
+EPISODES: dict[Phase, int] = {"teacher": 64, "distillation": 32}
+"""Episodes of an iteration, whatever the hyperparameters say: those are for the camera policy."""
+
+MIXED_ITERATIONS = 4
+"""In the first iterations of distillation the teacher drives a share of the episodes, which falls
+from all of them to none, so that the student sees good driving first, and then its own."""
+
+WINDOW = 5
+"""Iterations whose mean is compared with that of as many before."""
+
+SURE_SHARE = 0.8
+"""Share of completed laps below which nobody has learned to drive yet."""
+
+SATURATED = 0.02
+"""A phase ends when a window improves by less than this share."""
+
+MOST_STEPS: dict[Phase, int] = {"teacher": 500_000, "distillation": 80_000}
+"""Steps after which a phase ends in any case."""
+
+MARGIN = 0.93
+"""A teacher is fast enough for a lap time that somebody waits for if it takes this share of it."""
+
+
+def episodes_of(mark: PhaseMark | None, parameters: Hyperparameters) -> int:
+    """Training episodes of an iteration."""
+    own = parameters.num_episodes_between_training
+    return own if mark is None else EPISODES.get(mark.name, own)
+
+
+def most_episodes(parameters: Hyperparameters) -> int:
+    """The largest number of training episodes of an iteration of any phase."""
+    own = parameters.num_episodes_between_training
+    return max(own, *EPISODES.values()) if parameters.taught else own
+
+
+def teacher_drives(mark: PhaseMark, iteration: int, place: int) -> bool:
+    """Whether the teacher drives the training episode at this place of an iteration."""
+    if mark.name == "distillation":
+        mixed = iteration - mark.iteration
+        return place % MIXED_ITERATIONS >= mixed
+    return mark.name == "teacher"
+
+
+@dataclass(frozen=True)
+class PhaseJudge:
+    """Decides by what was driven in a phase when it is over.
+
+    Attributes:
+        lap_time_s: What somebody waits for; None if nobody does.
+    """
+
+    lap_time_s: float | None = None
+
+    def next_mark(
+        self, mark: PhaseMark, records: Sequence[IterationRecord]
+    ) -> tuple[PhaseMark, str] | None:
+        """The mark of the phase that begins after these iterations, and why; None if none does.
+
+        Args:
+            mark: Of the present phase.
+            records: Iterations, the newest last; older ones may be missing.
+        """
+        own = [record for record in records if record.iteration >= mark.iteration]
+        if mark.name == "ppo" or not own:
+            return None
+        why = self._over(mark, own)
+        if why is None:
+            return None
+        newest = own[-1]
+        following: Phase = "distillation" if mark.name == "teacher" else "ppo"
+        return PhaseMark(following, newest.iteration + 1, newest.total_steps), why
+
+    def _over(self, mark: PhaseMark, own: Sequence[IterationRecord]) -> str | None:
+        steps = own[-1].total_steps - mark.steps
+        if steps >= MOST_STEPS[mark.name]:
+            return f"it has taken {steps:,} steps"
+        if mark.name == "distillation":
+            own = [r for r in own if r.iteration >= mark.iteration + MIXED_ITERATIONS]
+        newest = own[-1] if own else None
+        if newest is None:
+            return None
+        if mark.name == "teacher" and self._is_fast_enough(newest):
+            return f"its laps take {newest.best_lap_s:.2f} s"
+        if len(own) < 2 * WINDOW:
+            return None
+        before, after = own[-2 * WINDOW : -WINDOW], own[-WINDOW:]
+        if _share(after) < SURE_SHARE:
+            return None
+        gain = _mean_reward(after) - _mean_reward(before)
+        if gain >= SATURATED * abs(_mean_reward(before)):
+            return None
+        return f"it has gained less than {SATURATED:.0%} in {WINDOW} iterations"
+
+    def _is_fast_enough(self, newest: IterationRecord) -> bool:
+        if self.lap_time_s is None or newest.best_lap_s is None:
+            return False
+        is_sure = newest.full_laps >= SURE_SHARE * newest.episodes
+        return is_sure and newest.best_lap_s <= MARGIN * self.lap_time_s
+
+
+def _share(records: Sequence[IterationRecord]) -> float:
+    return sum(r.full_laps for r in records) / max(1, sum(r.episodes for r in records))
+
+
+def _mean_reward(records: Sequence[IterationRecord]) -> float:
+    return sum(r.mean_reward for r in records) / len(records)
