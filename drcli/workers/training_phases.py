@@ -97,7 +97,7 @@ class PhaseJudge:
         if _share(after) < SURE_SHARE:
             return None
         gain = _mean_reward(after) - _mean_reward(before)
-        if gain >= SATURATED * abs(_mean_reward(before)):
+        if gain > SATURATED * abs(_mean_reward(before)):
             return None
         return f"it has gained less than {SATURATED:.0%} in {WINDOW} iterations"
 
