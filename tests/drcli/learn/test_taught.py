@@ -23,9 +23,7 @@ OF_TEACHER = ("teacher.", "value_head.", "returns.")
 
 def learner(*, continuous: bool = True) -> TaughtLearner:
     torch.manual_seed(3)
-    spec = PolicySpec(
-        2, continuous, "COMPACT_CONVOLUTIONAL_NETWORK", state_dims=STATE, taught=True
-    )
+    spec = PolicySpec(2, continuous, "COMPACT_CONVOLUTIONAL_NETWORK", state_dims=STATE, taught=True)
     return TaughtLearner(ActorCritic(spec), PPOConfig(batch_size=16, num_epochs=2), CPU)
 
 
@@ -107,6 +105,7 @@ def test_teacher_and_student_drive_with_little_noise_in_distillation():
 def test_a_student_that_drives_alone_leaves_its_teacher_as_it_is():
     taught = learner()
     taught.begin("ppo")
+    taught.critic_warmup = 0
     weights = copy.deepcopy(taught.model.state_dict())
 
     taught.update(rollout(taught.model), 1)
