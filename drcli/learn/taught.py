@@ -258,7 +258,7 @@ class _Distillation:
         self._teacher.eval()  # gives a step the same bits in any rollout
         state = torch.from_numpy(rollout.states).to(self.compute.device)
         with torch.inference_mode():
-            policy = self._teacher.layers(state)
+            policy = self._teacher.policy(state)
             if self._student.spec.continuous:
                 policy = policy.clamp(-LARGEST_LABEL, LARGEST_LABEL)
             else:

@@ -55,7 +55,7 @@ def rollout(model: ActorCritic, seed: int = 0, *, drawn: bool = True) -> Rollout
 
 
 def preference(model: ActorCritic, states: np.ndarray) -> float:
-    policy = model.teacher.layers(torch.from_numpy(states)).detach()
+    policy = Teacher(model).policy(torch.from_numpy(states)).detach()
     return float((policy[:, 0] if model.spec.continuous else policy.softmax(-1)[:, 1]).mean())
 
 
