@@ -230,6 +230,9 @@ class PPO:
         value_loss = self._value_loss(value, batch.values[rows], batch.returns[rows])
         entropy = model.entropy(policy).mean()
         loss = policy_loss + value_loss - self._beta * entropy
+        if self.config.smoothness:
+            after = model(batch.observation(batch.following[rows])).policy
+            loss = loss + self.config.smoothness * (after - policy).square().mean()
 
         if not loss.is_cuda and not bool(torch.isfinite(loss)):
             raise NonFiniteLossError(

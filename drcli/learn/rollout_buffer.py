@@ -83,6 +83,12 @@ class Rollout:
             learned=self.learned[steps],
         )
 
+    def following_rows(self) -> Ints:
+        """The row of the step after each step; at the end of an episode its own. Shape (t,)."""
+        following = np.arange(self.steps) + 1
+        following[np.cumsum(self.lengths) - 1] -= 1
+        return following
+
     def stacked_rows(self, stack: int) -> Ints:
         """Rows of the frames that are seen together at each step, oldest first. Shape (t, stack).
 
@@ -101,13 +107,14 @@ class RolloutTensors:
     The frames stay in the memory of the machine if that of a GPU is too small for them. On a GPU,
     the columns may have more rows than there are steps.
 
-    `frame_rows` are the rows of the frames that are seen together at each step, of shape
+    `following` are the rows of the steps after each, and `frame_rows` the rows of the frames that are seen together at each step, of shape
     (t, stack). `values` and `returns`, which the critic should predict, are in the critic's own
     units, and `advantages` are normalised.
     """
 
     frames: Tensor
     frame_rows: Tensor
+    following: Tensor
     scans: Tensor
     states: Tensor
     actions: Tensor
@@ -157,6 +164,7 @@ class RolloutTensors:
         return RolloutTensors(
             frames=frames,
             frame_rows=tensor("frame_rows", rollout.stacked_rows(stack)),
+            following=tensor("following", rollout.following_rows()),
             scans=tensor("scans", rollout.scans),
             states=tensor("states", rollout.states),
             actions=tensor("actions", rollout.actions),
