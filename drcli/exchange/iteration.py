@@ -102,6 +102,11 @@ class IterationRecord(JsonRecord):
         return same and (not known or self.world == other.world)
 
     @property
+    def is_own_driving(self) -> bool:
+        """Whether the camera policy drove all training episodes, and learns from their rewards."""
+        return self.phase in ("", "ppo")
+
+    @property
     def evaluation(self) -> Laps | None:
         """The laps of its evaluation, without those that confirmed it; None without one."""
         return _laps(self.evaluation_progress, self.evaluation_lap_s)

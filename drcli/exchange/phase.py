@@ -1,8 +1,16 @@
 """The phase that a training with a teacher is in."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from drcli.learn.phases import Phase
+
+PHASES: Mapping[Phase, str] = {
+    "teacher": "sees the track, no camera",
+    "distillation": "a student with a camera learns from it",
+    "ppo": "the camera policy improves by itself",
+}
+"""All phases in order, and what each is for people."""
 
 
 @dataclass(frozen=True)
@@ -18,3 +26,12 @@ class PhaseMark:
     name: Phase
     iteration: int = 0
     steps: int = 0
+
+    @property
+    def number(self) -> int:
+        """Its place among the phases, from 1."""
+        return list(PHASES).index(self.name) + 1
+
+    def __str__(self) -> str:
+        """Such as "phase 1 of 3, teacher (sees the track, no camera)"."""
+        return f"phase {self.number} of {len(PHASES)}, {self.name} ({PHASES[self.name]})"
