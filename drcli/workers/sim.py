@@ -42,7 +42,7 @@ from drcli.workers.driven_episode import Driven, columns_of, episodes_of
 from drcli.workers.driving import Racer
 from drcli.workers.episode_log import log_evaluation, log_training
 from drcli.workers.episode_share import AssignedShare, EvaluationBudget
-from drcli.workers.live_scene import facts_of
+from drcli.workers.live_scene import BLIND, facts_of
 from drcli.workers.live_view import LiveShow, live_show
 from drcli.workers.membership import Membership
 from drcli.workers.reward_failures import AllEpisodesDiscarded, RewardErrorsExceeded, RewardFailures
@@ -279,7 +279,10 @@ class SimWorker:
         self._results.keep_before(iteration)
         self._activity.say(f"drives iteration {iteration}")
         if self._live is not None:
-            self._live.about(iteration, str(name), facts_of(simulation.race, [self._prefix]))
+            facts = facts_of(simulation.race, [self._prefix])
+            if simulation.phase is not None and simulation.phase.name == "teacher":
+                facts = replace(facts, hint=BLIND)
+            self._live.about(iteration, str(name), facts)
         training: list[Driven] = []
         evaluation: list[Driven] = []
         shard: list[Driven] = []
