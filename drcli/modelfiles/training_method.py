@@ -4,10 +4,14 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import PurePosixPath
 
+from drcli.base.errors import SettingsError
 from drcli.base.problems import ProblemsError
+from drcli.config.write_folder import FolderPlan
 from drcli.modelfiles.custom_files import InputFile
 from drcli.modelfiles.hyperparameters import Hyperparameters, TrainingMethod
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
@@ -37,6 +41,36 @@ def with_method(data: bytes, method: TrainingMethod, *, own_line: bool = False) 
         gap = "\n  " if own_line else ""
         changed = f"{before}{{{gap}{written}{comma}{'' if own_line else ' '}{after}"
     return changed.encode("utf-8", "surrogateescape")
+
+
+def plan_with_method(plan: FolderPlan, teacher: bool) -> FolderPlan:
+    """A new folder whose model trains with a teacher, or without one.
+
+    Raises:
+        SettingsError: It has no hyperparameters.json, or trains with sac.
+    """
+    at = {PurePosixPath(file.name).name: file for file in plan.files}
+    file, metadata = at.get(keys.HYPERPARAMETERS_FILE), at.get(keys.MODEL_METADATA_FILE)
+    if file is None:
+        raise SettingsError(
+            f"--teacher: there is no {keys.HYPERPARAMETERS_FILE} to write training_method into.",
+            remedy="Start with `dr-start-training --teacher` instead.",
+        )
+    if teacher and metadata is not None and is_sac(metadata.data):
+        raise SettingsError(
+            "--teacher: training_method=teacher goes on with clipped_ppo, but "
+            f"{metadata.name} has training_algorithm=sac.",
+            remedy="Leave out --teacher, or choose another --preset.",
+        )
+    changed = replace(file, data=with_method(file.data, method_of(teacher), own_line=True))
+    return replace(plan, files=tuple(changed if each is file else each for each in plan.files))
+
+
+def is_sac(metadata: bytes) -> bool:
+    """Whether a model_metadata.json says that the model trains with SAC."""
+    with suppress(ProblemsError):
+        return ModelMetadata.from_bytes(metadata).training_algorithm == "sac"
+    return False
 
 
 def chosen_method(
