@@ -14,6 +14,7 @@ ITERATION_COLUMNS = (
     *("episodes", "steps", "mean_reward", "median_reward", "std_reward", "best_reward"),
     *("mean_progress", "complete_laps", "best_lap_s", "mean_lap_s"),
     *("eval_mean_reward", "eval_mean_progress", "eval_laps", "eval_best_lap_s", "wall_s", "traced"),
+    "phase",
 )
 
 _LONG_PAUSE = 20.0
@@ -50,6 +51,8 @@ def iteration_table(
     table["traced"] = table["traced"].eq(True)
     _add_evaluations(table, records[records["phase"] == "evaluation"], curve)
     table["wall_s"] = _wall_s(table, steps, curve)
+    phases = {record.iteration: record.phase for record in curve}
+    table["phase"] = [phases.get(number, "") for number in table.index]
     return table.reindex(columns=list(ITERATION_COLUMNS))
 
 
