@@ -282,8 +282,8 @@ def end_text(report: "RunReport") -> str:
     untaught = ""
     if report.phase is not None and report.phase.name == "teacher":
         untaught = (
-            " Only the teacher has learned until now: the camera policy begins with the phase "
-            "distillation (`dr-start-training --resume`)."
+            " It ended in the phase teacher: the camera policy learns from the next phase on "
+            "(`dr-start-training --resume`)."
         )
     return f"{report.message}{told}{untaught}{failed} {report.remedy}".strip()
 
@@ -403,7 +403,7 @@ def _checkpoints(report: "RunReport") -> str:
         return "No checkpoint yet."
     number = last.name.partition("_")[0]
     if best.metric is None and report.phase is not None and report.phase.name == "teacher":
-        return f"last {number}; its camera policy has learned nothing yet, so none is evaluated"
+        return f"last {number}; checkpoints are evaluated from the next phase on"
     if best.metric is None:
         return f"last {number}, none was evaluated yet"
     return f"best {best.text}   last {number}"
