@@ -8,8 +8,8 @@ from drcli.learn.phases import Phase
 
 PHASES: Mapping[Phase, str] = {
     "teacher": "sees the track, no camera",
-    "distillation": "a student with a camera learns from it",
-    "ppo": "the camera policy improves by itself",
+    "distillation": "teaches the camera",
+    "ppo": "the camera, by itself",
 }
 """All phases in order, and what each is for people."""
 
