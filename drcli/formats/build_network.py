@@ -16,7 +16,7 @@ from drcli.learn.sac_networks import SACAgent
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
-STATE_DIMS, TEACHER_DIMS = 22, 24
+STATE_DIMS, TEACHER_DIMS = 22, 70
 """Lengths of `Simulation.privileged` and `Simulation.teacher_state`. They are repeated here because
 loading the simulator for them would cost the trainer 33 MB of memory."""
 

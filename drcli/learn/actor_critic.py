@@ -16,6 +16,10 @@ LOG_STD_RANGE = (-20.0, 3.0)
 _CRITIC_WIDTH = 64
 """Width of the two hidden layers of a critic that sees the state."""
 
+EPISODE_DIMS = 2
+"""The last values of a teacher's state are of the episode: its critic needs them to expect the end,
+but no camera shows them, so the teacher does not drive by them."""
+
 _TEACHER_WIDTH = 128
 """The same of a teacher, and of the critic that it shares with its student."""
 
@@ -127,7 +131,7 @@ class ActorCritic(PolicyAndValue):
         self.policy_head = Dense(self.body.features, spec.num_actions)
         if spec.state_dims:
             width = _TEACHER_WIDTH if spec.taught else _CRITIC_WIDTH
-            self.value_head = _on_state(spec, width, 1)
+            self.value_head = _on_state(spec.state_dims, width, 1)
             last = cast(Dense, self.value_head[-1])
         else:
             self.value_head = last = Dense(self.body.features, 1)
@@ -172,13 +176,18 @@ class Teacher(PolicyAndValue):
 
     def forward(self, seen: Observation) -> Output:
         """Evaluate policy and value for n steps; frames and scans are not looked at."""
-        return Output(self.layers(seen.state), self.value_head(seen.state).squeeze(-1))
+        return Output(self.policy(seen.state), self.value_head(seen.state).squeeze(-1))
+
+    def policy(self, state: Tensor) -> Tensor:
+        """Logits of the actions, or the mean of the Gaussian, by the state. Shape (n, actions)."""
+        policy: Tensor = self.layers(state[:, :-EPISODE_DIMS])
+        return policy
 
 
 class _TeacherLayers(nn.Module):
     def __init__(self, spec: PolicySpec) -> None:
         super().__init__()
-        self.layers = _on_state(spec, _TEACHER_WIDTH, spec.num_actions)
+        self.layers = _on_state(spec.state_dims - EPISODE_DIMS, _TEACHER_WIDTH, spec.num_actions)
         last = cast(Dense, self.layers[-1])
         nn.init.zeros_(last.bias)
         _init_rows(last.weight, 0.01)
@@ -186,12 +195,10 @@ class _TeacherLayers(nn.Module):
             self.log_std = nn.Parameter(torch.full((spec.num_actions,), FIRST_LOG_STD))
 
 
-def _on_state(spec: PolicySpec, width: int, outputs: int) -> nn.Sequential:
+def _on_state(inputs: int, width: int, outputs: int) -> nn.Sequential:
     """Two hidden layers on the state."""
     last = Dense(width, outputs)  # first, because equal seeds must go on to give equal weights
-    return nn.Sequential(
-        Dense(spec.state_dims, width), nn.Tanh(), Dense(width, width), nn.Tanh(), last
-    )
+    return nn.Sequential(Dense(inputs, width), nn.Tanh(), Dense(width, width), nn.Tanh(), last)
 
 
 def _init_rows(weight: Tensor, length: float) -> None:

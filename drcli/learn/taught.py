@@ -56,12 +56,22 @@ NEWEST_STEPS = 8_192
 PASSES = 3
 """How often each step is learned from in the update after it was driven."""
 
+CRITIC_WARMUP = 3
+"""As in `PPO`: the critic has only seen a teacher drive."""
+
 REPORTS = 4
 """Number of parts of an update that are reported."""
 
 SMALL_LOG_STD = -2.3
 """Log standard deviation of teacher and student in distillation. It is enough to show what to do
 beside the line, and not so much that cars leave the road."""
+
+FINE_LOG_STD = -1.6
+"""Log standard deviation of a student that begins to learn from what it drives itself."""
+
+FINE_LR, FINE_KL = 3e-5, 0.03
+"""Largest learning rate and divergence then. With small deviations, a small change of the weights
+is a large change of the policy: 1e-3, a usual rate, threw away within seconds what was learned."""
 
 LARGEST_LABEL = 1.2
 """Actions count from -1 to 1. What a teacher means beyond that says how sure it is, but would make
@@ -98,17 +108,21 @@ class TaughtLearner:
             small = replace(self.compute, bf16=False, parts=1)
             self._learner = PPO(self.teacher, TEACHER, small)
         elif phase == "distillation":
-            self._calm()
+            self._calm(SMALL_LOG_STD)
             self._learner = _Distillation(self.model, self.teacher, self.compute)
         else:
-            self._learner = PPO(self.model, self.config, self.compute)
+            self._calm(FINE_LOG_STD)
+            lr, target_kl = min(self.config.lr, FINE_LR), self.config.target_kl or FINE_KL
+            fine = replace(self.config, lr=lr, target_kl=target_kl)
+            self._learner = PPO(self.model, fine, self.compute)
+            self._learner.critic_warmup = CRITIC_WARMUP
 
-    def _calm(self) -> None:
-        """Let teacher and student drive with little noise."""
+    def _calm(self, log_std: float) -> None:
+        """Let teacher and student drive with so little noise, where it is not of their choosing."""
         if self.model.spec.continuous:
             with torch.no_grad():
-                self.model.log_std.fill_(SMALL_LOG_STD)
-                self.model.teacher.log_std.fill_(SMALL_LOG_STD)
+                self.model.log_std.fill_(log_std)
+                self.model.teacher.log_std.fill_(log_std)
 
     @property
     def optimizer(self) -> Adam:
@@ -241,9 +255,10 @@ class _Distillation:
 
     def _labels(self, rollout: Rollout) -> Float32s:
         """What the teacher would do: actions, or the probability of each of them."""
+        self._teacher.eval()  # gives a step the same bits in any rollout
         state = torch.from_numpy(rollout.states).to(self.compute.device)
         with torch.inference_mode():
-            policy = self._teacher.layers(state)
+            policy = self._teacher.policy(state)
             if self._student.spec.continuous:
                 policy = policy.clamp(-LARGEST_LABEL, LARGEST_LABEL)
             else:

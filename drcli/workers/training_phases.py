@@ -8,8 +8,9 @@ from drcli.exchange.phase import PhaseMark
 from drcli.learn.phases import Phase
 from drcli.modelfiles.hyperparameters import Hyperparameters
 
-EPISODES: dict[Phase, int] = {"teacher": 64, "distillation": 32}
-"""Episodes of an iteration, whatever the hyperparameters say: those are for the camera policy."""
+EPISODES: dict[Phase, int] = {"teacher": 64, "distillation": 32, "ppo": 20}
+"""Least episodes of an iteration. The hyperparameters say how many a policy needs that begins with
+short episodes; here, whole laps are driven by small steps of the policy, which need many."""
 
 MIXED_ITERATIONS = 4
 """In the first iterations of distillation the teacher drives a share of the episodes, which falls
@@ -20,6 +21,12 @@ WINDOW = 5
 
 SURE_SHARE = 0.8
 """Share of completed laps below which nobody has learned to drive yet."""
+
+SURE_ITERATIONS = 2
+"""So many iterations of a student show how well it follows its teacher."""
+
+FOLLOWS = 0.03
+"""A student follows its teacher if it earns less by at most this share."""
 
 SATURATED = 0.02
 """A phase ends when a window improves by less than this share."""
@@ -34,7 +41,7 @@ MARGIN = 0.93
 def episodes_of(mark: PhaseMark | None, parameters: Hyperparameters) -> int:
     """Training episodes of an iteration."""
     own = parameters.num_episodes_between_training
-    return own if mark is None else EPISODES.get(mark.name, own)
+    return own if mark is None else max(own, EPISODES[mark.name])
 
 
 def most_episodes(parameters: Hyperparameters) -> int:
@@ -73,33 +80,44 @@ class PhaseJudge:
         own = [record for record in records if record.iteration >= mark.iteration]
         if mark.name == "ppo" or not own:
             return None
-        why = self._over(mark, own)
+        why = self._over(mark, own, [r for r in records if r.iteration < mark.iteration])
         if why is None:
             return None
         newest = own[-1]
         following: Phase = "distillation" if mark.name == "teacher" else "ppo"
         return PhaseMark(following, newest.iteration + 1, newest.total_steps), why
 
-    def _over(self, mark: PhaseMark, own: Sequence[IterationRecord]) -> str | None:
+    def _over(
+        self,
+        mark: PhaseMark,
+        own: Sequence[IterationRecord],
+        before: Sequence[IterationRecord],
+    ) -> str | None:
         steps = own[-1].total_steps - mark.steps
         if steps >= MOST_STEPS[mark.name]:
             return f"it has taken {steps:,} steps"
+        if mark.name == "teacher" and self._is_fast_enough(own[-1]):
+            return f"its laps take {own[-1].best_lap_s:.2f} s"
         if mark.name == "distillation":
             own = [r for r in own if r.iteration >= mark.iteration + MIXED_ITERATIONS]
-        newest = own[-1] if own else None
-        if newest is None:
-            return None
-        if mark.name == "teacher" and self._is_fast_enough(newest):
-            return f"its laps take {newest.best_lap_s:.2f} s"
+            if self._follows(own, before):
+                return "the student earns as much as its teacher"
         if len(own) < 2 * WINDOW:
             return None
-        before, after = own[-2 * WINDOW : -WINDOW], own[-WINDOW:]
-        if _share(after) < SURE_SHARE:
+        earlier, newest = own[-2 * WINDOW : -WINDOW], own[-WINDOW:]
+        if _share(newest) < SURE_SHARE:
             return None
-        gain = _mean_reward(after) - _mean_reward(before)
-        if gain >= SATURATED * abs(_mean_reward(before)):
+        gain = _mean_reward(newest) - _mean_reward(earlier)
+        if gain > SATURATED * abs(_mean_reward(earlier)):
             return None
         return f"it has gained less than {SATURATED:.0%} in {WINDOW} iterations"
+
+    @staticmethod
+    def _follows(own: Sequence[IterationRecord], before: Sequence[IterationRecord]) -> bool:
+        if len(own) < SURE_ITERATIONS or not before or before[-1].phase != "teacher":
+            return False
+        wanted = _mean_reward(before[-SURE_ITERATIONS:])
+        return _mean_reward(own[-SURE_ITERATIONS:]) >= wanted - FOLLOWS * abs(wanted)
 
     def _is_fast_enough(self, newest: IterationRecord) -> bool:
         if self.lap_time_s is None or newest.best_lap_s is None:

@@ -248,6 +248,13 @@ class CarBatch:
         turned_rad, rolled_rad = self._physics.qpos[:, steers], self._physics.qpos[:, rolls]
         return np.column_stack([turned_rad.mean(axis=1), WHEEL_RADIUS_M * rolled_rad.mean(axis=1)])
 
+    @property
+    def velocity(self) -> Floats:
+        """Speed of the origins forward and to the left, m/s, and yaw rates, rad/s. Shape (n, 3)."""
+        x, y = self._physics.qvel[:, :2].T
+        cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        return np.column_stack([cos * x + sin * y, cos * y - sin * x, self._physics.qvel[:, 5]])
+
     def _refresh(self) -> None:
         # Poses come from the state itself: the engine's own derived fields are one substep old.
         _poses_of(

@@ -22,6 +22,7 @@ from drsim.episode.reward import REWARD_DEADLINE_S, RewardFunction, RewardHost
 from drsim.episode.reward_calls import RewardCalls
 from drsim.episode.stability import mark_unstable
 from drsim.episode.step import StepResult
+from drsim.episode.teacher_features import CarsNow, teacher_features
 from drsim.episode.track_positions import TrackPositions
 from drsim.errors import RewardError
 from drsim.race.race import TIME_TRIAL, Race
@@ -151,6 +152,7 @@ class Simulation:
         self.unstable: Bools = np.zeros(num_cars, np.bool_)
         self._positions = TrackPositions(self._tracks, self._backward, self._cars)
         self._ticks: Ints = np.zeros(num_cars, np.int64)
+        self._requests: Floats = np.zeros((num_cars, 2))
         self._rewards = RewardCalls(
             [reward_function] * num_cars if callable(reward_function) else reward_function,
             reward_deadline_s,
@@ -199,6 +201,7 @@ class Simulation:
         if self.track.closed:
             start_fraction = start_fraction % 1.0
         self._backward[cars] = np.asarray(reverse, np.int64)
+        self._requests[cars] = 0.0
         seeds = self._draws.seeds(cars) if seeds is None else np.asarray(seeds, np.uint64)
         self._draws.begin(cars, seeds, conditions, self._observations, self._cars)
         self._placement.start(cars, start_fraction, seeds, offset_m, angle_deg)
@@ -235,6 +238,7 @@ class Simulation:
         waiting = running & ~driven
         came_from, came_yaw = self._cars.origin_xy.copy(), self._cars.yaw_rad.copy()
         self._cars.drive(steering_deg, speed_mps, driven)
+        self._requests[driven] = np.column_stack([steering_deg, speed_mps])[driven]
         cars = self._cars
         if mark_unstable(cars.origin_xy, came_from, cars.yaw_rad, cars.lens_pos, self.unstable):
             poses = np.column_stack([came_from, came_yaw])[self.unstable]
@@ -325,9 +329,21 @@ class Simulation:
         )
 
     def teacher_state(self, cars: Ints) -> Singles:
-        """STUB."""
-        last = np.zeros((len(cars), 2), np.float32)
-        return np.concatenate([self.privileged(cars), last], 1)
+        """The `teacher_features` of some cars, shape (k,). Shape (k, TEACHER_DIMS)."""
+        state = self._episodes.state
+        now = CarsNow(
+            cars=cars,
+            backward=self._backward[cars],
+            poses=np.column_stack([self._cars.front_xy[cars], self._cars.yaw_rad[cars]]),
+            velocity=self._cars.velocity[cars],
+            wheel_rad=self._cars.wheels[cars, 0],
+            requests=self._requests[cars],
+            along_m=self._positions.along_m[cars],
+            track_width_m=self._positions.where.track_width_m[cars],
+            progress=state.progress[cars],
+            steps=state.steps[cars],
+        )
+        return teacher_features(self._tracks, now, self.traffic, self._cars.speed)
 
     def close(self) -> None:
         """Stop the threads that render, and the host of reward functions."""

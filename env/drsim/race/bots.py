@@ -49,6 +49,11 @@ class Bots:
         """Whether any bot ever leaves its lane: one that stands still cannot."""
         return self._rules.lane_change and self._rules.speed_mps > 0
 
+    @property
+    def moving_mps(self) -> Floats:
+        """Speed of the bots of each car: those that were run into stand still. Shape (n,)."""
+        return np.where(self._halt_s > 0.0, 0.0, self._rules.speed_mps)
+
     def begin(self, car: int, places_m: Floats, lanes: Ints, random: np.random.Generator) -> None:
         """Put the k bots of a car at the start of its episode, on lanes 0 (inner) or 1 (outer).
 

@@ -52,6 +52,7 @@ class Traffic:
         xy: Their places, metres. Shape (n, k, 2).
         yaw_rad: Their directions. Shape (n, k).
         distance_m: How far along the lap they are. Shape (n, k).
+        track_width_m: Width of the road there. Shape (n, k).
     """
 
     def __init__(self, tracks: tuple[Track, Track], num_cars: int, race: Race) -> None:
@@ -85,6 +86,7 @@ class Traffic:
         self.xy: Floats = np.zeros((num_cars, count, 2))
         self.yaw_rad: Floats = np.zeros((num_cars, count))
         self.distance_m: Floats = np.zeros((num_cars, count))
+        self.track_width_m: Floats = np.zeros((num_cars, count))
         self._from_center_m: Floats = np.zeros((num_cars, count))
         self._left: Bools = np.zeros((num_cars, count), np.bool_)
         self._lane: Ints = np.full((num_cars, count), INNER)
@@ -238,6 +240,26 @@ class Traffic:
             tells_heading=self._tells_heading,
         )
 
+    def gap_m(self, cars: Ints, along_m: Floats) -> Floats:
+        """How far ahead of some cars, shape (c,), their objects are along the lap, or behind.
+
+        `along_m` is where the cars are. Negative is behind; on a loop, the shorter way. Shape
+        (c, k).
+        """
+        return self._gap_m(self.distance_m[cars], along_m[:, None])
+
+    def moving_mps(self, car_speeds_mps: Floats) -> Floats:
+        """How fast all objects move now, in the direction that they face. Shape (n, k).
+
+        The speeds of the cars, shape (n,), are those of opponents.
+        """
+        speeds = np.zeros_like(self.distance_m)
+        if self._opponents:
+            speeds[:, 0] = car_speeds_mps[np.arange(len(speeds)) ^ 1]
+        if self._bots is not None:
+            speeds[:, self._driving] = self._bots.moving_mps[:, None]
+        return speeds
+
     def _lane_past(self, car: int, obstacle: int, place_m: float) -> int:
         """Lane away from an obstacle, unless at that place another one blocks it more closely."""
         lane = int(self._lane[car, obstacle])
@@ -266,6 +288,7 @@ class Traffic:
         self.xy[car, group] = poses[:, :2]
         self.yaw_rad[car, group] = poses[:, 2]
         self.distance_m[car, group] = where.distance_m
+        self.track_width_m[car, group] = where.track_width_m
         self._from_center_m[car, group] = where.from_center_m
         self._left[car, group] = where.left_of_center
         self._lane[car, group] = lanes
@@ -310,6 +333,7 @@ class Traffic:
             where = track.locate(xy.reshape(-1, 2))
             shape = xy.shape[:2]
             self.distance_m[cars, group] = where.distance_m.reshape(shape)
+            self.track_width_m[cars, group] = where.track_width_m.reshape(shape)
             self._from_center_m[cars, group] = where.from_center_m.reshape(shape)
             self._left[cars, group] = where.left_of_center.reshape(shape)
 

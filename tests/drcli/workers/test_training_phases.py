@@ -1,0 +1,110 @@
+"""When the phases of a training with a teacher end, and who drives in them."""
+
+from dataclasses import replace
+
+import pytest
+
+from drcli.exchange.iteration import IterationRecord
+from drcli.exchange.phase import PhaseMark
+from drcli.workers.training_phases import (
+    MIXED_ITERATIONS,
+    MOST_STEPS,
+    WINDOW,
+    PhaseJudge,
+    teacher_drives,
+)
+
+TEACHER = PhaseMark("teacher", 4, 1_000)
+DISTILLATION = PhaseMark("distillation", 4, 1_000)
+ANY = IterationRecord(
+    iteration=4,
+    checkpoint="4_Step-1000.ckpt",
+    episodes=10,
+    steps=100,
+    total_steps=1_100,
+    mean_reward=100.0,
+    mean_progress=100.0,
+    full_laps=10,
+    best_lap_s=9.0,
+    elapsed_s=1.0,
+)
+
+
+def driven(rewards: list[float], *, laps: int = 10) -> list[IterationRecord]:
+    return [
+        replace(
+            ANY,
+            iteration=4 + k,
+            total_steps=1_000 + 100 * (k + 1),
+            mean_reward=reward,
+            full_laps=laps,
+        )
+        for k, reward in enumerate(rewards)
+    ]
+
+
+@pytest.mark.parametrize("reward", [100.0, -100.0, 0.0])
+def test_a_teacher_that_gains_nothing_any_more_begins_to_teach(reward):
+    found = PhaseJudge().next_mark(TEACHER, driven([reward] * 2 * WINDOW))
+
+    assert found is not None
+    assert found[0] == PhaseMark("distillation", 4 + 2 * WINDOW, 1_000 + 200 * WINDOW)
+
+
+def test_a_teacher_that_gains_goes_on():
+    rewards = [100.0 + 5.0 * k for k in range(2 * WINDOW)]
+
+    assert PhaseJudge().next_mark(TEACHER, driven(rewards)) is None
+
+
+def test_a_teacher_that_leaves_the_road_goes_on_whatever_it_earns():
+    assert PhaseJudge().next_mark(TEACHER, driven([100.0] * 2 * WINDOW, laps=5)) is None
+
+
+def test_what_another_phase_has_driven_does_not_count():
+    early = [replace(each, iteration=each.iteration - 2) for each in driven([1.0] * 2 * WINDOW)]
+
+    assert PhaseJudge().next_mark(TEACHER, early) is None
+
+
+@pytest.mark.parametrize(("lap_time_s", "ends"), [(10.0, True), (9.2, False), (None, False)])
+def test_a_teacher_that_is_fast_enough_for_the_goal_begins_to_teach(lap_time_s, ends):
+    found = PhaseJudge(lap_time_s).next_mark(TEACHER, driven([1.0]))
+
+    assert (found is not None) == ends
+
+
+@pytest.mark.parametrize("mark", [TEACHER, DISTILLATION])
+def test_a_phase_ends_after_its_most_steps(mark):
+    late = replace(ANY, total_steps=1_000 + MOST_STEPS[mark.name], full_laps=0, best_lap_s=None)
+
+    found = PhaseJudge().next_mark(mark, [late])
+
+    assert found is not None
+
+
+def test_distillation_is_judged_by_what_the_student_drives_alone():
+    mixed = driven([100.0] * (MIXED_ITERATIONS + 2 * WINDOW - 1))
+    alone = driven([100.0] * (MIXED_ITERATIONS + 2 * WINDOW))
+
+    assert PhaseJudge().next_mark(DISTILLATION, mixed) is None
+    found = PhaseJudge().next_mark(DISTILLATION, alone)
+    assert found is not None
+    assert found[0].name == "ppo"
+
+
+def test_the_last_phase_goes_on():
+    mark = PhaseMark("ppo", 0, 0)
+
+    assert PhaseJudge(99.0).next_mark(mark, driven([100.0] * 50)) is None
+
+
+def test_the_student_takes_over_the_wheel_step_by_step():
+    shares = [
+        sum(teacher_drives(DISTILLATION, 4 + mixed, place) for place in range(20)) / 20
+        for mixed in range(6)
+    ]
+
+    assert shares == [1.0, 0.75, 0.5, 0.25, 0.0, 0.0]
+    assert teacher_drives(TEACHER, 99, 0)
+    assert not teacher_drives(PhaseMark("ppo"), 0, 0)
