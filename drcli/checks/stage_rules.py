@@ -36,7 +36,8 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
 OF_THE_NETWORK = ("stack_size", "critic", "training_method")
-"""Hyperparameters that decide the shape of the network and its learner, so they stay the same in all stages."""
+"""Hyperparameters that decide the shape of the network, or how it is trained, so they stay the same
+in all stages."""
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,7 @@ from drcli.workers.membership import Membership
 from drcli.workers.reward_failures import AllEpisodesDiscarded, RewardErrorsExceeded, RewardFailures
 from drcli.workers.second_track import sentence_of
 from drcli.workers.stage_progress import stage_index
+from drcli.workers.training_phases import phase_of
 from drcli.workers.training_simulation import TrainingSimulation
 from drcli.workers.wait_for_trainer import POLL_S, WOKEN_POLL_S, CheckpointWaiter
 from drcli.workers.worker_device import choose_worker_device
@@ -230,8 +231,9 @@ class SimWorker:
             if stage is not None and stage is not self._simulation.stage:
                 self._enter(stage)
                 iteration = newest  # what was driven ahead belongs to the stage before
-            if counters.phase != self._simulation.phase:
-                self._simulation.enter_phase(counters.phase)
+            phase = phase_of(counters.phase, name, taught=self._design.parameters.taught)
+            if phase != self._simulation.phase:
+                self._simulation.enter_phase(phase)
                 iteration = newest
             if record.tensors != self._loaded:  # else it has driven with these weights before
                 self._waiter.learn_from(record)

@@ -53,7 +53,7 @@ def test_a_resumed_training_keeps_its_teacher_until_somebody_says_otherwise(race
     ]
     [told] = [each for each in kept.warnings if "training_method" in each]
     assert told.endswith(
-        'has no training_method, so that of model-1 is kept: teacher. --no-teacher, or '
+        "has no training_method, so that of model-1 is kept: teacher. --no-teacher, or "
         '"training_method": "camera" in the file, goes on without it.'
     )
     assert not any("training_method" in each for each in by_option.warnings)
