@@ -18,6 +18,7 @@ from drcli.exchange.job import Job
 from drcli.exchange.journal_entry import JournalEntry
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.training_start import Pretrained, TrainingStart
+from drcli.learn.phases import FINE_LR
 from drcli.modelfiles.custom_files import Inputs, find
 from drcli.modelfiles.hyperparameters import Hyperparameters, TrainingMethod
 from drcli.modelfiles.network_shape import Design, model_files
@@ -171,6 +172,8 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
         inputs = replace(inputs, hyperparameters=found_files[keys.HYPERPARAMETERS_FILE])
     found = of_severity([*clock, *examined.problems], "warning")
     warnings = [*damaged, *settings.warnings, *staged.warnings, *map(str, found)]
+    if before_this is not None and not design.parameters.taught:
+        warnings += _steps_too_large(bucket, before_this, design)
     if files != found_files and kept is not None:
         warnings.append(_keeps_teacher(inputs.hyperparameters.origin, before_this))
     if resumes is not None and design.metadata.training_algorithm == "sac":
@@ -254,6 +257,18 @@ def goals_of(settings: Settings, options: StartOptions, outcome: RunOutcome, buc
 
 def _pretrained_prefix(settings: Settings) -> str | None:
     return None if settings.pretrained_model is None else settings.pretrained_model.prefix
+
+
+def _steps_too_large(bucket: Bucket, before: str, design: Design) -> list[str]:
+    """A sentence if a model that learned from a teacher goes on alone with a high learning rate."""
+    lr = design.parameters.lr
+    if lr <= FINE_LR or kept_method(bucket, before) is None:
+        return []
+    return [
+        f"{design.parameters_origin}: lr={lr:g} is high for the weights of {before}, which learned "
+        f"from a teacher: they may be lost within a few updates. Write lr={FINE_LR:g} and "
+        "target_kl=0.03 to go on without a teacher."
+    ]
 
 
 def _keeps_teacher(file: str, before: str | None) -> str:

@@ -122,3 +122,13 @@ def test_a_stage_may_not_have_another_method(racer):
 )
 def test_all_other_lines_of_the_file_stay_where_they_are(text, changed):
     assert with_method(text.encode(), "teacher").decode() == changed
+
+
+@pytest.mark.parametrize(("lr", "warned"), [(0.001, True), (0.00003, False)])
+def test_going_on_without_a_teacher_needs_small_steps(racer, lr, warned):
+    begun(racer, method="teacher")
+    racer.hyperparameters(lr=lr)
+
+    told = racer.start(resume=True, method="camera").warnings
+
+    assert any(f"lr={lr:g} is high" in each and "lr=3e-05" in each for each in told) == warned
