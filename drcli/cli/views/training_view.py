@@ -305,6 +305,8 @@ def next_commands(report: "RunReport", prefix: str) -> list[tuple[str, str]]:
             ("dr-video --checkpoint best", "watch a lap of it"),
             ("dr-export car --best", "write the archive for the car"),
         ]
+    if report.best_laps is None and report.phase is not None and report.phase.name == "teacher":
+        return [("dr-start-training --resume", "go on until the camera policy has learned")]
     return [
         ("dr-analyze", "see what keeps it from completing a lap"),
         ("dr-video --checkpoint best", "watch how far its best checkpoint comes"),
