@@ -121,8 +121,8 @@ GLOSSARY: Mapping[str, str] = {
     "is perfect here may fail on the car.",
     "simulation worker": "A process that drives cars in the simulation and records their steps.",
     "step": "One decision of the car, 15 of them per simulated second.",
-    "supervisor": "The process that starts the workers of a training, watches them and ends them.",
     "student": "The camera policy while it learns from a teacher.",
+    "supervisor": "The process that starts the workers of a training, watches them and ends them.",
     "teacher": "A policy that sees the track instead of the camera: where the car is, and how the "
     "road goes on. It learns within a minute, drives only in the simulation, and shows a student "
     "what to do (`training_method`, docs/teacher.md).",

@@ -355,7 +355,7 @@ def test_the_phase_of_a_training_with_a_teacher_fits_into_one_line(make_report, 
     phase = PhaseReport.of(PhaseMark("teacher"), history)
     best = CheckpointEntry("0_Step-0.ckpt", None)
     report = replace(
-        make_report("stopped", history=history), phase=phase, best=best, best_laps=None
+        make_report("stopped", history=history), phase=phase, best=best, last=best, best_laps=None
     )
 
     lines = screen(training_view.live(report, NOW_S)).splitlines()
