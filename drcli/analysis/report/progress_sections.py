@@ -103,6 +103,8 @@ def reward_section(run: Run) -> Section | None:
 
 def _phase_marks(table_: "pd.DataFrame") -> list[Mark]:
     """Where each phase of a training with a teacher begins."""
+    if "phase" not in table_:
+        return []
     named = table_["phase"][table_["phase"] != ""]
     begun = named[named != named.shift()]
     return [Mark(int(number), str(phase)) for number, phase in begun.items()]
