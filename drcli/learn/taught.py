@@ -135,6 +135,7 @@ class TaughtLearner:
 
     @critic_warmup.setter
     def critic_warmup(self, updates: int) -> None:
+        """As in `PPO`."""
         if isinstance(self._learner, PPO):
             self._learner.critic_warmup = updates
 
