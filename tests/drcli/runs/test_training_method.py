@@ -9,6 +9,7 @@ from drcli.exchange.checkpoint import Counters
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.training_method import with_method
 from drcli.store import keys
+from drcli.workers.trainer import _learners
 
 
 def method_of(plan) -> str:
@@ -93,9 +94,10 @@ def test_a_teacher_does_not_go_with_sac(racer):
 def test_several_learner_processes_are_one_with_a_teacher_and_the_start_says_so(racer):
     (racer.folder / "system.env").write_text("DR_TRAIN_LEARNERS=2\n")
 
-    taught = racer.start(method="teacher").warnings
+    taught, alone = racer.start(method="teacher"), racer.start(wipe=True)
 
-    assert any("DR_TRAIN_LEARNERS=2" in each and "one process" in each for each in taught)
+    assert any("DR_TRAIN_LEARNERS=2" in each and "one process" in each for each in taught.warnings)
+    assert [_learners(plan.job) for plan in (taught, alone)] == [1, 2]
 
 
 def test_a_stage_may_not_have_another_method(racer):
