@@ -14,6 +14,7 @@ ITERATION_COLUMNS = (
     *("episodes", "steps", "mean_reward", "median_reward", "std_reward", "best_reward"),
     *("mean_progress", "complete_laps", "best_lap_s", "mean_lap_s"),
     *("eval_mean_reward", "eval_mean_progress", "eval_laps", "eval_best_lap_s", "wall_s", "traced"),
+    "phase",
 )
 
 _LONG_PAUSE = 20.0
@@ -50,6 +51,7 @@ def iteration_table(
     table["traced"] = table["traced"].eq(True)
     _add_evaluations(table, records[records["phase"] == "evaluation"], curve)
     table["wall_s"] = _wall_s(table, steps, curve)
+    table["phase"] = _phases(table.index, curve)
     return table.reindex(columns=list(ITERATION_COLUMNS))
 
 
@@ -130,6 +132,13 @@ def _add_evaluations(
             table.loc[row, "eval_laps"] = float(len(record.evaluation_lap_s))
             if record.evaluation_lap_s:
                 table.loc[row, "eval_best_lap_s"] = min(record.evaluation_lap_s)
+
+
+def _phases(numbers: "pd.Index[int]", curve: Sequence[IterationRecord]) -> list[str]:
+    """The phase of each iteration; one that is not learned from yet belongs to the newest one."""
+    known = {record.iteration: record.phase for record in curve}
+    newest = max(known, default=-1)
+    return [known.get(min(int(number), newest), "") for number in numbers]
 
 
 def _wall_s(

@@ -58,6 +58,7 @@ _CURVE_NAMES = {
     "actor_loss": "actor_loss",
     "critic_loss": "qf_loss",
     "alpha": "alpha",
+    "imitation_loss": "imitation_loss",
     "learn_s": "update_s",
     "drive_s": "drive_s",
     "exchange_s": "exchange_s",

@@ -104,8 +104,9 @@ class Run:
             mean_reward, median_reward, std_reward, best_reward, mean_progress, complete_laps,
             best_lap_s, mean_lap_s, eval_mean_reward, eval_mean_progress, eval_laps,
             eval_best_lap_s (of the evaluations during training), wall_s (the iteration's share of
-            the run's duration; NaN where there was none) and traced (False where no trace was
-            read and the numbers are those of the metrics).
+            the run's duration; NaN where there was none), traced (False where no trace was
+            read and the numbers are those of the metrics) and phase (of a training with a
+            teacher; else empty).
         learner: A row for each update; index iteration, sorted; may be empty. entropy, kl,
             policy_loss, value_loss, clip_fraction, learning_rate, update_s ... as far as known.
         evaluations: Evaluations on their own, the oldest first.

@@ -43,6 +43,7 @@ def review_parameters(
     design: Design | None = None
     if settings is not None and learning is not None and hyperparameters is not None:
         found += _idle_workers(settings, learning, hyperparameters.origin)
+        found += _idle_learners(settings, learning)
     if learning is not None and model is not None and hyperparameters and metadata:
         if model.training_algorithm == "sac":
             found = [each for each in found if each.severity == "error" or each.key not in _OF_PPO]
@@ -75,3 +76,16 @@ def _idle_workers(settings: Settings, parameters: Hyperparameters, origin: str) 
     )
     remedy = f"Set DR_WORKERS to at most {episodes}, or drive more episodes per iteration."
     return [setting_problem("DR_WORKERS", settings.place("DR_WORKERS"), what, remedy)]
+
+
+def _idle_learners(settings: Settings, parameters: Hyperparameters) -> list[Problem]:
+    """A warning that a training with a teacher has one process that learns."""
+    name, count = "DR_TRAIN_LEARNERS", settings.train_learners
+    if not parameters.taught or count == 1:
+        return []
+    what = (
+        f"{name}={count}: with training_method=teacher, the trainer learns in one process, with "
+        "all cores."
+    )
+    remedy = f"Set {name}=1, or train without a teacher (--no-teacher)."
+    return [setting_problem(name, settings.place(name), what, remedy, severity="warning")]

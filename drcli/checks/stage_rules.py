@@ -35,8 +35,9 @@ from drcli.modelfiles.json_file import as_written
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
-OF_THE_NETWORK = ("stack_size", "critic")
-"""Hyperparameters that decide the shape of the network, so they stay the same in all stages."""
+OF_THE_NETWORK = ("stack_size", "critic", "training_method")
+"""Hyperparameters that decide the shape of the network, or how it is trained, so they stay the same
+in all stages."""
 
 
 @dataclass(frozen=True)

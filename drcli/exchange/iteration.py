@@ -98,8 +98,16 @@ class IterationRecord(JsonRecord):
     def compares_with(self, other: "IterationRecord") -> bool:
         """Whether both belong to the same stage and track, as far as the tracks are known."""
         known = self.world and other.world
-        same = (self.stage, self.phase) == (other.stage, other.phase)
-        return same and (not known or self.world == other.world)
+        return self.stage == other.stage and (not known or self.world == other.world)
+
+    def continues(self, other: "IterationRecord") -> bool:
+        """Whether both belong to one learning curve: the same stage, track and phase."""
+        return self.phase == other.phase and self.compares_with(other)
+
+    @property
+    def is_own_driving(self) -> bool:
+        """Whether the camera policy drove all training episodes, and learns from their rewards."""
+        return self.phase in ("", "ppo")
 
     @property
     def evaluation(self) -> Laps | None:

@@ -1,4 +1,4 @@
-"""What the trainer says when a stage begins, for the supervisor on the same machine."""
+"""What the trainer says when a stage or a phase begins, for the supervisor on the same machine."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +10,11 @@ _FILE = "stage.json"
 
 @dataclass(frozen=True)
 class StageNote:
-    """The newest stage that began in a start.
+    """The newest stage, or phase of a training with a teacher, that began in a start.
 
     Attributes:
         session: Of the start.
-        stage: Name of the stage.
+        stage: Name of the stage or phase.
         checkpoint: Its first checkpoint.
         text: Sentences for people.
     """

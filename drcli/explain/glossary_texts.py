@@ -39,6 +39,9 @@ GLOSSARY: Mapping[str, str] = {
     "Also called experience.",
     "discount": "How much less a reward counts for each step that it comes later "
     "(`discount_factor`).",
+    "distillation": "The second phase of a training with a teacher: a student with a camera learns "
+    "to do what the teacher would do, wherever the student drives (DAgger). See "
+    "`training_method`.",
     "domain randomisation": "Varying light, grip, delay and more while training, so that the model "
     "also works where the world is a little different, such as on the real track.",
     "entropy": "How undecided the policy is. High: it acts at random. Low: it is sure. It should "
@@ -118,7 +121,11 @@ GLOSSARY: Mapping[str, str] = {
     "is perfect here may fail on the car.",
     "simulation worker": "A process that drives cars in the simulation and records their steps.",
     "step": "One decision of the car, 15 of them per simulated second.",
+    "student": "The camera policy while it learns from a teacher.",
     "supervisor": "The process that starts the workers of a training, watches them and ends them.",
+    "teacher": "A policy that sees the track instead of the camera: where the car is, and how the "
+    "road goes on. It learns within a minute, drives only in the simulation, and shows a student "
+    "what to do (`training_method`, docs/teacher.md).",
     "throttle": "How much power the motor gets. The physical car turns the speed of an action "
     "into a "
     "throttle; it does not measure speed.",

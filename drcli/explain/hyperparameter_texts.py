@@ -191,6 +191,17 @@ HYPERPARAMETER_TEXTS: Mapping[str, HyperparameterText] = {
         "",
         "camera for PPO.",
     ),
+    "training_method": HyperparameterText(
+        "How a training begins: with the camera alone (camera), or with a teacher that sees the "
+        "track (teacher). The teacher learns to drive first, then a student with a camera learns "
+        "from it, then PPO goes on. Only for clipped_ppo; docs/teacher.md tells more.",
+        "teacher learns fast laps much sooner. The learning curve is another one than the "
+        "console's: "
+        "the camera policy has learned nothing until its phase begins.",
+        "",
+        "camera if you want to compare with the console, or study PPO; teacher if you want a fast "
+        "model soon.",
+    ),
     "bootstrap_cut": HyperparameterText(
         "Whether the critic's estimate is added to the return of an episode that the step limit "
         "cut off.",

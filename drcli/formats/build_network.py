@@ -78,6 +78,11 @@ def _with_own_critic(model: nn.Module, tensors: dict[str, Tensor]) -> dict[str, 
     return {name: tensor for name, tensor in own.items() if name.startswith(of_critic)} | kept
 
 
+def has_own_critic(model: nn.Module, data: bytes) -> bool:
+    """Whether `load_weights` leaves the model its own critic: only one of both has a teacher."""
+    return _is_taught(model.state_dict()) != _is_taught(load_tensors(data))
+
+
 def _is_taught(names: Iterable[str]) -> bool:
     return any(name.startswith(TEACHER) for name in names)
 

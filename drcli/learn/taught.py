@@ -19,7 +19,7 @@ from drcli.learn.adam import Adam
 from drcli.learn.algorithm_config import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
-from drcli.learn.phases import Phase
+from drcli.learn.phases import FINE_LR, Phase
 from drcli.learn.policy import Float32s, Observation
 from drcli.learn.ppo import PPO
 from drcli.learn.replay_buffer import ReplayBuffer
@@ -69,9 +69,8 @@ beside the line, and not so much that cars leave the road."""
 FINE_LOG_STD = -1.6
 """Log standard deviation of a student that begins to learn from what it drives itself."""
 
-FINE_LR, FINE_KL = 3e-5, 0.03
-"""Largest learning rate and divergence then. With small deviations, a small change of the weights
-is a large change of the policy: 1e-3, a usual rate, threw away within seconds what was learned."""
+FINE_KL = 0.03
+"""Largest divergence of an update then."""
 
 LARGEST_LABEL = 1.2
 """Actions count from -1 to 1. What a teacher means beyond that says how sure it is, but would make
@@ -136,6 +135,7 @@ class TaughtLearner:
 
     @critic_warmup.setter
     def critic_warmup(self, updates: int) -> None:
+        """As in `PPO`."""
         if isinstance(self._learner, PPO):
             self._learner.critic_warmup = updates
 

@@ -142,8 +142,8 @@ class Hyperparameters(BaseModel):
         """Why this does not fit the algorithm and actions of a model; None when it does."""
         if self.taught and algorithm == "sac":
             return (
-                "training_method=teacher ends with clipped_ppo, but training_algorithm of "
-                "model_metadata.json is sac."
+                "training_method=teacher goes on with clipped_ppo, but model_metadata.json has "
+                "training_algorithm=sac."
             )
         match self.exploration_type, algorithm:
             case "e-greedy", "sac":

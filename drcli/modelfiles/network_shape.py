@@ -87,6 +87,11 @@ class Design:
         if conflict is None:
             return []
         place, remedy = self.parameters_origin, "Change one of the two files."
+        if self.parameters.taught and self.metadata.training_algorithm == "sac":
+            remedy = (
+                "Start with --no-teacher or remove training_method, or write "
+                '"training_algorithm": "clipped_ppo" into model_metadata.json.'
+            )
         return [Problem("V-34", "error", place, None, conflict, remedy)]
 
 

@@ -11,6 +11,7 @@ from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.laps import Laps
 from drcli.exchange.milestone_record import Milestone, Milestones
+from drcli.exchange.phase import is_untaught
 from drcli.exchange.scores import Score, Scores
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_evaluation
@@ -26,6 +27,7 @@ MOST_LISTED = 12
 """Checkpoints in a message; those with a meaning are among them."""
 
 NEVER_EVALUATED = "never evaluated"
+UNTAUGHT = "never evaluated, because only its teacher has learned until there"
 
 _NEVER: dict[CheckpointWord, str] = {
     "first-lap": "no evaluation during its training has completed a lap",
@@ -163,8 +165,11 @@ def sentence_about(model: Model, chosen: Chosen, option: str = "--checkpoint") -
     word = "best" if chosen.choice == "last" else "last"
     other = scores.best_checkpoint if word == "best" else scores.last_checkpoint
     if other.name == chosen.name:
-        words = "the best and the last" if driven(other) != NEVER_EVALUATED else "the last"
+        unknown = driven(other) in (NEVER_EVALUATED, UNTAUGHT)
+        words = "the last" if unknown else "the best and the last"
         return f"Takes checkpoint {of}, {words}: {driven(chosen.score)}."
+    if driven(other) == UNTAUGHT:
+        return f"Takes checkpoint {of}, the {chosen.choice}: {driven(chosen.score)}."
     return (
         f"Takes checkpoint {of}, the {chosen.choice}: {driven(chosen.score)}. {option} "
         f"{word} takes {checkpoint_name(other.name).number}: {driven(other)}."
@@ -207,6 +212,8 @@ def _driven(model: Model, history: Iterable[IterationRecord], score: Score) -> s
         return str(laps)
     if score.avg_eval_metric is not None:  # of a copy, which comes without its history
         return f"score {score.avg_eval_metric:.1f} in its evaluation"
+    if is_untaught(list(history), checkpoint_name(score.name).number):
+        return UNTAUGHT
     return NEVER_EVALUATED
 
 

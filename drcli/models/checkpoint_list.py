@@ -9,6 +9,7 @@ from drcli.config.checkpoint_words import CheckpointWord
 from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
 from drcli.exchange.laps import Laps
 from drcli.exchange.milestone_record import KINDS, MilestoneKind
+from drcli.exchange.phase import is_untaught
 from drcli.models.checkpoint_choice import ModelCheckpoints
 from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
@@ -35,6 +36,7 @@ class ListedCheckpoint:
         problem: What is wrong with it; empty if nothing is known.
         form: `tensorflow` for a checkpoint of DeepRacer-for-Cloud or a console, else `drcli`.
         median_s: Median time of the clean laps; None without one, or if it is unknown.
+        untaught: Whether its camera policy has not learned yet, because a teacher comes first.
     """
 
     number: int
@@ -49,6 +51,7 @@ class ListedCheckpoint:
     problem: str = ""
     form: Literal["drcli", "tensorflow"] = "drcli"
     median_s: float | None = None
+    untaught: bool = False
 
 
 @dataclass(frozen=True)
@@ -139,11 +142,13 @@ def list_checkpoints(
             seen = len(progress), len(lap_s), _mean(progress), min(lap_s, default=None)
         else:
             seen = known.episodes, known.laps, known.progress, known.best_lap_s
+        untaught = is_untaught(history, name.number)
+        words = has.words_for(name)
         listed.append(
             ListedCheckpoint(
                 number=name.number,
                 name=str(name),
-                words=has.words_for(name),
+                words=[word for word in words if word != "best" or not untaught],
                 every=str(name) in spaced,
                 episodes=seen[0],
                 laps=seen[1],
@@ -153,6 +158,7 @@ def list_checkpoints(
                 problem=_problem(has, store, name, check=check),
                 form="tensorflow" if is_tensorflow(there, prefix, str(name)) else "drcli",
                 median_s=Laps(len(progress), lap_s).median_s,
+                untaught=untaught,
             )
         )
     reached = [

@@ -18,9 +18,11 @@ from drcli.exchange.job import Job
 from drcli.exchange.journal_entry import JournalEntry
 from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.training_start import Pretrained, TrainingStart
+from drcli.learn.phases import FINE_LR
 from drcli.modelfiles.custom_files import Inputs, find
-from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.hyperparameters import Hyperparameters, TrainingMethod
 from drcli.modelfiles.network_shape import Design, model_files
+from drcli.modelfiles.training_method import chosen_method, kept_method
 from drcli.models.continue_reference import plan_conversion
 from drcli.models.pretrained import sentence_of
 from drcli.models.repair_model import repair_all
@@ -57,6 +59,7 @@ class StartOptions:
         whole_run: Whether any machine may continue the run with the same command: see `Job`.
         over_aborted: Whether the model's prefix may hold what a start wrote that ended before its
             first checkpoint.
+        method: Replaces training_method of hyperparameters.json; None to leave it as it is.
     """
 
     wipe: bool = False
@@ -67,6 +70,7 @@ class StartOptions:
     whole_run: bool = False
     over_aborted: bool = False
     until_lap_time_s: float | None = None
+    method: TrainingMethod | None = None
 
 
 @dataclass(frozen=True)
@@ -145,9 +149,12 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     previous = read_outcome(bucket, prefix) if continues else None
     began_at = first_start(previous, before)
     custom = settings.custom_files
-    files = find(resumed_files(custom, prefix) if options.resume else custom, bucket)
+    found_files = find(resumed_files(custom, prefix) if options.resume else custom, bucket)
     if conversion is not None:
-        files |= conversion.own_files(files)
+        found_files |= conversion.own_files(found_files)
+    before_this = prefix if options.resume else _pretrained_prefix(settings)
+    kept = kept_method(bucket, before_this) if options.method is None else None
+    files = chosen_method(found_files, options.method, kept)
     staged = plan_stages(settings, files, bucket, resumes=options.resume)
     settings = staged.settings
     job = _job(settings, options, _seed(settings, options, before), began_at)
@@ -161,8 +168,14 @@ def prepare(settings: Settings, options: StartOptions) -> RunPlan:
     )
     refuse(examined.problems)
     inputs, design, transfer = examined.inputs, examined.design, examined.transfer
+    if keys.HYPERPARAMETERS_FILE in found_files:  # the racer's file keeps what it says
+        inputs = replace(inputs, hyperparameters=found_files[keys.HYPERPARAMETERS_FILE])
     found = of_severity([*clock, *examined.problems], "warning")
     warnings = [*damaged, *settings.warnings, *staged.warnings, *map(str, found)]
+    if before_this is not None and not design.parameters.taught:
+        warnings += _steps_too_large(bucket, before_this, design)
+    if files != found_files and kept is not None:
+        warnings.append(_keeps_teacher(inputs.hyperparameters.origin, before_this))
     if resumes is not None and design.metadata.training_algorithm == "sac":
         warnings += _replay_lost(bucket, prefix, CheckpointName.parse(resumes))
     job = replace(job, stages=staged.stages, inputs=files_to_train_with(settings, inputs, design))
@@ -240,6 +253,29 @@ def goals_of(settings: Settings, options: StartOptions, outcome: RunOutcome, buc
     refuse(staged.review.problems)
     job = _job(staged.settings, options, 0, outcome.began_at)
     return ending(replace(job, stages=staged.stages), parameters)
+
+
+def _pretrained_prefix(settings: Settings) -> str | None:
+    return None if settings.pretrained_model is None else settings.pretrained_model.prefix
+
+
+def _steps_too_large(bucket: Bucket, before: str, design: Design) -> list[str]:
+    """A sentence if a model that learned from a teacher goes on alone with a high learning rate."""
+    lr = design.parameters.lr
+    if lr <= FINE_LR or kept_method(bucket, before) is None:
+        return []
+    return [
+        f"{design.parameters_origin}: lr={lr:g} is high for the weights of {before}, which learned "
+        f"from a teacher: they may be lost within a few updates. Write lr={FINE_LR:g} and "
+        "target_kl=0.03 to go on without a teacher."
+    ]
+
+
+def _keeps_teacher(file: str, before: str | None) -> str:
+    return (
+        f"{file} has no training_method, so that of {before} is kept: teacher. --no-teacher, or "
+        '"training_method": "camera" in the file, goes on without it.'
+    )
 
 
 def _job(settings: Settings, options: StartOptions, seed: int, began_at: float) -> Job:

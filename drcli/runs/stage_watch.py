@@ -1,4 +1,4 @@
-"""Notes in the journal that a training has gone on to its next stage."""
+"""Notes in the journal that a training has gone on to its next stage or phase."""
 
 from drcli.exchange.job import Job
 from drcli.exchange.stage_note import StageNote
@@ -35,10 +35,10 @@ class StageWatch(Duty):
         self._look()
 
     def _look(self) -> None:
-        if not self._job.stages or self._journal is None:
+        if self._journal is None:
             return
         note = StageNote.read(self._job.folder, self._job.session)
-        if note is None or note.stage == self._seen:
+        if note is None or note.checkpoint == self._seen:
             return
-        self._seen = note.stage
+        self._seen = note.checkpoint
         self._journal.note("stage", note.text, stage=note.stage, checkpoint=note.checkpoint)

@@ -25,6 +25,7 @@ from drcli.exchange.stage import StageMark
 from drcli.exchange.watch_record import WatchRecord
 from drcli.models.checkpoint_choice import laps_of
 from drcli.models.model_list import CheckpointEntry
+from drcli.runs.phase_report import PhaseReport
 from drcli.runs.seen_in_bucket import ended_elsewhere, trained_by
 from drcli.runs.spending_report import RequestReport, money_left, request_report, time_left_s
 from drcli.runs.worker_health import WorkerHealth
@@ -195,6 +196,7 @@ class RunReport:
             they were reached; `dr-list-checkpoints` says whether they are still there.
         notes: What the racer wrote about the model; only in `dr-status`.
         stage: Stage of the newest checkpoint; None without a curriculum.
+        phase: Phase of the newest checkpoint; None without a teacher.
         budget: Of today, for all trainings of the folder; None without a limit.
     """
 
@@ -232,6 +234,7 @@ class RunReport:
     milestones: list[MilestoneReport] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     stage: StageMark | None = None
+    phase: PhaseReport | None = None
     budget: DayBudget | None = None
     priority: str = "normal"
     threads: int = 0
@@ -284,6 +287,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
     rollbacks: list[Rollback] = []
     joined: list[JoinedReport] = []
     stage: StageMark | None = None
+    phase: PhaseReport | None = None
     unreachable = "" if bucket is not None else _NOT_RUNNING
     if bucket is not None:
         try:
@@ -308,8 +312,10 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
                 rollbacks = read_rollbacks(bucket, record.prefix).entries
             except ObjectDamaged as error:
                 damaged.append(f"{error} {error.remedy}")
-            if config.train.curriculum_file or any(each.stage for each in history[-1:]):
-                stage = CheckpointStore(bucket, record.prefix).stage_of_newest()
+            marked = not history or history[-1].stage or history[-1].phase
+            if config.train.curriculum_file or marked:
+                counters = CheckpointStore(bucket, record.prefix).counters_of_newest()
+                stage, phase = counters.stage, PhaseReport.of(counters.phase, history)
             if alive:
                 joined = _joined(bucket, record)
             names = [worker.name for worker in record.workers]
@@ -385,6 +391,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
             for kind, found in with_history(NO_MILESTONES, history).reached()
         ],
         stage=stage,
+        phase=phase,
         budget=_budget(config),
         priority=record.priority,
         threads=record.threads,

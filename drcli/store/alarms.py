@@ -127,11 +127,9 @@ def collapsed(text: str) -> Alarm:
 def trends(records: Sequence[IterationRecord]) -> list[Alarm]:
     """The alarms that need only the newest 50 iterations, without those of earlier stages."""
     records = _of_stage(records[-ENTROPY_PAST:])
-    checks: list[Callable[[Sequence[IterationRecord]], Alarm | None]] = [
-        _entropy_rises,
-        _reward_zigzags,
-        _steering_zigzags,
-    ]
+    checks: list[Callable[[Sequence[IterationRecord]], Alarm | None]] = [_steering_zigzags]
+    if not records or records[-1].is_own_driving:  # a teacher has hyperparameters of its own
+        checks = [_entropy_rises, _reward_zigzags, *checks]
     found = (check(records) for check in checks)
     return [alarm for alarm in found if alarm is not None]
 
@@ -205,8 +203,8 @@ def _steering_zigzags(records: Sequence[IterationRecord]) -> Alarm | None:
 
 
 def _of_stage(records: Sequence[IterationRecord]) -> Sequence[IterationRecord]:
-    """The records of the newest one's stage and track: those before drove another one."""
-    return [record for record in records if record.compares_with(records[-1])]
+    """The records of the newest one's stage, track and phase: those before drove another one."""
+    return [record for record in records if record.continues(records[-1])]
 
 
 def _means(values: Sequence[float], window: int) -> list[float]:

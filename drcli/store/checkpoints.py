@@ -203,13 +203,15 @@ class CheckpointStore:
 
     def stage_of_newest(self) -> StageMark | None:
         """The stage of the checkpoint that the pointer names; None if that is not known."""
+        return self.counters_of_newest().stage
+
+    def counters_of_newest(self) -> Counters:
+        """What was counted until the checkpoint that the pointer names; zeros if not known."""
         name = self.pointed()
-        if name is None:
-            return None
         try:
-            return self.record(str(name)).counters.stage
+            return Counters() if name is None else self.record(str(name)).counters
         except (ObjectMissing, ObjectDamaged):
-            return None
+            return Counters()
 
     def drivers(self, newest: CheckpointName, oldest: int) -> list[str]:
         """Checkpoints whose rollouts may be learned from while this is the newest one.

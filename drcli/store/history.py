@@ -194,9 +194,11 @@ class Fall:
 
     def add(self, record: IterationRecord) -> None:
         """Add the next iteration."""
-        if self._before is not None and not record.compares_with(self._before):
+        if self._before is not None and not record.continues(self._before):
             self._newest, self._highest, self._last = [], 0.0, 0.0  # it drove another track
         self._before = record
+        if not record.is_own_driving:
+            return  # fewer and fewer episodes are a teacher's: that is no fall
         self._newest = [*self._newest, record.mean_progress][-SMOOTH:]
         if len(self._newest) == SMOOTH:
             self._last = sum(self._newest) / SMOOTH

@@ -68,7 +68,7 @@ def _keys() -> list[dict[str, Any]]:
 def _algorithms(key: str) -> list[str]:
     if key.startswith("sac_"):
         return ["sac"]
-    return ["clipped_ppo"] if key in PPO_ONLY else ["clipped_ppo", "sac"]
+    return ["clipped_ppo"] if key in PPO_ONLY | {"training_method"} else ["clipped_ppo", "sac"]
 
 
 def _text(file: OwnFile, changes: dict[str, Any]) -> bytes:

@@ -240,9 +240,12 @@ class Goals:
 
 
 def mean_score(records: Sequence[IterationRecord], scored: int = SCORED_EPISODES) -> float | None:
-    """Mean reward of the last training episodes; None if there are fewer than `scored`."""
+    """Mean reward of the last training episodes; None if there are fewer than `scored`.
+
+    Those that a teacher has driven say nothing about the camera policy, and do not count.
+    """
     episodes, total = 0, 0.0
-    for record in reversed(records):
+    for record in reversed([record for record in records if record.is_own_driving]):
         counted = min(record.episodes, scored - episodes)
         episodes += counted
         total += counted * record.mean_reward

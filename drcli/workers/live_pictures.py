@@ -3,6 +3,7 @@
 import io
 import math
 import threading
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,12 @@ from drsim.viewing.world_view import WorldView
 _logger = get_logger(__name__)
 
 Rgb = tuple[float, float, float]
+
+CAMERA_SIZE = (160, 120)
+"""Columns and rows of a camera picture."""
+
+NO_CAMERA = "The teacher\nsees the track,\nno camera."
+"""What is shown instead while a teacher drives."""
 
 CHASE_SIZE = (320, 240)
 """Columns and rows of the view from behind."""
@@ -50,8 +57,25 @@ def jpeg(picture: NDArray[np.uint8]) -> bytes:
 
 
 def camera_picture(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """What a car sees: its eyes, shape (eyes, rows, columns), side by side, the left one first."""
+    """What a car sees: its eyes, shape (eyes, rows, columns), side by side, the left one first.
+
+    Frames without pixels are those of a teacher: the picture says so.
+    """
+    if not frames.size:
+        return _words(NO_CAMERA)
     return np.ascontiguousarray(np.concatenate(list(frames), axis=1))
+
+
+@cache
+def _words(text: str) -> NDArray[np.uint8]:
+    """Words instead of a camera picture, grey, in its size."""
+    from PIL import Image, ImageDraw
+
+    columns, rows = CAMERA_SIZE
+    picture = Image.new("L", CAMERA_SIZE, 40)
+    draw = ImageDraw.Draw(picture)
+    draw.multiline_text((columns // 2, rows // 2), text, 230, anchor="mm", align="center")
+    return np.asarray(picture)
 
 
 class ChaseView:

@@ -11,10 +11,10 @@ import torch
 from torch import Tensor
 
 from drcli.exchange.live_record import ShownCar
-from drcli.learn.actor_critic import ActorCritic
+from drcli.learn.actor_critic import ActorCritic, PolicyAndValue
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.gpu_policy import GpuPolicy
-from drcli.learn.policy import Policy
+from drcli.learn.policy import Observation, Policy
 from drcli.learn.sac_networks import SACAgent
 from drcli.workers.live_moment import Look
 from drsim.car.actions import Actions
@@ -66,20 +66,18 @@ def with_policy(
     """
     continuous = look.policy.spec.continuous
     value = float(look.decision.values[row])
+    scan = look.seen.scan[row].tolist() if look.frames.size else []  # a teacher sees none
     told = replace(
         shown,
         chosen=None if continuous else int(look.decision.actions[row]),
         value=round(value, _DIGITS) if np.isfinite(value) else None,
-        lidar=[round(x, _DIGITS) for x in look.seen.scan[row].tolist() if np.isfinite(x)],
+        lidar=[round(x, _DIGITS) for x in scan if np.isfinite(x)],
     )
     policy = _own(look.policy)
     seen = look.seen.part(slice(row, row + 1))
     with torch.inference_mode():
-        if isinstance(policy, ActorCritic):
-            output = _said(seen.frames, calls)
-            if output is None:
-                features = policy.body(seen).to(policy.policy_head.weight.dtype)
-                output = policy.policy_head(features)
+        if isinstance(policy, PolicyAndValue):
+            output = _output(policy, seen, calls)
             if not continuous:
                 shares = output.double().softmax(-1)[0]
                 return replace(told, probabilities=_rounded(shares))
@@ -88,6 +86,14 @@ def with_policy(
             mean, log_std = policy(policy.features(seen))
             return _with_spread(told, look.actions, mean, log_std.exp(), squashed=True)
     return told
+
+
+def _output(
+    policy: PolicyAndValue, seen: Observation, calls: Sequence[tuple[Tensor, Tensor]]
+) -> Tensor:
+    """What PPO's network says about one car."""
+    said = _said(seen.frames, calls) if isinstance(policy, ActorCritic) else None
+    return policy(seen).policy if said is None else said
 
 
 def _own(policy: Policy) -> Policy:

@@ -13,6 +13,9 @@ from drcli.workers.live_policy import with_policy
 from drsim.car.actions import DiscreteActions
 from drsim.episode.episode_rules import Status
 
+BLIND = "A teacher drives now: it sees the track, and there are no camera pictures in this phase."
+"""Why there is no camera picture in the first phase of a training with a teacher."""
+
 STATUS_WORDS = [status.label for status in Status]
 
 
@@ -25,12 +28,14 @@ class LiveFacts:
         racers: Who drives.
         iteration: None in an evaluation, and before the first.
         checkpoint: Empty before the first.
+        hint: Why a view is missing, a sentence; empty if none is.
     """
 
     race_type: str = "TIME_TRIAL"
     racers: list[LiveRacer] = field(default_factory=list)
     iteration: int | None = None
     checkpoint: str = ""
+    hint: str = ""
 
     def drive(self, world: str) -> Drive:
         """With what is driven on a track."""
@@ -80,7 +85,7 @@ def scene_of(
 ) -> LiveScene:
     """All cars after a step, and more about one of them."""
     drive = facts.drive(moment.track.name)
-    cars = [_car(moment, each, episodes, drive) for each in moment.riders]
+    cars = [_car(moment, each, facts, episodes, drive) for each in moment.riders]
     actions: list[list[float]] = []
     if moment.looks and isinstance(found := moment.looks[0].actions, DiscreteActions):
         actions = [[float(angle), float(speed)] for angle, speed in found.choices]
@@ -111,12 +116,19 @@ def shown_car(moment: Moment, rider: Rider) -> ShownCar:
     return shown if look is None else with_policy(shown, *look, moment.calls)
 
 
-def _car(moment: Moment, rider: Rider, episodes: LiveEpisodes, drive: Drive) -> LiveCar:
+def _racer_of(rider: Rider, facts: LiveFacts) -> int:
+    """Index of its racer; a teacher and its student are the same one."""
+    return min(rider.racer, max(0, len(facts.racers) - 1))
+
+
+def _car(
+    moment: Moment, rider: Rider, facts: LiveFacts, episodes: LiveEpisodes, drive: Drive
+) -> LiveCar:
     result, car = moment.result, rider.car
     total = episodes.follow(rider, drive)
     return LiveCar(
         car=car,
-        racer=rider.racer,
+        racer=_racer_of(rider, facts),
         episode=rider.episode,
         phase=rider.phase,
         reverse=rider.reverse,

@@ -181,7 +181,7 @@ class LiveShow:
             since_s=before.since_s if before is not None and same else unix_s(),
             iteration=facts.iteration,
             checkpoint=facts.checkpoint,
-            hint=self._missing or self._chase.hint,
+            hint=self._missing or self._chase.hint or facts.hint,
         )
         everybody = state != before
         addressed = [viewer for viewer in viewers if everybody or viewer.is_new]

@@ -3,8 +3,10 @@
 from safetensors.torch import load as load_tensors
 
 from drcli.base.log import get_logger
-from drcli.formats.build_network import load_weights
+from drcli.formats.build_network import has_own_critic, load_weights
+from drcli.formats.imported_policy import CRITIC_WARMUP
 from drcli.learn.learner import Learner
+from drcli.learn.taught import TaughtLearner
 from drcli.store import keys
 from drcli.store.best_checkpoint import evaluated_numbers
 from drcli.store.bucket import Bucket
@@ -21,6 +23,8 @@ def restore_learner(learner: Learner, found: Checkpoint) -> None:
     else:
         restore_optimizer(learner, found.optimizer)
     learner.critic_warmup = found.record.counters.critic_warmup or 0
+    if has_own_critic(learner.model, found.tensors) and not isinstance(learner, TaughtLearner):
+        learner.critic_warmup = CRITIC_WARMUP
 
 
 def restore_optimizer(learner: Learner, state: bytes) -> None:

@@ -42,12 +42,13 @@ from drcli.workers.driven_episode import Driven, columns_of, episodes_of
 from drcli.workers.driving import Racer
 from drcli.workers.episode_log import log_evaluation, log_training
 from drcli.workers.episode_share import AssignedShare, EvaluationBudget
-from drcli.workers.live_scene import facts_of
+from drcli.workers.live_scene import BLIND, facts_of
 from drcli.workers.live_view import LiveShow, live_show
 from drcli.workers.membership import Membership
 from drcli.workers.reward_failures import AllEpisodesDiscarded, RewardErrorsExceeded, RewardFailures
 from drcli.workers.second_track import sentence_of
 from drcli.workers.stage_progress import stage_index
+from drcli.workers.training_phases import phase_of
 from drcli.workers.training_simulation import TrainingSimulation
 from drcli.workers.wait_for_trainer import POLL_S, WOKEN_POLL_S, CheckpointWaiter
 from drcli.workers.worker_device import choose_worker_device
@@ -230,8 +231,9 @@ class SimWorker:
             if stage is not None and stage is not self._simulation.stage:
                 self._enter(stage)
                 iteration = newest  # what was driven ahead belongs to the stage before
-            if counters.phase != self._simulation.phase:
-                self._simulation.enter_phase(counters.phase)
+            phase = phase_of(counters.phase, name, taught=self._design.parameters.taught)
+            if phase != self._simulation.phase:
+                self._simulation.enter_phase(phase)
                 iteration = newest
             if record.tensors != self._loaded:  # else it has driven with these weights before
                 self._waiter.learn_from(record)
@@ -279,7 +281,10 @@ class SimWorker:
         self._results.keep_before(iteration)
         self._activity.say(f"drives iteration {iteration}")
         if self._live is not None:
-            self._live.about(iteration, str(name), facts_of(simulation.race, [self._prefix]))
+            facts = facts_of(simulation.race, [self._prefix])
+            if simulation.phase is not None and simulation.phase.name == "teacher":
+                facts = replace(facts, hint=BLIND)
+            self._live.about(iteration, str(name), facts)
         training: list[Driven] = []
         evaluation: list[Driven] = []
         shard: list[Driven] = []

@@ -26,6 +26,7 @@ from drcli.learn.learner import Learner
 from drcli.learn.taught import TaughtLearner
 from drcli.learn.update_result import NonFiniteLossError, Stats
 from drcli.modelfiles.custom_files import write_model_files
+from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.checkpoint_retention import KeepRules
@@ -391,9 +392,7 @@ class Trainer:
         if isinstance(self._learner, TaughtLearner):
             self._learner.begin("teacher")
         self._publish(record)
-        note = StageNote(self._job.session, mark.name, str(self._progress.newest), sentence)
-        with suppress(OSError):  # a full disk: the journal does without
-            note.write(self._job.folder)
+        self._note(mark.name, sentence)
         self._scoring.begin_stage(mark.iteration)
         self._report(row_of(record))
         self._alarms.begin_stage()
@@ -484,9 +483,17 @@ class Trainer:
             return
         self._progress.phase, why = found
         self._learner.begin(self._progress.phase.name)
-        _logger.info("The phase %s is over: %s. %s begins.", mark.name, why, found[0].name)
+        sentence = f"The phase {mark.name} is over: {why}. {_sentence(str(found[0]))} begins."
+        _logger.info("%s", sentence)
         self._activity.say(f"begins the phase {found[0].name}")
+        self._note(found[0].name, sentence)
         self._divide_episodes()
+
+    def _note(self, name: str, sentence: str) -> None:
+        """Leave a note for the journal that a stage or a phase begins with the next checkpoint."""
+        note = StageNote(self._job.session, name, str(self._progress.newest), sentence)
+        with suppress(OSError):  # a full disk: the journal does without
+            note.write(self._job.folder)
 
     def _ends_update(self) -> bool:
         """Whether time is over, so that an update ends with what it has learned until now.
@@ -606,10 +613,17 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def _learners(job: Job) -> int:
+    """How many processes learn: a training with a teacher has one."""
+    file = job.inputs.get(keys.HYPERPARAMETERS_FILE)
+    taught = file is not None and Hyperparameters.from_bytes(file.encode()).taught
+    return 1 if taught else job.config.train.train_learners
+
+
 def learn(job: Job, lifeline: Lifeline) -> None:
     """Learn until the training ends; after a rollback, begin again from the bucket."""
     goals = None
-    with learner_group(job.config.train.train_learners) as group:
+    with learner_group(_learners(job)) as group:
         while True:
             try:
                 trainer = Trainer(job, lifeline, goals, group)

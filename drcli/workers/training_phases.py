@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.phase import PhaseMark
 from drcli.learn.phases import Phase
@@ -42,6 +43,23 @@ def episodes_of(mark: PhaseMark | None, parameters: Hyperparameters) -> int:
     """Training episodes of an iteration."""
     own = parameters.num_episodes_between_training
     return own if mark is None else max(own, EPISODES[mark.name])
+
+
+def phase_of(
+    known: PhaseMark | None, checkpoint: CheckpointName, *, taught: bool
+) -> PhaseMark | None:
+    """The phase in which a training goes on from a checkpoint, for trainer and workers alike.
+
+    A training may have got a teacher, or lost it, since it was made.
+
+    Args:
+        known: Of the checkpoint.
+        checkpoint: Its name.
+        taught: Whether the training has a teacher, as it goes on.
+    """
+    if not taught:
+        return None
+    return known or PhaseMark("teacher", checkpoint.number, checkpoint.steps)
 
 
 def most_episodes(parameters: Hyperparameters) -> int:

@@ -12,6 +12,7 @@ from drcli.store.history import History
 from drcli.workers.collect_rollouts import Collected
 from drcli.workers.goals import Goals
 from drcli.workers.stage_progress import Counted, StageProgress
+from drcli.workers.training_phases import phase_of
 
 
 class TrainingProgress:
@@ -44,14 +45,13 @@ class TrainingProgress:
         self._began_s = time.monotonic()
         self.newest, self.episodes = CheckpointName(0, 0), 0
         mark: StageMark | None = None
-        self.phase: PhaseMark | None = None
+        phase: PhaseMark | None = None
         if found is not None:
             record = found.record
             self.newest = CheckpointName(record.number, record.steps)
             self.episodes, mark = record.counters.episodes, record.counters.stage
-            self.phase = record.counters.phase if taught else None
-        if taught and self.phase is None:
-            self.begin_phase()
+            phase = record.counters.phase
+        self.phase = phase_of(phase, self.newest, taught=taught)
         self.stages = StageProgress(job.stages, mark, self.counted())
         self._world = job.config.race().world_name
 

@@ -12,7 +12,8 @@ import torch
 
 from drcli.exchange.live_record import LiveAddress, LiveMessage, LiveView
 from drcli.exchange.run_record import run_folder
-from drcli.learn.actor_critic import ActorCritic
+from drcli.formats.build_network import TEACHER_DIMS
+from drcli.learn.actor_critic import ActorCritic, Teacher
 from drcli.learn.data_parallel import DataParallelPolicy
 from drcli.learn.policy import PolicySpec
 from drcli.workers.driving import Driven, Driver, Plan, Racer
@@ -59,6 +60,7 @@ class SmallDrive:
             DataParallelPolicy(ActorCritic(spec).eval(), 1),
             RANGES if spec.continuous else CHOICES,
         )
+        self.teacher: Racer | None = None
         self.simulation = Simulation(
             load_track("reinvent_base"),
             num_cars=2,
@@ -74,15 +76,22 @@ class SmallDrive:
     ) -> list[Driven]:
         """Drive so many episodes."""
         driven: list[Driven] = []
-        racers = [self.racer, self.racer]
+        racers = [self.racer, self.racer] if self.teacher is None else [self.racer, self.teacher]
 
         def stop() -> bool:
             after_step()
             return False
 
-        plans = [Plan(number, "training", 0.2 * number) for number in range(count)]
+        who = 0 if self.teacher is None else 1
+        plans = [Plan(number, "training", 0.2 * number, racer=who) for number in range(count)]
         Driver(self.simulation, racers, 5, onlooker=onlooker).drive(plans, driven.append, stop)
         return sorted(driven, key=lambda episode: episode.number)
+
+    def teach(self) -> None:
+        """Let a teacher drive from now on, for which nothing is drawn."""
+        model = ActorCritic(PolicySpec(3, network=NETWORK, state_dims=TEACHER_DIMS, taught=True))
+        self.teacher = Racer(Teacher(model).eval(), self.racer.actions)
+        self.simulation.draws = False
 
     def close(self) -> None:
         """Free its threads."""

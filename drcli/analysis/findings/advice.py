@@ -57,6 +57,22 @@ TAUGHT = ("slow-driving", "standing-still", "cutting")
 """What a reward may teach at the cost of progress: the cause if progress fell and reward rose."""
 
 
+OF_OWN_LEARNING = {
+    "no-exploration",
+    "over-training",
+    "evaluation-behind",
+    "even-probabilities",
+    "unclean-laps",
+    "unstable",
+    "entropy-rises",
+    "short-horizon",
+    "not-learning",
+    "under-training",
+}
+"""Advice about what hyperparameters.json and more iterations change. While a teacher learns, or a
+student from it, they have no part in it, or the next phase follows anyway."""
+
+
 def advice(run: Run) -> tuple[Advice, ...]:
     """Advice on a training, the most important first; empty without evidence."""
     return advise(gather(run))
@@ -64,8 +80,13 @@ def advice(run: Run) -> tuple[Advice, ...]:
 
 def advise(evidence: Evidence) -> tuple[Advice, ...]:
     """Advice by what was found."""
-    found = [item for _, rule in RULES if (item := rule(evidence)) is not None]
+    rules = [rule for name, rule in RULES if _concerns(name, evidence)]
+    found = [item for rule in rules if (item := rule(evidence)) is not None]
     if evidence.paid:
         found.sort(key=lambda item: item.id not in TAUGHT)
     implied = set().union(*(IMPLIED.get(item.id, set()) for item in found))
     return tuple(item for item in found if item.id not in implied)
+
+
+def _concerns(name: str, evidence: Evidence) -> bool:
+    return evidence.curve.is_own_driving or name not in OF_OWN_LEARNING

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -37,6 +38,9 @@ from drcli.analysis.run import Run
 from drcli.base.json_record import RecordError, parse_json
 from drcli.modelfiles.action_space import ActionSpace
 from drcli.store.keys import MODEL_METADATA_FILE
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FALL_FROM = 20.0
 """Progress, percent, that a policy must have had before a collapse. The warning during a training
@@ -134,7 +138,7 @@ class Evidence:
 def gather(run: Run) -> Evidence:
     """Compute everything that verdict and advice rest on."""
     curve = learning_curve(run)
-    fall, fallen = _fall(curve)
+    fall, fallen = _fall(curve) if curve.is_own_driving else (None, "")
     paid = _paid(curve, fall, fallen)
     broken = None if paid else fall
     until = len(curve) if broken is None else broken.at
@@ -160,12 +164,21 @@ def gather(run: Run) -> Evidence:
         evaluated=evaluated_alone(run),
         evaluated_in_training=evaluated_in_training(run, curve),
         gap=evaluation_gap(run, curve, until),
-        learner=learner_health(run.learner, sac=is_sac(run), actions=_discrete(run.actions)),
+        learner=learner_health(
+            _since_phase(run.learner, curve), sac=is_sac(run), actions=_discrete(run.actions)
+        ),
         horizon=discount_horizon(run.hyperparameters, steps.length_m, _speed_over_track(late)),
         laps=lap_times(run),
         quintiles=by_quintile(run),
         starts=by_start(run),
     )
+
+
+def _since_phase(learner: "pd.DataFrame", curve: LearningCurve) -> "pd.DataFrame":
+    """The updates of the newest phase: those before are of another network."""
+    if not curve.phase or not len(curve):
+        return learner
+    return learner[learner.index >= curve.iteration[0]]
 
 
 def is_sac(run: Run) -> bool:

@@ -36,8 +36,8 @@ SMOOTH = 3
 class LearningCurve:
     """Means of the iterations that had episodes, oldest first. Every array has shape (n,).
 
-    If the length of the track changes on the way, only the iterations since are here: before, the
-    car had another task.
+    If the length of the track or the phase changes on the way, only the iterations since are here:
+    before, the car had another task, or another driver.
 
     Attributes:
         iteration: Their numbers.
@@ -50,6 +50,7 @@ class LearningCurve:
         evaluation: Mean progress of the evaluation episodes; NaN without.
         evaluation_laps: Complete laps of the evaluation; NaN without.
         lap_s: Mean lap time; NaN without a lap.
+        phase: Of a training with a teacher; else empty.
     """
 
     iteration: Ints
@@ -62,6 +63,12 @@ class LearningCurve:
     evaluation: Floats
     evaluation_laps: Floats
     lap_s: Floats
+    phase: str = ""
+
+    @property
+    def is_own_driving(self) -> bool:
+        """Whether the camera policy drives its training episodes, and learns from their rewards."""
+        return self.phase in ("", "ppo")
 
     def __len__(self) -> int:
         """How many iterations."""
@@ -116,7 +123,8 @@ def learning_curve(run: Run) -> LearningCurve:
     numbers = np.asarray(table.index, dtype=np.int64)
     episodes = _column(table, "episodes")
     kept = np.isfinite(episodes) & (episodes > 0) & np.isfinite(_column(table, "mean_progress"))
-    kept &= numbers >= _since(run)
+    phase, begun = _phase(run)
+    kept &= numbers >= max(_since(run), begun)
     count = np.where(kept, episodes, 1.0)
     spread = _progress_spread(run, numbers)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -131,6 +139,7 @@ def learning_curve(run: Run) -> LearningCurve:
             evaluation=_column(table, "eval_mean_progress")[kept],
             evaluation_laps=_column(table, "eval_laps")[kept],
             lap_s=_column(table, "mean_lap_s")[kept],
+            phase=phase,
         )
 
 
@@ -278,6 +287,16 @@ def _since(run: Run) -> int:
     length, number = length[known], number[known]
     other = np.flatnonzero(np.abs(length - length[-1:]) > 0.05 * length[-1:])
     return int(number[other[-1] + 1]) if len(other) else 0
+
+
+def _phase(run: Run) -> tuple[str, int]:
+    """The newest phase, and its first iteration; empty and 0 without a teacher."""
+    table = run.iterations
+    if not len(table) or "phase" not in table:
+        return "", 0
+    phase = str(table["phase"].iloc[-1])
+    others = table.index[table["phase"] != phase]
+    return phase, int(others[-1]) + 1 if len(others) else 0
 
 
 def _progress_spread(run: Run, numbers: Ints) -> Floats:

@@ -91,6 +91,16 @@ def verdict(run: Run) -> Verdict:
 
 def judge(evidence: Evidence) -> Verdict:
     """The verdict by what was found."""
+    found, phase = _judged(evidence), evidence.curve.phase
+    if not phase:
+        return found
+    sentence = f"Phase {phase}: {found.sentence}"
+    if phase == "teacher":
+        sentence += " That is its teacher; the camera policy learns in the phases that follow."
+    return replace(found, sentence=sentence)
+
+
+def _judged(evidence: Evidence) -> Verdict:
     curve = evidence.curve
     if evidence.fall is not None:
         return _collapsed(evidence)

@@ -30,6 +30,7 @@ _LEARNER = {
     "actor_loss": ("Actor loss", "loss"),
     "critic_loss": ("Critic loss", "loss"),
     "alpha": ("Temperature", "alpha"),
+    "imitation_loss": ("Distance of the student from its teacher", "loss"),
     "clip_fraction": ("Clipped steps", "share of the steps"),
     "explained_variance": ("How well the critic predicts", "explained variance"),
     "learning_rate": ("Learning rate", "learning rate"),
@@ -88,7 +89,7 @@ def reward_section(run: Run) -> Section | None:
         series,
         "reward of an episode",
         "progress (%)",
-        marks=[] if best is None else [Mark(best, f"best: {best}")],
+        marks=[*_phase_marks(table_), *([] if best is None else [Mark(best, f"best: {best}")])],
         right_range=(0.0, 102.0),
         height=400,
     )
@@ -98,6 +99,15 @@ def reward_section(run: Run) -> Section | None:
     )
     content = (graph.as_html(), dots_note(len(episodes), "episode"), _iteration_table(run))
     return Section("reward", "Reward graph", "Reward", look, content, (graph,))
+
+
+def _phase_marks(table_: "pd.DataFrame") -> list[Mark]:
+    """Where each phase of a training with a teacher begins."""
+    if "phase" not in table_:
+        return []
+    named = table_["phase"][table_["phase"] != ""]
+    begun = named[named != named.shift()]
+    return [Mark(int(number), str(phase)) for number, phase in begun.items()]
 
 
 def best_iteration(run: Run) -> int | None:

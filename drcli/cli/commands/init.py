@@ -16,6 +16,7 @@ from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import current_folder, working_folder
 
 if TYPE_CHECKING:
+    from drcli.config.write_folder import FolderPlan
     from drcli.models.ready_made import ReadyMadeModel
 
 OPTIONS = {
@@ -30,6 +31,10 @@ OPTIONS = {
     "DR_EXPERIMENT_NAME": "--experiment",
 }
 """The option for each setting that can be given here, in the order of `init`."""
+
+
+TEACHER = False
+"""Whether models of new folders train with a teacher, where nobody says."""
 
 
 def init(
@@ -109,6 +114,14 @@ def init(
             autocompletion=candidates.ready_made_models,
         ),
     ] = None,
+    teacher: Annotated[
+        bool | None,
+        typer.Option(
+            "--teacher/--no-teacher",
+            help="Train with a teacher that sees the track first (docs/teacher.md), or without "
+            "one.",
+        ),
+    ] = None,
     force: Annotated[bool, force_option("Do not ask; replaced files are kept as .bak.")] = False,
     processor: Annotated[str | None, typer.Option("-a", hidden=True)] = None,
     style: Annotated[str | None, typer.Option("-s", hidden=True)] = None,
@@ -157,9 +170,12 @@ def init(
         else:
             if prompts.may_ask() and not force:
                 values = with_answers(values, prompts.ask, console.warn)
+                if teacher is None and ready_made is None and preset != "sac":
+                    teacher = wants_teacher(prompts.ask)
             plan = plan_folder(Path(folder or current_folder()), values, chosen, files)
         if curriculum:
             plan = with_curriculum(plan)
+        plan = _with_teacher(plan, teacher, is_own=experiment is None and ready_made is None)
     except ProblemsError as error:
         raise in_options(error, OPTIONS, {*values, "DR_EXPERIMENT_NAME"}) from None
     if plan.clashes and not force:
@@ -191,6 +207,16 @@ def init(
     steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
     after = _AFTER_FILES if ready_made is None else _AFTER_MODEL
     console.suggest([*steps, *after], elsewhere=True)
+
+
+def _with_teacher(plan: "FolderPlan", teacher: bool | None, *, is_own: bool) -> "FolderPlan":
+    """The plan with the training method that was chosen, or with that of new folders."""
+    from drcli.modelfiles.training_method import is_sac, plan_with_method
+
+    if teacher is None and TEACHER and is_own:
+        metadata = (f.data for f in plan.files if f.name.endswith("model_metadata.json"))
+        teacher = not any(map(is_sac, metadata)) or None
+    return plan if teacher is None else plan_with_method(plan, teacher)
 
 
 _AFTER_FILES = (("dr-validate", "check everything"), ("dr-start-training", "train"))
@@ -252,6 +278,12 @@ def with_answers(
         ask_for("DR_LOCAL_S3_BUCKET", "Name of the bucket", "bucket")
         ask_for("DR_LOCAL_S3_PROFILE", "AWS profile that holds the keys", "default")
     return values
+
+
+def wants_teacher(ask: Callable[[str, str, Sequence[str]], str]) -> bool:
+    """The answer to the question whether a teacher comes first."""
+    question = "Learn from a teacher that sees the track first (docs/teacher.md)"
+    return ask(question, "yes" if TEACHER else "no", ("yes", "no")) == "yes"
 
 
 def _next(

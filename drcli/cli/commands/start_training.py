@@ -126,6 +126,14 @@ def start_training(
     checkpoint: Annotated[
         str | None, checkpoint_option("Start with the weights of", "--checkpoint")
     ] = None,
+    teacher: Annotated[
+        bool | None,
+        typer.Option(
+            "--teacher/--no-teacher",
+            help="Train with a teacher that sees the track first, or without one, whatever "
+            "training_method says.",
+        ),
+    ] = None,
     on_end: Annotated[
         str | None,
         typer.Option(
@@ -154,6 +162,9 @@ def start_training(
     With --resume-or-start, --max-minutes counts the time of all starts together, and a training
     that SIGTERM or the cloud ends exits 75: it can be resumed.
 
+    --teacher writes "training_method": "teacher" into the model, not into custom_files/: a resume
+    and a new model with its weights keep it until --no-teacher (docs/teacher.md).
+
     --until-lap-time asks for five evaluation laps at least, or for as many as --until-laps says.
     DR_TRAIN_EVAL_LAPS (20) are driven, and all must hold it. A checkpoint that does drives 40 more
     laps from other starts, of which 38 must hold it, too.
@@ -162,6 +173,7 @@ def start_training(
     """
     if no_wait and not resume_or_start:
         raise typer.BadParameter("--no-wait needs --resume-or-start.")
+    from drcli.modelfiles.training_method import method_of
     from drcli.runs.plan import StartOptions
 
     loaded = _with_weights(settings(), pretrained, checkpoint, resume=resume)
@@ -172,7 +184,13 @@ def start_training(
     if wipe and not (resume or resume_or_start) and not force and prompts.may_ask():
         _agree_to_wipe(loaded)
     options = StartOptions(
-        wipe, resume, max_minutes, until_laps, seed, until_lap_time_s=until_lap_time
+        wipe,
+        resume,
+        max_minutes,
+        until_laps,
+        seed,
+        until_lap_time_s=until_lap_time,
+        method=None if teacher is None else method_of(teacher),
     )
     how = _How(quiet, verbose, foreground, as_json, followed)
     if not resume_or_start:

@@ -33,6 +33,8 @@ def checkpoints(found: "CheckpointList") -> RenderableType:
         Rows(names, rows, left=("is",)),
         Text(f"{counted(len(rows), 'checkpoint')}, {decimal(found.size_bytes)}."),
     ]
+    if any(each.untaught for each in found.checkpoints):
+        parts.append(Text("untaught: until there only the teacher has learned (docs/teacher.md)."))
     parts += [Text(line) for line in milestone_lines(found.milestones) if "deleted" in line]
     if found.not_reached:
         parts.append(Text(f"Not reached: {', '.join(found.not_reached)}."))
@@ -54,4 +56,5 @@ def milestone_lines(milestones: "Iterable[MilestoneEntry]") -> list[str]:
 def _meaning(each: "ListedCheckpoint") -> str:
     words = [*each.words, *(["every n-th"] if each.every else [])]
     words += ["TensorFlow"] if each.form == "tensorflow" else []
+    words += ["untaught"] if each.untaught else []
     return ", ".join(words) or "-"

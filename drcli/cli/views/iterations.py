@@ -29,6 +29,7 @@ LEAST_COLUMNS = {
     "median": 7,
     "eval 2": 9,
     "stage": 5,
+    "phase": 5,
     "entropy": 7,
     "losses": 12,
 }
@@ -40,10 +41,10 @@ LONGEST_STAGE = 12
 GAP = 2
 """Space between the columns of a table."""
 
-RARE = ("eval 2", "stage")
+RARE = ("eval 2", "stage", "phase")
 """Columns that are there only if they have something to show."""
 
-OPTIONAL = ("losses", "entropy", "steps", "laps", "reward")
+OPTIONAL = ("phase", "losses", "entropy", "steps", "laps", "reward")
 """Columns that a narrow terminal leaves out, in this order; `dr-status --json` has all numbers."""
 
 
@@ -57,6 +58,8 @@ def line(record: "IterationRecord", *, verbose: bool = False) -> str:
         short += f"  on {record.second_world} {second_evaluation(record)}"
     if record.stage:
         short += f"  stage {record.stage}"
+    if record.phase:
+        short += f"  phase {record.phase}"
     if not verbose:
         return short
     return (
@@ -124,7 +127,12 @@ def time_split(record: "IterationRecord") -> str:
 
 
 def last_step(record: "IterationRecord") -> str:
-    """How far the update moved the policy, which SAC does not measure, or SAC's temperature."""
+    """How far the update moved the policy, which SAC does not measure, or SAC's temperature.
+
+    Of a student that learns from its teacher, how far the two are from each other.
+    """
+    if record.imitation_loss is not None:
+        return f"imitation loss {record.imitation_loss:.4f}"
     if record.alpha is not None:
         return f"alpha {record.alpha:.4f}"
     return f"KL {_known(record.kl, 4)}"
@@ -145,23 +153,28 @@ def _cells(record: "IterationRecord") -> dict[str, str]:
         "reward": f"{record.mean_reward:.1f}",
         "progress": f"{record.mean_progress:.1f} %",
         "laps": f"{record.full_laps}/{record.episodes}",
-        "eval": _evaluated(record.evaluation_progress, record.evaluation),
+        "eval": _first(record),
         "median": _median(record.evaluation),
         "eval 2": _evaluated(record.second_progress, second) if second is not None else "",
         "stage": record.stage[:LONGEST_STAGE],
+        "phase": record.phase,
         "entropy": _known(record.entropy, 2),
         "losses": _losses(record),
     }
 
 
 def _losses(record: "IterationRecord") -> str:
-    """PPO's policy and value loss, or SAC's actor and critic loss."""
+    """PPO's policy and value loss, SAC's actor and critic loss, or how far a student is off."""
+    if record.imitation_loss is not None:
+        return f"imit {record.imitation_loss:.3f}"
     if record.actor_loss is not None and record.critic_loss is not None:
         return f"{record.actor_loss:.3f}/{record.critic_loss:.2f}"
     return f"{_known(record.surrogate_loss, 3)}/{_known(record.value_loss, 2)}"
 
 
 def _named_losses(record: "IterationRecord") -> str:
+    if record.imitation_loss is not None:
+        return last_step(record)
     if record.actor_loss is not None and record.critic_loss is not None:
         losses = f"actor loss {record.actor_loss:.4f}  critic loss {record.critic_loss:.4f}"
     else:
@@ -177,6 +190,8 @@ def _known(value: float, digits: int) -> str:
 
 def evaluation(record: "IterationRecord") -> str:
     """Mean progress, clean laps and their median time."""
+    if record.phase == "teacher":
+        return _first(record)
     return _with_median(record.evaluation_progress, record.evaluation)
 
 
@@ -188,6 +203,13 @@ def second_evaluation(record: "IterationRecord") -> str:
 def _second(record: "IterationRecord") -> Laps | None:
     progress = record.second_progress
     return Laps(len(progress), record.second_lap_s) if progress else None
+
+
+def _first(record: "IterationRecord") -> str:
+    """The evaluation on the track of the training; a teacher has none, for it sees no camera."""
+    if record.phase == "teacher":
+        return "-"
+    return _evaluated(record.evaluation_progress, record.evaluation)
 
 
 def _with_median(progress: Sequence[float], laps: Laps | None) -> str:

@@ -45,9 +45,12 @@ def live(
     """The display that follows a training; `now_s` is the time in Unix seconds.
 
     Lines are cut at the edge of the terminal, and missing ones are left empty: the height never
-    changes. `verbose` adds a line for each worker, and the time that each step took.
+    changes, but for the line that a training with a teacher has from its first checkpoint on.
+    `verbose` adds a line for each worker, and the time that each step took.
     """
     parts: list[RenderableType] = [_head(report), Text(_pace(report, now_s))]
+    if report.phase is not None:
+        parts.append(Text(_phase(report), style="cyan"))
     if verbose:
         parts += [Text(f"{worker.name}: {worker.activity}") for worker in report.workers]
         parts += [Text(_joined(worker)) for worker in report.joined]
@@ -89,7 +92,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
     if report.unreachable:
         unknown = f"Iterations and checkpoints are unknown: {report.unreachable}"
         parts.append(Text(unknown, style="bold yellow"))
-    parts += [Text(line) for line in (_stage(report), _second(report)) if line]
+    parts += [Text(line) for line in (_stage(report), _phase(report), _second(report)) if line]
     if report.history:
         last = report.history[-1]
         laps = sum(record.full_laps for record in report.history)
@@ -162,6 +165,12 @@ def _stage(report: "RunReport") -> str:
         number = max(0, report.history[-1].iteration + 1 - stage.iteration)
     text = f"Stage {stage.number} of {stage.count}: {stage.name}, on {stage.world}, "
     return f"{text}{counted(number, 'iteration')} so far; it ends {stage.goal}."
+
+
+def _phase(report: "RunReport") -> str:
+    """The phase of a training with a teacher, and how driving goes in it."""
+    text = "" if report.phase is None else report.phase.text
+    return f"{text[:1].upper()}{text[1:]}"
 
 
 def _second(report: "RunReport") -> str:
@@ -270,7 +279,13 @@ def end_text(report: "RunReport") -> str:
     told = f" Best checkpoint {best.text}." if best is not None and best.metric is not None else ""
     counts = report.reward_errors
     failed = f" {counts.failures()}." if counts is not None and counts.failed else ""
-    return f"{report.message}{told}{failed} {report.remedy}".strip()
+    untaught = ""
+    if report.phase is not None and report.phase.name == "teacher":
+        untaught = (
+            " It ended in the phase teacher: the camera policy learns from the next phase on "
+            "(`dr-start-training --resume`)."
+        )
+    return f"{report.message}{told}{untaught}{failed} {report.remedy}".strip()
 
 
 def next_commands(report: "RunReport", prefix: str) -> list[tuple[str, str]]:
@@ -290,6 +305,8 @@ def next_commands(report: "RunReport", prefix: str) -> list[tuple[str, str]]:
             ("dr-video --checkpoint best", "watch a lap of it"),
             ("dr-export car --best", "write the archive for the car"),
         ]
+    if report.best_laps is None and report.phase is not None and report.phase.name == "teacher":
+        return [("dr-start-training --resume", "go on until the camera policy has learned")]
     return [
         ("dr-analyze", "see what keeps it from completing a lap"),
         ("dr-video --checkpoint best", "watch how far its best checkpoint comes"),
@@ -387,6 +404,8 @@ def _checkpoints(report: "RunReport") -> str:
     if best is None or last is None:
         return "No checkpoint yet."
     number = last.name.partition("_")[0]
+    if best.metric is None and report.phase is not None and report.phase.name == "teacher":
+        return f"last {number}; checkpoints are evaluated from the next phase on"
     if best.metric is None:
         return f"last {number}, none was evaluated yet"
     return f"best {best.text}   last {number}"

@@ -15,6 +15,7 @@ const USUAL = [
   "loss_type",
   "num_episodes_between_training",
   "exploration_type",
+  "training_method",
 ];
 
 /** The step; `facts` is the answer of /api/hyperparameters, `algorithm` tells the chosen one. */

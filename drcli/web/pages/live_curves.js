@@ -53,7 +53,12 @@ export function lossCurves(signal) {
     hint: "Weight of the entropy.",
     series: [{ name: "Alpha", color: "c3", digits: 4 }],
   });
-  alpha.element.hidden = true;
+  const imitation = small({
+    title: "Imitation loss",
+    hint: "How far the student is from its teacher, while it learns from it.",
+    series: [{ name: "Loss", color: "c3", digits: 4 }],
+  });
+  alpha.element.hidden = imitation.element.hidden = true;
   const pick = (row, names) =>
     [names]
       .flat()
@@ -65,15 +70,20 @@ export function lossCurves(signal) {
       { class: "live-curves" },
       charts.map(([each]) => each.element),
       alpha.element,
+      imitation.element,
     ),
     update(rows) {
       const x = rows.map((row) => row.iteration);
       for (const [each, columns] of charts)
         each.update([x, ...columns.map((names) => rows.map((row) => pick(row, names)))]);
-      if (rows.some((row) => known(row.alpha) !== null)) {
-        alpha.element.hidden = false;
-        alpha.update([x, rows.map((row) => known(row.alpha))]);
-      }
+      for (const [each, name] of [
+        [alpha, "alpha"],
+        [imitation, "imitation_loss"],
+      ])
+        if (rows.some((row) => known(row[name]) !== null)) {
+          each.element.hidden = false;
+          each.update([x, rows.map((row) => known(row[name]))]);
+        }
     },
   };
 }

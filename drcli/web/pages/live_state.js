@@ -167,6 +167,7 @@ export function runState(runId, signal) {
 
   function progress() {
     const last = rows.at(-1);
+    if (run.phase) return run.phase.text.replace(/^./, (letter) => letter.toUpperCase()) + ".";
     if (!last) return "The first iteration is being driven.";
     const laps = last.full_laps
       ? `${number(last.full_laps)} of ${number(last.episodes)} episodes completed a clean lap`

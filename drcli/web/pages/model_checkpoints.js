@@ -36,6 +36,13 @@ export function drawCheckpoints(element, found) {
             each.words.map((word) =>
               h("span", { class: "model-badge", title: `Checkpoint ${WORDS[word] ?? word}` }, word),
             ),
+            each.untaught
+              ? h(
+                  "span",
+                  { class: "model-badge", title: "Until there, only the teacher has learned" },
+                  "untaught",
+                )
+              : null,
             each.every ? h("span", { class: "model-badge" }, "kept every n") : null,
             each.form === "tensorflow"
               ? h(

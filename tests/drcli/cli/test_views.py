@@ -11,8 +11,10 @@ from drcli.base.plain_json import plain
 from drcli.cli.views import evaluation_view, iterations, models_view, training_view
 from drcli.exchange.daily_spending import DayBudget
 from drcli.exchange.laps import Laps
+from drcli.exchange.phase import PHASES, PhaseMark
 from drcli.exchange.stage import StageMark
 from drcli.models.model_list import CheckpointEntry, ModelEntry, ModelList
+from drcli.runs.phase_report import PhaseReport
 from drcli.runs.status import CheckpointLaps, JoinedReport
 
 NOW_S = 1_000_000.0 + 75.0
@@ -345,3 +347,41 @@ def test_curves_are_drawn_in_any_window(make_record, columns):
     drawn = iterations.curves([make_record(1), make_record(2)], columns)
 
     assert [line.plain.split()[0] for line in drawn] == ["progress", "eval", "reward"]
+
+
+def test_the_phase_of_a_training_with_a_teacher_fits_into_one_line(make_report, make_record):
+    laps = {"full_laps": 64, "episodes": 64, "best_lap_s": 15.87}
+    history = [make_record(n, phase="teacher", evaluation_progress=[], **laps) for n in range(3)]
+    phase = PhaseReport.of(PhaseMark("teacher"), history)
+    best = CheckpointEntry("0_Step-0.ckpt", None)
+    report = replace(
+        make_report("stopped", history=history), phase=phase, best=best, last=best, best_laps=None
+    )
+
+    lines = screen(training_view.live(report, NOW_S)).splitlines()
+
+    assert "Phase 1 of 3, teacher (sees the track, no camera): 64 of 64 laps, best 15.87 s" in lines
+    assert len(lines) <= 24
+    assert not any(line.endswith("…") for line in lines)
+    assert lines[-1].endswith("checkpoints are evaluated from the next phase on")
+    assert iterations.line(history[0]).endswith("eval -  phase teacher")
+    assert "phase 1 of 3" in screen(training_view.run(report)).casefold()
+    assert "It ended in the phase teacher" in training_view.end_text(report)
+    assert [command for command, _ in training_view.next_commands(report, report.prefix)] == [
+        "dr-start-training --resume"
+    ]
+
+
+def test_each_phase_has_a_line_that_fits(make_record):
+    for name in PHASES:
+        mark = PhaseMark(name)
+        record = make_record(0, phase=name, full_laps=40, episodes=40, best_lap_s=15.87)
+        shown = PhaseReport.of(mark, [record])
+        assert len(shown.text) <= 80
+        assert PhaseReport.of(mark, []).text == f"{mark}: begins"
+
+
+def test_the_distance_of_a_student_from_its_teacher_stands_where_losses_stand(make_record):
+    record = make_record(0, phase="distillation", imitation_loss=0.0123)
+
+    assert "imitation loss 0.0123" in iterations.line(record, verbose=True)

@@ -11,7 +11,9 @@ from drcli.store import keys
 from drcli.store.best_checkpoint import write_evaluation
 from drcli.store.checkpoint_retention import KEEP_ALL_MARKED, KeepRules
 from drcli.store.checkpoints import CheckpointStore
+from drcli.store.history import History
 from drcli.store.repair import Model
+from iterations import iteration_record
 from memory_bucket import MemoryBucket
 
 PREFIX = "team/model"
@@ -170,3 +172,29 @@ def test_the_evaluation_of_another_checkpoint_with_that_number_is_not_told(shown
     take_choice(model, "last")
 
     assert "checkpoint 20 of team/model, the last: score 40.0 in its evaluation." in shown[0]
+
+
+def test_checkpoints_in_which_only_a_teacher_has_learned_are_marked_and_are_not_the_best(shown):
+    bucket = MemoryBucket("bucket")
+    store, history = CheckpointStore(bucket, PREFIX, KEEP_ALL_MARKED), History(bucket, PREFIX)
+    for number, phase in enumerate(("teacher", "teacher", "distillation")):
+        store.save(number, number * 100, b"weights %d" % number)
+        history.add(iteration_record(number, phase=phase))
+    store.save(3, 300, b"weights 3")
+    model = Model(bucket, PREFIX, keys.metrics_prefix(PREFIX))
+
+    found = list_checkpoints(CONFIG, bucket, PREFIX)
+    take_choice(model, "last")
+    take_choice(model, 2)
+
+    assert [(each.number, each.untaught, each.words) for each in found.checkpoints] == [
+        (0, True, []),
+        (1, True, []),
+        (2, True, []),
+        (3, False, ["last"]),
+    ]
+    assert shown == [
+        f"Takes checkpoint 3 of {PREFIX}, the last: never evaluated.",
+        f"Takes checkpoint 2 of {PREFIX}: never evaluated, because only its teacher has learned "
+        "until there.",
+    ]

@@ -36,3 +36,10 @@ def test_each_stage_is_told_once(tmp_path):
         "stage: Stage 2 is over.",
     ]
     assert noted(tmp_path, job, replace(first, session="an earlier start")) == []
+
+
+def test_the_phases_of_a_training_with_a_teacher_are_told_alike(tmp_path):
+    job = job_of(tmp_path)
+    note = StageNote(job.session, "distillation", "9_Step-99.ckpt", "The phase teacher is over.")
+
+    assert noted(tmp_path, job, note) == ["stage: The phase teacher is over."]

@@ -126,3 +126,22 @@ def test_a_training_has_converged_when_it_meets_its_evaluations(training, evalua
     assert found.gap == pytest.approx(evaluation - training)
     assert found.reached is reached
     assert convergence(records[:4]) is None
+
+
+def test_a_student_that_takes_over_from_its_teacher_is_no_collapse():
+    drives = [95.0] * 6 + [95.0, 75.0, 50.0, 30.0, 20.0, 25.0, 30.0]
+    records = [
+        iteration_record(n, mean_progress=p, phase="teacher" if n < 6 else "distillation")
+        for n, p in enumerate(drives)
+    ]
+    alone = [replace(record, phase="") for record in records]
+
+    assert subjects(alone) == ["collapse"]
+    assert subjects(records) == []
+
+
+def test_the_hyperparameters_of_the_file_are_not_blamed_for_a_teacher():
+    rising = {"entropy": lambda n: 1.2 - 0.05 * n if n < 15 else 0.5 + 0.04 * (n - 15)}
+
+    assert subjects(curve(30, **rising, phase=lambda _: "ppo")) == ["entropy"]
+    assert subjects(curve(30, **rising, phase=lambda _: "teacher")) == []

@@ -292,3 +292,15 @@ def test_a_model_of_version_0_1_0_has_milestones_from_its_learning_curve(memory,
     assert damaged == []
     assert found.first_lap is not None
     assert (found.first_lap.name.number, found.first_lap.best_lap_s) == (7, 12.5)
+
+
+def test_a_new_phase_keeps_the_milestones_of_the_one_before():
+    driven = {"evaluation_progress": [100.0], "evaluation_lap_s": [7.0]}
+    records = [
+        iteration_record(4, phase="distillation", **driven),
+        iteration_record(5, phase="ppo", **{**driven, "evaluation_lap_s": [8.0]}),
+    ]
+
+    found = dict(with_history(NO_MILESTONES, records).reached())
+
+    assert found["best-lap"].name.number == 4

@@ -292,3 +292,14 @@ def test_a_new_stage_is_no_collapse():
 
     assert collapse([*wide, *hard], None) is None
     assert collapse([*wide, *(record(k, mean_progress=9.0, stage="wide") for k in (4, 5, 6))], None)
+
+
+def test_what_a_teacher_drives_reaches_no_mean_reward(goals):
+    watched = goals("DR_TRAIN_STOP_MEAN_SCORE=9", "DR_TRAIN_STOP_SCORE_EPISODES=40")
+    phases = ("teacher", "teacher", "distillation", "distillation")
+    taught = [record(k, phase=phase) for k, phase in enumerate(phases)]
+    own = [record(k, phase="ppo") for k in (4, 5)]
+
+    assert watched.reached(taught) is None
+    assert watched.reached([*taught, own[0]]) is None
+    assert "the mean reward of the last 40 episodes is 10.0" in watched.reached([*taught, *own])

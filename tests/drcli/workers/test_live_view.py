@@ -17,6 +17,7 @@ from drcli.learn.policy import PolicySpec
 from drcli.workers import live_server, live_view
 from drcli.workers.live_moment import Moment
 from drcli.workers.live_policy import _said, with_policy
+from drcli.workers.live_scene import BLIND
 from drcli.workers.live_view import LiveShow
 from drsim.race.race import BotRules, ObstacleRules, Race
 from drsim.sensing.sensors import Sensors
@@ -371,3 +372,22 @@ def test_what_the_networks_said_is_what_asking_them_again_gives(tmp_path, contin
         assert told.probabilities == pytest.approx(again.probabilities, abs=1e-3)
         assert told.mean == pytest.approx(again.mean, abs=1e-3)
         assert told.low == pytest.approx(again.low, abs=1e-3)
+
+
+def test_a_teacher_has_no_camera_and_the_viewers_are_told(drive, tmp_path):
+    drive.teach()
+    with shown(tmp_path) as (show, address):
+        show.about(3, "3_Step-90.ckpt", replace(show.facts, hint=BLIND))
+        watcher = Watcher(address, "camera", "scene")
+        found = seen(drive, show, watcher, "camera", "scene", "state")
+        watcher.close()
+
+    picture = np.asarray(Image.open(io.BytesIO(found["camera"].data)))
+    assert picture.shape == (120, 160)
+    assert picture.std() > 10.0  # there are words on it
+    assert found["state"].state.hint == BLIND
+    scene = found["scene"].scene
+    assert {car.racer for car in scene.cars} == {0}
+    assert scene.shown is not None
+    assert scene.shown.probabilities is not None
+    assert scene.shown.lidar == []

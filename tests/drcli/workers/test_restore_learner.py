@@ -1,12 +1,22 @@
 """What a trainer forgets when it goes on from an older checkpoint."""
 
-import pytest
+from types import SimpleNamespace
 
+import pytest
+import torch
+from safetensors.torch import save as save_tensors
+
+from drcli.exchange.checkpoint import Counters
 from drcli.exchange.scores import EvaluationResult
+from drcli.formats.imported_policy import CRITIC_WARMUP
+from drcli.learn.compute import Compute
+from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.best_checkpoint import read_evaluation, write_evaluation
 from drcli.store.bucket import ObjectMissing
-from drcli.workers.restore_learner import forget_evaluations
+from drcli.workers.build_learner import build_learner
+from drcli.workers.restore_learner import forget_evaluations, restore_learner
 from memory_bucket import MemoryBucket
 
 
@@ -24,3 +34,27 @@ def test_results_of_checkpoints_that_do_not_count_are_forgotten_and_others_stay(
     for number in (1, 3):
         with pytest.raises(ObjectMissing):
             read_evaluation(bucket, "model", number)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "warmup"),
+    [("teacher", "camera", CRITIC_WARMUP), ("camera", "teacher", 0), ("camera", "camera", 0)],
+)
+def test_a_critic_that_is_new_because_the_teacher_has_gone_learns_alone_first(
+    before, after, warmup
+):
+    metadata = ModelMetadata.from_bytes(
+        b'{"action_space": [{"steering_angle": 0, "speed": 1}], "version": "5"}'
+    )
+    compute = Compute(torch.device("cpu"), bf16=False, reason="test")
+    one, other = (
+        build_learner(metadata, Hyperparameters(training_method=method), compute)
+        for method in (before, after)
+    )
+    record = SimpleNamespace(name="1_Step-9.ckpt", counters=Counters())
+    tensors = save_tensors({k: v.contiguous() for k, v in one.model.state_dict().items()})
+
+    restore_learner(other, SimpleNamespace(record=record, tensors=tensors, optimizer=None))
+
+    assert other.critic_warmup == warmup
+    assert torch.equal(other.model.policy_head.weight, one.model.policy_head.weight)

@@ -128,3 +128,11 @@ def test_a_goal_reads_as_a_phrase():
         "evaluations in a row or after 1 minute"
     )
     assert str(StageGoal()) == "with the training"
+
+
+def test_a_teacher_reaches_no_mean_reward_of_a_stage(stages):
+    progress = StageProgress(stages(StageGoal(mean_reward=5.0), StageGoal()), None, BEGUN)
+    driven = {"episodes": 100, "mean_reward": 9.0}
+
+    assert progress.over([iteration_record(10, phase="teacher", **driven)], BEGUN) is None
+    assert progress.over([iteration_record(11, phase="ppo", **driven)], BEGUN) is not None

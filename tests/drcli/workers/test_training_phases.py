@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.phase import PhaseMark
 from drcli.workers.training_phases import (
@@ -11,6 +12,7 @@ from drcli.workers.training_phases import (
     MOST_STEPS,
     WINDOW,
     PhaseJudge,
+    phase_of,
     teacher_drives,
 )
 
@@ -108,3 +110,12 @@ def test_the_student_takes_over_the_wheel_step_by_step():
     assert shares == [1.0, 0.75, 0.5, 0.25, 0.0, 0.0]
     assert teacher_drives(TEACHER, 99, 0)
     assert not teacher_drives(PhaseMark("ppo"), 0, 0)
+
+
+def test_trainer_and_workers_agree_on_the_phase_after_a_teacher_came_or_went():
+    newest = CheckpointName(7, 700)
+
+    assert phase_of(DISTILLATION, newest, taught=True) == DISTILLATION
+    assert phase_of(DISTILLATION, newest, taught=False) is None
+    assert phase_of(None, newest, taught=True) == PhaseMark("teacher", 7, 700)
+    assert phase_of(None, newest, taught=False) is None

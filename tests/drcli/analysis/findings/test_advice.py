@@ -597,3 +597,33 @@ def made_healthy() -> Run:
     """A short healthy training."""
     plan = replace(synthetic_plans.healthy(20003), iterations=12, episodes=10, length_m=6.0)
     return make(plan).as_run()
+
+
+def in_phases(run: Run, phase: str, begun: int) -> Run:
+    """The same training with a teacher until `begun`, and that phase from there on."""
+    phases = ["teacher" if n < begun else phase for n in run.iterations.index]
+    return replace(run, iterations=run.iterations.assign(phase=phases))
+
+
+def test_a_change_of_phase_is_no_collapse_and_the_verdict_names_the_phase():
+    run = make(small(plan_of("collapsed", HEALTHY[0]))).as_run()
+    fall = gather(run).fall
+    assert fall is not None
+    begun = int(gather(run).curve.iteration[fall.at])
+
+    found = gather(in_phases(run, "ppo", begun))
+
+    assert found.fall is None
+    assert found.curve.iteration[0] == begun
+    assert judge(found).sentence.startswith("Phase ppo: ")
+    assert not [item for item in advise(found) if item.id == "collapse"]
+
+
+def test_a_teacher_gets_no_advice_about_hyperparameters_that_are_not_its_own():
+    run = make(small(plan_of("under_trained", HEALTHY[0]))).as_run()
+    assert "under-training" in [item.id for item in advice(run)]
+
+    taught = in_phases(run, "teacher", 0)
+
+    assert "under-training" not in [item.id for item in advice(taught)]
+    assert "the camera policy learns in the phases that follow" in judge(gather(taught)).sentence
