@@ -1,6 +1,6 @@
 """Builds the network of a model from model_metadata.json and hyperparameters.json."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import torch
@@ -22,6 +22,9 @@ loading the simulator for them would cost the trainer 33 MB of memory."""
 
 TEACHER = "teacher."
 """The names of a teacher's weights begin with it."""
+
+_OF_CRITIC = (TEACHER, "value_head.", "returns.")
+"""How the names begin of what a training needs and driving does not."""
 
 
 def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicySpec:
@@ -69,22 +72,30 @@ def load_weights(model: nn.Module, data: bytes, name: str) -> None:
 
 
 def _with_own_critic(model: nn.Module, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The same with teacher and critic of the model, where only one of both has a teacher."""
-    own = model.state_dict()
-    if _is_taught(own) == _is_taught(tensors):
+    """The same with teacher and critic of the model, if those of the checkpoint do not fit it."""
+    if not _has_other_critic(model, tensors):
         return tensors
-    of_critic = (TEACHER, "value_head.", "returns.")
-    kept = {name: tensor for name, tensor in tensors.items() if not name.startswith(of_critic)}
-    return {name: tensor for name, tensor in own.items() if name.startswith(of_critic)} | kept
+    own = model.state_dict()
+    kept = {name: tensor for name, tensor in tensors.items() if not name.startswith(_OF_CRITIC)}
+    return {name: tensor for name, tensor in own.items() if name.startswith(_OF_CRITIC)} | kept
 
 
 def has_own_critic(model: nn.Module, data: bytes) -> bool:
-    """Whether `load_weights` leaves the model its own critic: only one of both has a teacher."""
-    return _is_taught(model.state_dict()) != _is_taught(load_tensors(data))
+    """Whether `load_weights` leaves the model its own critic.
+
+    So it is where only one of both has a teacher, or teachers that see other things.
+    """
+    return _has_other_critic(model, load_tensors(data))
 
 
-def _is_taught(names: Iterable[str]) -> bool:
-    return any(name.startswith(TEACHER) for name in names)
+def _has_other_critic(model: nn.Module, tensors: Mapping[str, Tensor]) -> bool:
+    own = model.state_dict()
+    shapes, others = (
+        {name: tensor.shape for name, tensor in each.items() if name.startswith(_OF_CRITIC)}
+        for each in (own, tensors)
+    )
+    taught = any(name.startswith(TEACHER) for name in (*shapes, *others))
+    return taught and shapes != others
 
 
 def weights_of(model: nn.Module) -> dict[str, NDArray[np.float32]]:
