@@ -107,9 +107,9 @@ class RolloutTensors:
     The frames stay in the memory of the machine if that of a GPU is too small for them. On a GPU,
     the columns may have more rows than there are steps.
 
-    `following` are the rows of the steps after each, and `frame_rows` the rows of the frames that are seen together at each step, of shape
-    (t, stack). `values` and `returns`, which the critic should predict, are in the critic's own
-    units, and `advantages` are normalised.
+    `frame_rows` are the rows of the frames that are seen together at each step, of shape
+    (t, stack), and `following` are the rows of the next steps. `values` and `returns`, which the
+    critic should predict, are in the critic's own units, and `advantages` are normalised.
     """
 
     frames: Tensor
