@@ -232,7 +232,9 @@ class PPO:
         loss = policy_loss + value_loss - self._beta * entropy
         if self.config.smoothness:
             after = model(batch.observation(batch.following[rows])).policy
-            loss = loss + self.config.smoothness * (after - policy).square().mean()
+            if not model.spec.continuous:
+                after, policy = after.softmax(-1), policy.softmax(-1)
+            loss = loss + self.config.smoothness * (after - policy).square().sum(-1).mean()
 
         if not loss.is_cuda and not bool(torch.isfinite(loss)):
             raise NonFiniteLossError(

@@ -17,7 +17,7 @@ MIXED_ITERATIONS = 4
 """In the first iterations of distillation the teacher drives a share of the episodes, which falls
 from all of them to none, so that the student sees good driving first, and then its own."""
 
-WINDOW = 5
+WINDOW: dict[Phase, int] = {"teacher": 5, "distillation": 3}
 """Iterations whose mean is compared with that of as many before."""
 
 SURE_SHARE = 0.8
@@ -29,7 +29,7 @@ SURE_ITERATIONS = 2
 FOLLOWS = 0.03
 """A student follows its teacher if it earns less by at most this share."""
 
-SATURATED = 0.02
+SATURATED = 0.04
 """A phase ends when a window improves by less than this share."""
 
 MOST_STEPS: dict[Phase, int] = {"teacher": 500_000, "distillation": 80_000}
@@ -120,15 +120,16 @@ class PhaseJudge:
             own = [r for r in own if r.iteration >= mark.iteration + MIXED_ITERATIONS]
             if self._follows(own, before):
                 return "the student earns as much as its teacher"
-        if len(own) < 2 * WINDOW:
+        window = WINDOW[mark.name]
+        if len(own) < 2 * window:
             return None
-        earlier, newest = own[-2 * WINDOW : -WINDOW], own[-WINDOW:]
+        earlier, newest = own[-2 * window : -window], own[-window:]
         if _share(newest) < SURE_SHARE:
             return None
         gain = _mean_reward(newest) - _mean_reward(earlier)
         if gain > SATURATED * abs(_mean_reward(earlier)):
             return None
-        return f"it has gained less than {SATURATED:.0%} in {WINDOW} iterations"
+        return f"it has gained less than {SATURATED:.0%} in {window} iterations"
 
     @staticmethod
     def _follows(own: Sequence[IterationRecord], before: Sequence[IterationRecord]) -> bool:

@@ -16,6 +16,7 @@ from drcli.workers.training_phases import (
     teacher_drives,
 )
 
+TEACHER_WINDOW, STUDENT_WINDOW = WINDOW["teacher"], WINDOW["distillation"]
 TEACHER = PhaseMark("teacher", 4, 1_000)
 DISTILLATION = PhaseMark("distillation", 4, 1_000)
 ANY = IterationRecord(
@@ -47,24 +48,28 @@ def driven(rewards: list[float], *, laps: int = 10) -> list[IterationRecord]:
 
 @pytest.mark.parametrize("reward", [100.0, -100.0, 0.0])
 def test_a_teacher_that_gains_nothing_any_more_begins_to_teach(reward):
-    found = PhaseJudge().next_mark(TEACHER, driven([reward] * 2 * WINDOW))
+    found = PhaseJudge().next_mark(TEACHER, driven([reward] * 2 * TEACHER_WINDOW))
 
     assert found is not None
-    assert found[0] == PhaseMark("distillation", 4 + 2 * WINDOW, 1_000 + 200 * WINDOW)
+    assert found[0] == PhaseMark(
+        "distillation", 4 + 2 * TEACHER_WINDOW, 1_000 + 200 * TEACHER_WINDOW
+    )
 
 
 def test_a_teacher_that_gains_goes_on():
-    rewards = [100.0 + 5.0 * k for k in range(2 * WINDOW)]
+    rewards = [100.0 + 5.0 * k for k in range(2 * TEACHER_WINDOW)]
 
     assert PhaseJudge().next_mark(TEACHER, driven(rewards)) is None
 
 
 def test_a_teacher_that_leaves_the_road_goes_on_whatever_it_earns():
-    assert PhaseJudge().next_mark(TEACHER, driven([100.0] * 2 * WINDOW, laps=5)) is None
+    assert PhaseJudge().next_mark(TEACHER, driven([100.0] * 2 * TEACHER_WINDOW, laps=5)) is None
 
 
 def test_what_another_phase_has_driven_does_not_count():
-    early = [replace(each, iteration=each.iteration - 2) for each in driven([1.0] * 2 * WINDOW)]
+    early = [
+        replace(each, iteration=each.iteration - 2) for each in driven([1.0] * 2 * TEACHER_WINDOW)
+    ]
 
     assert PhaseJudge().next_mark(TEACHER, early) is None
 
@@ -86,8 +91,8 @@ def test_a_phase_ends_after_its_most_steps(mark):
 
 
 def test_distillation_is_judged_by_what_the_student_drives_alone():
-    mixed = driven([100.0] * (MIXED_ITERATIONS + 2 * WINDOW - 1))
-    alone = driven([100.0] * (MIXED_ITERATIONS + 2 * WINDOW))
+    mixed = driven([100.0] * (MIXED_ITERATIONS + 2 * STUDENT_WINDOW - 1))
+    alone = driven([100.0] * (MIXED_ITERATIONS + 2 * STUDENT_WINDOW))
 
     assert PhaseJudge().next_mark(DISTILLATION, mixed) is None
     found = PhaseJudge().next_mark(DISTILLATION, alone)
