@@ -37,9 +37,9 @@ class PPOConfig:
         lr_schedule: "linear" lets `lr` fall over `schedule_steps`.
         entropy_schedule: "linear" lets `beta_entropy` fall likewise.
         schedule_steps: Environment steps after which such a value has reached `SCHEDULE_END`.
-        smoothness: Weight of the mean squared difference between the policy's means, or
-            probabilities, in a step and in the next one (Mysore et al., 2021, "Regularizing action policies for smooth
-            control"); 0 for none.
+        smoothness: Weight of the squared difference between the policy's means, or probabilities,
+            in a step and in the next one (Mysore et al., 2021, "Regularizing action policies for
+            smooth control"); 0 for none.
         bootstrap_cut: Add the critic's value estimate to the return of an episode that was cut
             off by the step limit; the reference adds nothing.
     """
