@@ -19,7 +19,7 @@ from drcli.learn.adam import Adam
 from drcli.learn.algorithm_config import PPOConfig
 from drcli.learn.compute import Compute
 from drcli.learn.data_parallel import DataParallel
-from drcli.learn.phases import FINE_LR, Phase
+from drcli.learn.phases import FINE_LR, FINE_LR_OF_CHOICES, Phase
 from drcli.learn.policy import Float32s, Observation
 from drcli.learn.ppo import PPO
 from drcli.learn.replay_buffer import ReplayBuffer
@@ -118,7 +118,8 @@ class TaughtLearner:
             self._learner = _Distillation(self.model, self.teacher, self.compute)
         else:
             self._calm(FINE_LOG_STD)
-            lr, target_kl = min(self.config.lr, FINE_LR), self.config.target_kl or FINE_KL
+            most = FINE_LR if self.model.spec.continuous else FINE_LR_OF_CHOICES
+            lr, target_kl = min(self.config.lr, most), self.config.target_kl or FINE_KL
             fine = replace(self.config, lr=lr, target_kl=target_kl)
             self._learner = PPO(self.model, fine, self.compute)
             self._learner.critic_warmup = CRITIC_WARMUP
@@ -252,7 +253,9 @@ class _Distillation:
             if student.spec.continuous:
                 loss = functional.huber_loss(policy, wanted[part])
             else:
-                loss = functional.cross_entropy(policy, wanted[part])
+                loss = functional.kl_div(
+                    policy.log_softmax(-1), wanted[part], reduction="batchmean"
+                )
             return loss, loss.detach().reshape(1)
 
         self.optimizer.zero_grad()
