@@ -65,6 +65,7 @@ def compute_limit(
         standing_s=None if standing_s is None else round(standing_s, 3),
         seed=seed,
         version=SOLVER_VERSION,
+        length_m=round(track.length_m, 3),
         offset_mm=tuple(np.rint(1000 * stations.offset_m).astype(int).tolist()),
         speed_mmps=tuple((10 * np.rint(100 * stations.speed_mps)).astype(int).tolist()),
         clock_ms=tuple(np.rint(1000 * stations.clock_s).astype(int).tolist()),

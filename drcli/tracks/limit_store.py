@@ -50,6 +50,7 @@ class StoredLimit:
         offset_mm: To the left of the centre line, at each station.
         speed_mmps: Speeds there.
         clock_ms: Times since the first station.
+        length_m: Length of the centre line.
     """
 
     route: str
@@ -61,6 +62,7 @@ class StoredLimit:
     standing_s: float | None
     seed: int
     version: int
+    length_m: float
     offset_mm: tuple[int, ...]
     speed_mmps: tuple[int, ...]
     clock_ms: tuple[int, ...]

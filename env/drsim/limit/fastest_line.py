@@ -52,7 +52,8 @@ class Line(NamedTuple):
     @property
     def step_m(self) -> Floats:
         """From each node to the next one. Shape (n,)."""
-        return np.hypot(*(np.roll(self.xy, -1, axis=0) - self.xy).T)
+        step_m: Floats = np.hypot(*(np.roll(self.xy, -1, axis=0) - self.xy).T)
+        return step_m
 
     @property
     def step_s(self) -> Floats:

@@ -138,7 +138,8 @@ class _Planner:
         at = np.arange(count) / _FINER
 
         def finer(values: Floats) -> Floats:
-            return np.interp(at, node, np.append(values, values[0]))
+            fine: Floats = np.interp(at, node, np.append(values, values[0]))
+            return fine
 
         ahead = np.roll(line.xy, -1, axis=0) - np.roll(line.xy, 1, axis=0)
         ahead /= np.hypot(*ahead.T)[:, None]

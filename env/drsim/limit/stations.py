@@ -64,7 +64,7 @@ def points_of(track: Track, offset_m: Floats) -> Floats:
 
 
 def _sections(track: Track, count: int) -> tuple[Floats, Floats]:
-    """Points of the centre line, and unit vectors across the road to the left. Shape (n, 2) each."""
+    """Points of the centre line, and unit vectors from each to the left. Shape (n, 2) each."""
     steps = np.hypot(*np.diff(track.center, axis=0).T)
     along_m = np.concatenate([[0.0], np.cumsum(steps)])
     kept = np.concatenate([[True], steps > 0.0])
