@@ -69,22 +69,25 @@ class LostPlace:
     Attributes:
         first_waypoint: Closest to its begin.
         last_waypoint: Closest to its end.
-        lost_s: How much longer the car took than on the fastest line.
-        speed_mps: The car's mean speed there, along the centre line.
-        line_mps: That of the fastest line.
+        own_s: How long the car took.
+        line_s: How long the fastest line takes.
     """
 
     first_waypoint: int
     last_waypoint: int
-    lost_s: float
-    speed_mps: float
-    line_mps: float
+    own_s: float
+    line_s: float
+
+    @property
+    def lost_s(self) -> float:
+        """How much longer the car took."""
+        return self.own_s - self.line_s
 
     def __str__(self) -> str:
-        """Such as "waypoints 20 to 26: 0.31 s (1.9 m/s, the line 3.1)"."""
+        """Such as "waypoints 20 to 26: 0.31 s (0.93 s, the line 0.62 s)"."""
         return (
             f"waypoints {self.first_waypoint} to {self.last_waypoint}: {self.lost_s:.2f} s "
-            f"({self.speed_mps:.1f} m/s, the line {self.line_mps:.1f})"
+            f"({self.own_s:.2f} s, the line {self.line_s:.2f} s)"
         )
 
 
@@ -212,9 +215,9 @@ def _fingerprint(file: Path, changed: int, size: int) -> str:
 
 
 def lost_places(rows: Sequence[LapRow], start: float, line: StoredLimit) -> list[LostPlace]:
-    """The three parts of a lap from rest that cost most time against a line, the worst first.
+    """The three parts of a lap that cost most time against a line, the worst first.
 
-    The first part is left out, in which the car gathers speed.
+    The first part is left out: there, a car that starts from rest gathers speed.
 
     Args:
         rows: The steps of a completed lap, in order, 1/15 s apart.
@@ -233,16 +236,14 @@ def lost_places(rows: Sequence[LapRow], start: float, line: StoredLimit) -> list
         own_s = (_at(driven, end) - _at(driven, begin)) * STEP_S
         first, last = start + begin / 100.0, start + end / 100.0
         line_s = _line_time_s(line, last) - _line_time_s(line, first)
-        length_m = line.length_m / windows
         if own_s - line_s < LEAST_LOST_S:
             continue
         found.append(
             LostPlace(
                 first_waypoint=rows[round(_at(driven, begin))].waypoint,
                 last_waypoint=rows[round(_at(driven, end))].waypoint,
-                lost_s=own_s - line_s,
-                speed_mps=length_m / own_s,
-                line_mps=length_m / line_s,
+                own_s=own_s,
+                line_s=line_s,
             )
         )
     return sorted(found, key=lambda place: -place.lost_s)[:3]

@@ -37,18 +37,17 @@ def with_limit(config: RunConfig, report: EvaluationReport) -> EvaluationReport:
 def places_lost(
     bucket: Bucket, simtrace: str, trials: Sequence[TrialReport], line: StoredLimit
 ) -> list[LostPlace]:
-    """Where the fastest clean lap of a trace loses most time; StorageError if it is not there.
-
-    Only a lap from rest is looked at: its start is known.
-    """
-    clean = [trial for trial in trials if trial.clean and trial.start_position is not None]
-    if not clean:
+    """Where the fastest clean lap of a trace loses most time; StorageError if it is not there."""
+    best = min((trial for trial in trials if trial.clean), key=lambda trial: trial.lap_s)
+    # The laps of a continuous race begin where the first one did, which alone has its start.
+    starts = (best.start_position, trials[0].start_position)
+    start = next((start for start in starts if start is not None), None)
+    if start is None:
         return []
-    best = min(clean, key=lambda trial: trial.lap_s)
     rows = read_rows(bucket.get(simtrace)).rows
     lap = [
         LapRow(row.progress, row.closest_waypoint)
         for row in rows
         if row.episode == best.trial - 1 and row.status != "pause"
     ]
-    return lost_places(lap, best.start_position or 0.0, line) if len(lap) > 1 else []
+    return lost_places(lap, start, line) if len(lap) > 1 else []

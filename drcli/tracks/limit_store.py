@@ -132,7 +132,7 @@ def _read(file: Path, changed: int) -> Mapping[LimitKey, StoredLimit]:
     import numpy as np
 
     try:
-        with np.load(file, allow_pickle=False) as stored:
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             heads = json.loads(stored["heads"].tobytes())
             offsets, speeds = stored["offset_mm"].tolist(), stored["speed_mmps"].tolist()
             clocks = np.cumsum(stored["clock_ms"]).tolist()

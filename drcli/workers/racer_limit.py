@@ -63,8 +63,9 @@ def fastest_line_of(asked: Asked) -> FastestLine:
     """The line that is known.
 
     Raises:
-        SettingsError: None is.
+        SettingsError: None is, or there is no such track.
     """
+    _route(asked)
     stored = _known(asked)
     if stored is None:
         way = " --reverse" if asked.reverse else ""

@@ -15,6 +15,7 @@ from drcli.cli import candidates, console
 from drcli.cli.options import AsJson, Replace
 from drcli.cli.views import tracks_view
 from drcli.cli.working_folder import settings, working_folder
+from drcli.config.value_types import CarName
 
 if TYPE_CHECKING:
     from drcli.workers.racer_limit import Asked, FastestLine
@@ -35,9 +36,7 @@ _Name = Annotated[
 _Reverse = Annotated[
     bool, typer.Option("--reverse", help="Drive against the direction of the track.")
 ]
-_Car = Annotated[
-    str | None, typer.Option("--car", metavar="CAR", help="The car; DR_SIM_CAR if left out.")
-]
+_Car = Annotated[CarName | None, typer.Option("--car", help="The car; DR_SIM_CAR if left out.")]
 _Force = Annotated[bool, typer.Option("-f", "--force", help="Replace a track of the same name.")]
 
 
@@ -77,7 +76,9 @@ def show(
         raise SettingsError(f"There is no track {shown(name)} here.", remedy=remedy(wanted))
     columns = MAP_COLUMNS if as_json else min(MAP_COLUMNS, console.columns())
     known = _known_line(name)
-    view = show_track(name, wanted.tracks_folder, png, columns=columns, line=known.line if known else None)
+    view = show_track(
+        name, wanted.tracks_folder, png, columns=columns, line=known.line if known else None
+    )
     view = replace(view, limit=known.text if known else "")
     console.emit(view, tracks_view.track(view), as_json=as_json)
 
@@ -113,19 +114,12 @@ def limit(
     console.emit(found, Text(found.text), as_json=as_json)
 
 
-def _asked(name: str, car: str | None, *, reverse: bool) -> "Asked":
-    """Which line the options mean.
-
-    Raises:
-        typer.BadParameter: There is no such car.
-    """
+def _asked(name: str, car: CarName | None, *, reverse: bool) -> "Asked":
+    """Which line the options mean."""
     from drcli.workers.racer_limit import Asked
-    from drsim.car.car_sets import CAR_SETS
 
     loaded = settings()
     car = car or loaded.sim_car
-    if car not in CAR_SETS:
-        raise typer.BadParameter(f"--car {car} is not a car. Choose one of {', '.join(CAR_SETS)}.")
     return Asked(name, loaded.tracks_folder, loaded.directory, reverse, car)
 
 
