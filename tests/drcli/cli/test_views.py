@@ -345,3 +345,13 @@ def test_curves_are_drawn_in_any_window(make_record, columns):
     drawn = iterations.curves([make_record(1), make_record(2)], columns)
 
     assert [line.plain.split()[0] for line in drawn] == ["progress", "eval", "reward"]
+
+
+def test_an_evaluation_says_how_far_the_best_lap_is_from_the_limit(evaluation_report):
+    limit = "7.61 s: 35 % above the limit of this car on this track (5.64 s)"
+    lost = ["waypoints 20 to 26: 0.31 s (0.93 s, the line 0.62 s)", "waypoints 3 to 9: 0.20 s"]
+    report = replace(evaluation_report, limit=limit, lost=lost)
+
+    shown = " ".join(screen(evaluation_view.evaluation(report)).split())
+
+    assert f"{limit}. Most time is lost at {'; '.join(lost)}." in shown
