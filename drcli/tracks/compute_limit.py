@@ -44,7 +44,7 @@ def compute_limit(
     except (TrackError, NoLine) as error:
         raise SettingsError(
             f"The fastest lap on {file} cannot be computed: {error}.",
-            remedy="Correct the route: `dr-tracks show` draws it.",
+            remedy="Name a track that is a loop; `dr-tracks show` draws it.",
         ) from None
     laps = []
     for seed in seeds:
