@@ -19,7 +19,7 @@ FLOORS = {
         {"race"},
         {"sensing"},
         {"episode"},
-        {"viewing", "fidelity"},
+        {"viewing", "fidelity", "limit"},
         {"gym", "replay"},
         {"__init__"},
     ),

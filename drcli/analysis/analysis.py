@@ -11,6 +11,7 @@ from drcli.analysis.findings.reward_function_time import reward_function_time
 from drcli.analysis.findings.verdict import Verdict, judge
 from drcli.analysis.plain_values import plain, rows_of
 from drcli.analysis.run import Run, StoredEvaluation
+from drcli.exchange.track_limit import limit_text
 
 _NOT_FINDINGS = ("run", "curve", "fallen", "late")
 """Fields of the evidence that are its input, or large."""
@@ -72,6 +73,7 @@ class Analysis:
             problems=list(run.problems),
             html=html,
             png=list(png),
+            limit=limit_text(float(laps.min()) if len(laps) else None, run.limit),
         )
 
 
@@ -92,6 +94,7 @@ class AnalysisReport:
         complete_laps: Training episodes that were complete laps. All of them are clean: a training
             episode ends where the car breaks a rule.
         best_lap_s: The fastest of them; None without one.
+        limit: How far that is from the limit of the car on the track; empty if unknown.
         iterations: The table `Run.iterations`, row by row.
         learner: The table `Run.learner`, row by row.
         evaluations: Stand-alone evaluations, the oldest first, with their trials. `best_lap_s` and
@@ -131,6 +134,7 @@ class AnalysisReport:
     problems: list[str] = field(default_factory=list)
     html: str | None = None
     png: list[str] = field(default_factory=list)
+    limit: str = ""
 
 
 def analyse(run: Run) -> Analysis:

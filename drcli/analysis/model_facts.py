@@ -30,6 +30,9 @@ _LOG_START_BYTES = 4 << 20
 _LINE_START = re.compile(r"^\s*(?:\[[^\]\n]*\]\s+)+", re.MULTILINE)
 """What the launcher of DeepRacer on AWS puts before each line."""
 
+_OWN_CAR = ("DR_CAR_STEERING_", "DR_CAR_MAX_SPEED", "DR_CAR_BATTERY")
+"""Settings of a car of one's own, by the beginning of their names."""
+
 _LOGGED_ACTIONS = re.compile(r"ction space from file: (.+)")
 _LOGGED_PARAMETERS = re.compile(r"Using the following hyper-parameters\s*(\{.*?\})", re.DOTALL)
 
@@ -48,6 +51,7 @@ class ModelFacts:
         parent_files: The same of the parent.
         machine_hours: Of all starts; None if unknown.
         cost_usd: What they cost; None if unknown.
+        car: Name of the car's set; None if unknown, or if it is a car of one's own.
     """
 
     hyperparameters: Mapping[str, object] = field(default_factory=dict)
@@ -59,6 +63,7 @@ class ModelFacts:
     parent_files: Mapping[str, str] = field(default_factory=dict)
     machine_hours: float | None = None
     cost_usd: float | None = None
+    car: str | None = None
 
     @property
     def episodes_per_iteration(self) -> int:
@@ -94,6 +99,7 @@ def model_facts(source: ModelSource, problems: list[str]) -> ModelFacts:
         parent_files=_parent_files(source, parent),
         machine_hours=hours,
         cost_usd=usd,
+        car=_car(start.settings if start is not None else None),
     )
 
 
@@ -174,6 +180,13 @@ def _settings_text(start: TrainingStart | None) -> str:
     if start is None or not start.settings:
         return ""
     return "".join(f"{name}={value}\n" for name, value in sorted(start.settings.items()))
+
+
+def _car(settings: Mapping[str, Any] | None) -> str | None:
+    """The car of settings that differ from their defaults; None if they are not known."""
+    if settings is None or any(name.startswith(_OWN_CAR) for name in settings):
+        return None
+    return str(settings.get("DR_SIM_CAR", "release-6"))
 
 
 def _start(texts: _Texts) -> TrainingStart | None:

@@ -20,6 +20,8 @@ from drcli.analysis.run import Run
 from drcli.analysis.spans import spans
 from drcli.base.errors import SettingsError
 from drcli.config.settings import Settings
+from drcli.exchange.track_limit import limit_of
+from drcli.tracks.limit_store import StoredLimit
 from drsim.track.track import Track
 
 if TYPE_CHECKING:
@@ -42,7 +44,7 @@ def read_run(settings: Settings, what: str | None, *, local: bool = False) -> Ru
     """
     deepracer_logs()
     source = open_model(settings, what, local=local)
-    return run_of(source, settings.tracks_folder)
+    return run_of(source, settings.tracks_folder, settings.directory)
 
 
 def read_runs(settings: Settings, names: Sequence[str], *, local: bool = False) -> list[Run]:
@@ -68,15 +70,16 @@ def read_runs(settings: Settings, names: Sequence[str], *, local: bool = False) 
                 remedy="Name two different models.",
             )
         places[place] = name
-    return [run_of(source, settings.tracks_folder) for source in sources]
+    return [run_of(source, settings.tracks_folder, settings.directory) for source in sources]
 
 
-def run_of(source: ModelSource, tracks: Path) -> Run:
+def run_of(source: ModelSource, tracks: Path, directory: Path) -> Run:
     """Read a model.
 
     Args:
         source: The model.
         tracks: Folder of the racer's own tracks.
+        directory: The working folder.
 
     Raises:
         SettingsError: There is nothing in it to analyse.
@@ -131,7 +134,17 @@ def run_of(source: ModelSource, tracks: Path) -> Run:
         records=records,
         machine_hours=facts.machine_hours,
         cost_usd=facts.cost_usd,
+        limit=_limit(world, track, facts.car, tracks, directory),
     )
+
+
+def _limit(
+    world: str | None, track: Track | None, car: str | None, tracks: Path, directory: Path
+) -> StoredLimit | None:
+    """The fastest line of the car on the track in the direction that was driven, if known."""
+    if world is None or track is None or car is None:
+        return None
+    return limit_of(world, tracks, directory, reverse=track.reverse, car=car)
 
 
 def _read_steps(source: ModelSource, facts: ModelFacts, problems: list[str]) -> TraceReading:

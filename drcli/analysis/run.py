@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 from drcli.exchange.laps import Laps, lap_time, laps_summary
 from drcli.modelfiles.action_space import ActionSpace
+from drcli.tracks.limit_store import StoredLimit
 from drsim.track.track import Track
 
 if TYPE_CHECKING:
@@ -120,6 +121,7 @@ class Run:
             status. Whole numbers, as metrics files have them; None where nothing was read.
         machine_hours: Of all starts of the training; None if unknown.
         cost_usd: What these cost; None if unknown.
+        limit: The fastest line of its car on its track; None if unknown.
     """
 
     name: str
@@ -141,3 +143,4 @@ class Run:
     records: "pd.DataFrame | None" = None
     machine_hours: float | None = None
     cost_usd: float | None = None
+    limit: StoredLimit | None = None

@@ -6,6 +6,7 @@ import typer
 
 from drcli.cli import candidates, console
 from drcli.cli.views import race_view
+from drcli.cli.working_folder import settings
 
 if TYPE_CHECKING:
     from drcli.config.settings import Settings
@@ -23,6 +24,10 @@ Closes = Annotated[
 
 def print_race(report: "RaceReport", *, as_json: bool) -> None:
     """Print a race, and what is damaged of it."""
+    from drcli.races.race_limit import with_limit
+
+    loaded = settings()
+    report = with_limit(report, loaded.tracks_folder, loaded.directory)
     console.warn(*report.damaged)
     console.emit(report, race_view.race(report), as_json=as_json)
 

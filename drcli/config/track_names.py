@@ -1,5 +1,6 @@
 """The names of all tracks, and whether a track is installed, without loading the simulation."""
 
+import json
 import re
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -50,6 +51,18 @@ def built_in() -> list[str]:
     packages = (spec.submodule_search_locations or ()) if spec is not None else ()
     folders = [Path(package, "track", "definitions") for package in packages]
     return sorted(name for folder in folders for name in _stems(folder, (".json",)))
+
+
+def definition(world: str) -> Path | None:
+    """The file that defines a built-in track, or that of the track whose route it shares."""
+    spec = find_spec("drsim")
+    packages = (spec.submodule_search_locations or ()) if spec is not None else ()
+    for package in packages:
+        file = Path(package, "track", "definitions", f"{world}.json")
+        if _is_file(file):
+            shared = json.loads(file.read_text("utf-8")).get("same_route_as")
+            return file if shared is None else file.with_name(f"{shared}.json")
+    return None
 
 
 def own(folder: Path) -> list[str]:

@@ -4,10 +4,13 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
 from drcli.base.problems import BadValue
+
+CarName = Literal["release-6", "low-grip", "2022"]
+"""Sets of `drsim.car.car_sets`."""
 
 FOLDER_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
 """Name of a folder in experiments/: no path, and nothing that is hidden."""

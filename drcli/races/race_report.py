@@ -175,6 +175,7 @@ class RaceReport:
         pairs: Of a race in pairs, round by round.
         winner: Racer on the first place of a finished race; None before.
         damaged: Sentences about objects in the bucket that cannot be read.
+        limit: How far its best lap is from the limit of the track; empty if unknown.
     """
 
     bucket: str
@@ -189,6 +190,7 @@ class RaceReport:
     pairs: list[PairEntry]
     winner: str | None
     damaged: list[str]
+    limit: str = ""
 
 
 @dataclass(frozen=True)

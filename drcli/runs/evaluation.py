@@ -37,6 +37,7 @@ from drcli.runs.evaluation_plan import CHECKPOINT, EvaluationPlan, prepare_evalu
 from drcli.runs.evaluation_report import EvaluationReport, trial_reports
 from drcli.runs.evaluation_video import filmed
 from drcli.runs.failed_start import READY_TIMEOUT_S, failed_start, log_bytes
+from drcli.runs.limit_report import with_limit
 from drcli.runs.run_logs import empty_logs
 from drcli.runs.worker_processes import end_process, start_process
 from drcli.store import keys
@@ -106,7 +107,8 @@ def run_evaluation(
                 f"The evaluation worker left no results: {error}.",
                 remedy="Read the reason with `dr-logs evaluation`, then run `dr-evaluate` again.",
             ) from error
-        return filmed(plan, _report(plan, driven), on_progress)
+        report = with_limit(plan.job.config, _report(plan, driven))
+        return filmed(plan, report, on_progress)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

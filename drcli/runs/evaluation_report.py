@@ -83,6 +83,9 @@ class EvaluationReport:
         average_laps: Number of consecutive laps of which `best_average_s` is the mean.
         notes: What was driven otherwise than the settings ask, and why.
         videos: Keys of its videos in the bucket; empty without DR_EVAL_SAVE_MP4.
+        limit: How far its best clean lap is from the limit of the car on the track; empty if there
+            is no such lap, or no limit is known.
+        lost: Where that lap loses most time, the worst place first.
     """
 
     prefix: str
@@ -98,6 +101,8 @@ class EvaluationReport:
     average_laps: int = 3
     notes: list[str] = field(default_factory=list)
     videos: list[str] = field(default_factory=list)
+    limit: str = ""
+    lost: list[str] = field(default_factory=list)
 
     @property
     def clean(self) -> int:

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 from drcli.exchange.laps import paired_p
 from drcli.exchange.trace import STEP_S
+from drcli.exchange.track_limit import limit_text
 from drcli.runs.evaluation_report import TrialReport, laps_of
+from drcli.tracks.limit_store import StoredLimit
 
 SIGNIFICANT = 0.05
 """A difference with a smaller p-value is called more than chance."""
@@ -87,6 +89,7 @@ class LapsReport:
         file: The file that drove; None for a checkpoint of the model.
         against: The other checkpoint, which drove from the same starts.
         comparison: What the two say together.
+        limit: How far its fastest lap is from the limit of the car on the track; empty if unknown.
     """
 
     prefix: str
@@ -109,6 +112,7 @@ class LapsReport:
     file: str | None = None
     against: "LapsReport | None" = None
     comparison: Comparison | None = None
+    limit: str = ""
 
     @property
     def name(self) -> str:
@@ -127,8 +131,9 @@ def laps_report(
     metrics: str,
     runtime: str,
     file: str | None,
+    line: StoredLimit | None = None,
 ) -> LapsReport:
-    """The report of at least one lap; the arguments are its attributes."""
+    """The report of at least one lap; `line` is the limit, the others are its attributes."""
     sample = laps_of(laps)
     return LapsReport(
         prefix=prefix,
@@ -149,6 +154,7 @@ def laps_report(
         metrics=metrics,
         runtime=runtime,
         file=file,
+        limit=limit_text(sample.fastest_s, line),
     )
 
 

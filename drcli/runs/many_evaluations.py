@@ -20,6 +20,7 @@ from drcli.exchange.evaluation_task import EvaluationTask, TaskOutcome
 from drcli.exchange.job import Job, WorkerExit
 from drcli.exchange.log_places import log_file
 from drcli.exchange.robust_result import RobustResult
+from drcli.exchange.track_limit import limit_of_race
 from drcli.runs.cloud_watch import sent_to_cloud_watch
 from drcli.runs.evaluation import EXIT_S, failure, until_stopped
 from drcli.runs.evaluation_report import best_average_s, best_finished_s, laps_of, trial_reports
@@ -253,6 +254,10 @@ def _laps(job: Job, task: EvaluationTask, outcome: TaskOutcome) -> LapsReport:
         metrics=keys.evaluation_metrics(task.metrics_prefix, task.stamp),
         runtime=task.source.runtime or "torch",
         file=None if task.source.file is None else str(task.source.file),
+        line=limit_of_race(
+            job.config.race().replaced(world_name=task.world),
+            reverse=job.config.evaluation.eval_reverse_direction,
+        ),
     )
 
 

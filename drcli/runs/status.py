@@ -22,6 +22,7 @@ from drcli.exchange.run_record import LIVE_STATES, RunRecord, State, run_folder
 from drcli.exchange.run_state import ActivityRecord
 from drcli.exchange.spending import Spending
 from drcli.exchange.stage import StageMark
+from drcli.exchange.track_limit import limit_of_race, limit_text
 from drcli.exchange.watch_record import WatchRecord
 from drcli.models.checkpoint_choice import laps_of
 from drcli.models.model_list import CheckpointEntry
@@ -185,6 +186,8 @@ class RunReport:
         priority: DR_PRIORITY at the start.
         threads: DR_THREADS at the start; 0 for all cores.
         ending: Whether the run is ending its workers: none of them is missed then.
+        limit: How far the fastest lap of the best checkpoint is from the limit of the car on the
+            track; empty if unknown.
         elsewhere: A sentence about the training of the model on another machine, if nothing was
             started on this one.
         watches: What the watches of the training warn of, a sentence each: memory, disk, stalls.
@@ -241,6 +244,7 @@ class RunReport:
     joined: list[JoinedReport] = field(default_factory=list)
     ending: bool = False
     elsewhere: str = ""
+    limit: str = ""
 
     @property
     def dead(self) -> list[str]:
@@ -367,6 +371,7 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         best=best,
         last=last,
         best_laps=best_laps,
+        limit=_limit(config, record.world if stage is None else stage.world, best_laps),
         newest_laps=_newest_laps(history),
         warning="; ".join(alarm.text for alarm in found),
         advice=[alarm.remedy for alarm in found],
@@ -397,6 +402,15 @@ def inspect(config: RunConfig, reader: HistoryReader | None = None) -> RunReport
         threads=record.threads,
         joined=joined,
     )
+
+
+def _limit(config: RunConfig, world: str, laps: CheckpointLaps | None) -> str:
+    """How far the best lap of a checkpoint is from the limit; empty if either is unknown."""
+    if laps is None or laps.fastest_s is None:
+        return ""
+    race = config.race()
+    stored = limit_of_race(race.replaced(world_name=world), reverse=race.train_reverse_direction)
+    return limit_text(laps.fastest_s, stored)
 
 
 def _newest_laps(history: Sequence[IterationRecord]) -> CheckpointLaps | None:

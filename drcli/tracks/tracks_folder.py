@@ -3,8 +3,11 @@
 import contextlib
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from drcli.base.atomic_file import rewrite
 from drcli.base.errors import SettingsError
@@ -29,11 +32,13 @@ class TrackView:
         facts: The facts about the track.
         map_lines: A map in letters for a terminal, top line first.
         picture: File of the picture, if one was requested.
+        limit: A sentence about the fastest lap of the car; empty if none is known.
     """
 
     facts: TrackFacts
     map_lines: list[str]
     picture: str | None
+    limit: str = ""
 
 
 def measure_tracks(folder: Path) -> TrackList:
@@ -48,9 +53,16 @@ def measure_tracks(folder: Path) -> TrackList:
 
 
 def show_track(
-    name: str, folder: Path, picture: Path | None = None, *, columns: int = MAP_COLUMNS
+    name: str,
+    folder: Path,
+    picture: Path | None = None,
+    *,
+    columns: int = MAP_COLUMNS,
+    line: Sequence[tuple[float, float, float]] | None = None,
 ) -> TrackView:
     """The facts and the map of a track; `name` may be a route file.
+
+    The picture shows the `line`: x and y in metres and speed in m/s of points in driving order.
 
     Raises:
         SettingsError: The track does not exist, or the picture cannot be written.
@@ -61,7 +73,8 @@ def show_track(
     except TrackError as error:
         raise _refused(error) from None
     if picture is not None:
-        rewrite(picture, png_bytes(picture_map(track)))
+        drawn = None if line is None else np.array(line)
+        rewrite(picture, png_bytes(picture_map(track, line=drawn)))
     return TrackView(facts, text_map(track, columns), str(picture) if picture else None)
 
 

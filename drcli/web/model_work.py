@@ -90,6 +90,7 @@ def analyse_model(progress: Progress, directory: Path, prefix: str) -> dict[str,
         "episodes": report.episodes,
         "complete_laps": report.complete_laps,
         "best_lap_s": report.best_lap_s,
+        "limit": report.limit,
         "problems": report.problems,
     }
 

@@ -13,6 +13,7 @@ from drcli.exchange.race_rules import RaceRules
 from drcli.races import race_words
 from drcli.races.organise import list_races
 from drcli.races.queue_lease import live_lease
+from drcli.races.race_limit import with_limit
 from drcli.races.race_moments import moments_of
 from drcli.races.race_report import RaceList, RaceReport
 from drcli.races.race_runs import Runner
@@ -99,6 +100,7 @@ class RaceReader:
         runner = Runner() if lease is None else Runner(lease.session, lease.owner)
         stored = read_race(seen, race)
         report = report_of(stored, bucket.name, self.clock(), runner)
+        report = with_limit(report, settings.tracks_folder, self.folder.directory)
         more = {
             "words": words_of(report),
             "settings": shown_settings(stored.rules),

@@ -15,6 +15,7 @@ from drcli.analysis.report.driving_sections import (
 )
 from drcli.analysis.report.evaluation_section import evaluation_section
 from drcli.analysis.report.lap_choice import LapChoice, choose_laps
+from drcli.analysis.report.limit_section import limit_section
 from drcli.analysis.report.map_data import map_data
 from drcli.analysis.report.map_section import map_section
 from drcli.analysis.report.markup import element
@@ -69,6 +70,7 @@ def _sections(
     yield reward_section(run)
     yield lap_section(run)
     yield map_section(run, laps) if drawn is not None else None
+    yield limit_section(run)
     yield ends_section(found.ends, found.off)
     yield action_section(found.actions)
     yield steering_section(found.balance, found.snaking)

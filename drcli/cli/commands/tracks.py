@@ -1,9 +1,12 @@
 """`dr tracks`: the tracks to race on."""
 
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.text import Text
 
 from drcli.base.errors import SettingsError
 from drcli.base.problems import shown
@@ -12,12 +15,28 @@ from drcli.cli import candidates, console
 from drcli.cli.options import AsJson, Replace
 from drcli.cli.views import tracks_view
 from drcli.cli.working_folder import settings, working_folder
+from drcli.config.value_types import CarName
+
+if TYPE_CHECKING:
+    from drcli.workers.racer_limit import Asked, FastestLine
 
 app = typer.Typer(
     no_args_is_help=True,
     help="List, show, add and fetch tracks.\n\nExample: dr-tracks show reinvent_base",
 )
 
+_Name = Annotated[
+    str,
+    typer.Argument(
+        metavar="NAME",
+        help="Name of a track, or a route file.",
+        autocompletion=candidates.worlds,
+    ),
+]
+_Reverse = Annotated[
+    bool, typer.Option("--reverse", help="Drive against the direction of the track.")
+]
+_Car = Annotated[CarName | None, typer.Option("--car", help="The car; DR_SIM_CAR if left out.")]
 _Force = Annotated[bool, typer.Option("-f", "--force", help="Replace a track of the same name.")]
 
 
@@ -38,14 +57,7 @@ def list_all(as_json: AsJson = False) -> None:
 
 @app.command()
 def show(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="NAME",
-            help="Name of a track, or a route file.",
-            autocompletion=candidates.worlds,
-        ),
-    ],
+    name: _Name,
     png: Annotated[Path | None, typer.Option("--png", help="Also write a picture.")] = None,
     force: Replace = False,
     as_json: AsJson = False,
@@ -63,8 +75,61 @@ def show(
     if not name.endswith(ROUTE_FILES) and not is_installed(wanted):
         raise SettingsError(f"There is no track {shown(name)} here.", remedy=remedy(wanted))
     columns = MAP_COLUMNS if as_json else min(MAP_COLUMNS, console.columns())
-    view = show_track(name, wanted.tracks_folder, png, columns=columns)
+    known = _known_line(name)
+    view = show_track(
+        name, wanted.tracks_folder, png, columns=columns, line=known.line if known else None
+    )
+    view = replace(view, limit=known.text if known else "")
     console.emit(view, tracks_view.track(view), as_json=as_json)
+
+
+@app.command()
+def line(name: _Name, reverse: _Reverse = False, car: _Car = None, as_json: AsJson = False) -> None:
+    """Print the fastest line of the car on a track, as a list for a reward function.
+
+    Each row has x and y in metres and the speed there in m/s.
+
+    Example: dr-tracks line reinvent_base > line.py
+    """
+    from drcli.workers.racer_limit import fastest_line_of
+
+    found = fastest_line_of(_asked(name, car, reverse=reverse))
+    console.emit(found, tracks_view.line(found), as_json=as_json)
+
+
+@app.command()
+def limit(
+    name: _Name, reverse: _Reverse = False, car: _Car = None, as_json: AsJson = False
+) -> None:
+    """Show the fastest lap of the car on a track; compute it where it is not known.
+
+    Computing takes a few seconds, and a minute or two in which the simulated car drives the line.
+    It needs the packages of the extra `limit`.
+
+    Example: dr-tracks limit my_track
+    """
+    from drcli.workers.racer_limit import computed_line_of
+
+    found = computed_line_of(_asked(name, car, reverse=reverse))
+    console.emit(found, Text(found.text), as_json=as_json)
+
+
+def _asked(name: str, car: CarName | None, *, reverse: bool) -> "Asked":
+    """Which line the options mean."""
+    from drcli.workers.racer_limit import Asked
+
+    loaded = settings()
+    car = car or loaded.sim_car
+    return Asked(name, loaded.tracks_folder, loaded.directory, reverse, car)
+
+
+def _known_line(name: str) -> "FastestLine | None":
+    """The fastest line of the car of the settings; None if none is known."""
+    from drcli.workers.racer_limit import fastest_line_of
+
+    with suppress(SettingsError):
+        return fastest_line_of(_asked(name, None, reverse=False))
+    return None
 
 
 @app.command()

@@ -75,7 +75,8 @@ def _head(report: "AnalysisReport") -> list[RenderableType]:
     )
     if report.best_lap_s is not None:
         driven += f", best {_seconds(report.best_lap_s)}"
-    return [Text(f"{report.model} ({track})", style="bold"), Text(driven)]
+    head = [Text(f"{report.model} ({track})", style="bold"), Text(driven)]
+    return [*head, Text(f"The best lap, {report.limit}.")] if report.limit else [*head]
 
 
 def _verdict(verdict: Row) -> Text:

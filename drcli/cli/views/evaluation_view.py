@@ -15,10 +15,16 @@ def evaluation(report: "EvaluationReport") -> RenderableType:
     """The trials of an evaluation, and the sentence that sums them up."""
     other = report.opponent
     if other is None:
-        return Group(_trials(report), _bold(_laps(report)), *_videos(report))
+        return Group(_trials(report), _bold(_laps(report)), *_limit(report), *_videos(report))
     cars = (_bold(_name(report)), _trials(report), _bold(_name(other)), _trials(other))
     result = (_laps(report), _laps(other), _winner(report, other))
     return Group(*cars, *map(_bold, result), *_videos(report), *_videos(other))
+
+
+def _limit(report: "EvaluationReport") -> list[Text]:
+    """How far the best lap is from the limit, and the places that cost most time."""
+    lost = f"Most time is lost at {'; '.join(report.lost)}." if report.lost else ""
+    return [Text(line) for line in (report.limit and f"{report.limit}.", lost) if line]
 
 
 def _videos(report: "EvaluationReport") -> list[Text]:

@@ -40,6 +40,7 @@ def laps(columns: int, report: "LapsReport") -> RenderableType:
         if each.ends:
             parts.append(_ends(each.ends))
     parts += [_bold(_summary(each)) for each in reports]
+    parts += [Text(f"The best lap, {each.limit}.") for each in reports if each.limit]
     if report.comparison is not None:
         parts.append(_bold(report.comparison.verdict))
     return Group(*parts)

@@ -53,6 +53,8 @@ def race(report: "RaceReport") -> RenderableType:
     ]
     if report.leaderboard:
         parts.append(_pair_board(report) if rules.in_pairs else _board(report))
+    if report.limit:
+        parts.append(Text(f"The best lap, {report.limit}."))
     if report.pairs:
         rows = [
             (str(pair.round), pair.first_racer, pair.second_racer, words.pair_result(pair))

@@ -11,6 +11,7 @@ from drcli.cli.views.layout import Rows
 if TYPE_CHECKING:
     from drcli.tracks.track_facts import TrackFacts, TrackList
     from drcli.tracks.tracks_folder import TrackView
+    from drcli.workers.racer_limit import FastestLine
 
 _REPEATS = 3
 """Repeated waypoints that are listed; the rest are only counted."""
@@ -41,9 +42,17 @@ def track(view: "TrackView") -> RenderableType:
     """A track's map and facts."""
     parts: list[RenderableType] = [Text(line) for line in view.map_lines]
     parts.append(track_facts(view.facts))
+    if view.limit:
+        parts.append(Text(view.limit))
     if view.picture:
         parts.append(Text(f"Picture: {view.picture}"))
     return Group(*parts)
+
+
+def line(found: "FastestLine") -> RenderableType:
+    """The fastest line as a Python list, to be pasted into a reward function."""
+    rows = (f"    ({x:.3f}, {y:.3f}, {speed:.2f})," for x, y, speed in found.line)
+    return Text("\n".join([f"# {found.text}", "FASTEST_LINE = [", *rows, "]"]))
 
 
 def track_facts(facts: "TrackFacts") -> RenderableType:

@@ -408,7 +408,8 @@ def _checkpoints(report: "RunReport") -> str:
         return f"last {number}; checkpoints are evaluated from the next phase on"
     if best.metric is None:
         return f"last {number}, none was evaluated yet"
-    return f"best {best.text}   last {number}"
+    limit = f"   {report.limit}" if report.limit else ""
+    return f"best {best.text}   last {number}{limit}"
 
 
 def _newest(report: "RunReport") -> str:

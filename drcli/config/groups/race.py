@@ -5,7 +5,7 @@ from typing import Literal
 
 from drcli.config.checkpoint_words import CheckpointText
 from drcli.config.fields import Group, setting
-from drcli.config.value_types import Colour, StartOffset, WorldName
+from drcli.config.value_types import CarName, Colour, StartOffset, WorldName
 
 _SHELL = "videos show one shell in all colours"
 FULL_SPEED = "the simulation always runs as fast as the processor allows"
@@ -40,7 +40,7 @@ class RaceSettings(Group, title="Race and car"):
         "ask",
         "Whether a start downloads a community track that is not installed; ask needs a terminal.",
     )
-    sim_car: Literal["release-6", "low-grip", "2022"] = setting(
+    sim_car: CarName = setting(
         "DR_SIM_CAR",
         "release-6",
         "How the simulated car drives: as in the reference's release 6, or in an earlier year.",

@@ -202,7 +202,9 @@ export function runState(runId, signal) {
       requests && requests.hours >= 0.1
         ? `${number((requests.puts + requests.gets) / requests.hours)} an hour`
         : "–",
-      run.best && run.best.metric !== null ? run.best.text : "–",
+      run.best && run.best.metric !== null
+        ? [run.best.text, run.limit].filter(Boolean).join("; ")
+        : "–",
       evaluated && run.newest_laps
         ? `${run.newest_laps.checkpoint}: ${run.newest_laps.text}, progress ${number(mean(evaluated.evaluation_progress), 0, "%")}`
         : "–",

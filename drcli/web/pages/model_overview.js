@@ -164,7 +164,8 @@ function verdict(found) {
       "p",
       { class: "quiet" },
       `${number(found.episodes)} episodes, ${number(found.complete_laps)} clean laps` +
-        (found.best_lap_s == null ? "." : `, the best in ${lapTime(found.best_lap_s)}.`),
+        (found.best_lap_s == null ? "." : `, the best in ${lapTime(found.best_lap_s)}.`) +
+        (found.limit ? ` ${found.limit}.` : ""),
     ),
     found.advice.length
       ? h(

@@ -242,6 +242,7 @@ export function show(main, [id], { signal }) {
     fill(
       board,
       h("h2", {}, "Leaderboard"),
+      race.limit ? h("p", { class: "quiet" }, `The best lap, ${race.limit}.`) : null,
       h(
         "div",
         { class: "scroll", tabindex: "0", role: "region", "aria-label": "Leaderboard" },

@@ -14,6 +14,7 @@ from drsim.car.car_parameters import (
     MIN_SPEED_MPS,
     CarParameters,
 )
+from drsim.car.mujoco_physics import MujocoPhysics
 from drsim.car.physics import PhysicsChoice, choose_physics
 from drsim.car.variation import Variation, no_variation
 from drsim.jit import kernel
@@ -233,6 +234,23 @@ class CarBatch:
         if ids is None or len(ids):
             self._physics.step(self._ctrl, ids, self._parameters.substeps)
         self._refresh()
+
+    def state(self) -> Floats:
+        """Everything that the motion of each car depends on, a row for each. Shape (n, k).
+
+        Only of cars that MuJoCo moves, as those of `set_state`.
+        """
+        return self._mujoco().state()
+
+    def set_state(self, state: Floats) -> None:
+        """Go on from rows of `state`, of these cars or of others with the same parameters."""
+        self._mujoco().set_state(state)
+        self._refresh()
+
+    def _mujoco(self) -> MujocoPhysics:
+        if not isinstance(self._physics, MujocoPhysics):
+            raise TypeError(f"States can only be read of MuJoCo's cars, not of {self.physics}.")
+        return self._physics
 
     @property
     def wheels(self) -> Floats:

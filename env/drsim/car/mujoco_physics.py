@@ -85,6 +85,15 @@ class MujocoPhysics:
             self._batch.reset(ids=cars, stage=mujoco.mjtStage.mjSTAGE_NONE)
         self.qpos[cars] = qpos
 
+    def state(self) -> Floats:
+        """Everything that the motion depends on. Shape (n, k)."""
+        state: Floats = self._batch.state.copy()
+        return state
+
+    def set_state(self, state: Floats) -> None:
+        """Go on from rows of `state`."""
+        self._batch.state[:] = state
+
     def step(self, ctrl: Floats, cars: Ints | None, substeps: int) -> None:
         """Move cars as `Physics.step` says."""
         self._ctrl[:] = ctrl

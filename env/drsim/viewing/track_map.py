@@ -54,8 +54,11 @@ def text_map(track: Track, columns: int = 78, rows: int = 16) -> list[str]:
     return ["".join(line).replace(chr(_BRAILLE), " ").rstrip() for line in letters]
 
 
-def picture_map(track: Track, width_px: int = 800) -> Picture:
+def picture_map(track: Track, width_px: int = 800, line: Floats | None = None) -> Picture:
     """A picture: road, dashed centre line, the start as a white bar, the direction as arrow heads.
+
+    A `line` is drawn over them, red where it is slow and green where it is fast: x, y and speed of
+    points in driving order, shape (n, 3).
 
     Very high tracks get one narrower than `width_px`. RGB, shape (rows, columns, 3).
     """
@@ -92,7 +95,19 @@ def picture_map(track: Track, width_px: int = 800) -> Picture:
     first = max(0.02, 2.5 * size_m / track.length_m)  # clear of the bar
     for fraction in (first, *_ARROWS_AT):
         dots(_arrow(track, fraction, size_m), max(0.02, pixel_m), _START)
+    if line is not None:
+        low, high = line[:, 2].min(), line[:, 2].max()
+        fast = (line[:, 2] - low) / max(high - low, 1e-9)
+        ends = pixels(line[:, :2])
+        width = max(round(max(0.04 / fine_m, 5.0)), 1)
+        for here, there, share in zip(ends, [*ends[1:], ends[0]], fast.tolist(), strict=True):
+            draw.line([here, there], fill=_paint(share), width=width)
     return np.asarray(image.resize((columns, rows), Image.Resampling.BOX))
+
+
+def _paint(share: float) -> RGB:
+    """Red at 0, yellow in the middle, green at 1."""
+    return (round(230 * min(1.0, 2.0 - 2.0 * share)), round(210 * min(1.0, 2.0 * share)), 40)
 
 
 def png_bytes(picture: Picture) -> bytes:

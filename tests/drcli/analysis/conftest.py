@@ -42,7 +42,9 @@ def read(settings: Settings, libraries: Any) -> Callable[..., Run]:
 
     def reading(what: Path | str | None, **options: Any) -> Run:
         name = None if what is None else str(what)
-        return run_of(open_model(settings, name, **options), settings.tracks_folder)
+        return run_of(
+            open_model(settings, name, **options), settings.tracks_folder, settings.directory
+        )
 
     return reading
 

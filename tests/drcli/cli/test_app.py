@@ -187,7 +187,7 @@ def test_help_loads_nothing_slow(command):
         (["model"], "Did you mean 'list-models'?"),
         (["STATUS"], "No such command 'STATUS'. Did you mean 'status'?"),
         (["train"], "'start-training', 'stop-training', 'increment-training'?"),
-        (["tracks", "lits"], "Did you mean 'list'?"),
+        (["tracks", "lits"], "Did you mean 'list', 'limit'?"),
         (["start-training", "--seed", "x"], "--seed"),
     ],
 )

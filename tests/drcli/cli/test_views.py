@@ -385,3 +385,13 @@ def test_the_distance_of_a_student_from_its_teacher_stands_where_losses_stand(ma
     record = make_record(0, phase="distillation", imitation_loss=0.0123)
 
     assert "imitation loss 0.0123" in iterations.line(record, verbose=True)
+
+
+def test_an_evaluation_says_how_far_the_best_lap_is_from_the_limit(evaluation_report):
+    limit = "7.61 s: 35 % above the limit of this car on this track (5.64 s)"
+    lost = ["waypoints 20 to 26: 0.31 s (0.93 s, the line 0.62 s)", "waypoints 3 to 9: 0.20 s"]
+    report = replace(evaluation_report, limit=limit, lost=lost)
+
+    shown = " ".join(screen(evaluation_view.evaluation(report)).split())
+
+    assert f"{limit}. Most time is lost at {'; '.join(lost)}." in shown

@@ -14,6 +14,7 @@ from drcli.analysis.analysis import analyse
 from drcli.analysis.findings.advice_item import Advice
 from drcli.analysis.report.html_report import report_page, write_html
 from drcli.analysis.report.picture_section import Picture
+from drcli.tracks.limit_store import StoredLimit
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=\"alert(2)\">' onload='alert(3)"
 
@@ -215,3 +216,33 @@ def test_the_report_of_a_recorded_training_is_small(reference_run, tmp_path):
     size = write_html(analyse(reference_run("drfc-time-trial")), tmp_path / "report.html")
 
     assert 200_000 < size < 3_000_000
+
+
+def test_the_fastest_lap_is_compared_with_the_fastest_line(analysis):
+    run = analysis.run
+    if run.track is None or not run.episodes["complete"].any():
+        pytest.skip("The training has no lap on a known track.")
+    lap_s = float(run.episodes.loc[run.episodes["complete"].astype(bool), "time"].min())
+    stations = 60
+    line = StoredLimit(
+        route="",
+        reverse=False,
+        car="release-6",
+        world="",
+        computed_s=lap_s / 2,
+        driven_s=lap_s / 2,
+        standing_s=None,
+        seed=1,
+        version=1,
+        length_m=run.track.length_m,
+        offset_mm=(0,) * stations,
+        speed_mmps=(3000,) * stations,
+        clock_ms=tuple((500 * lap_s / stations * np.arange(stations)).astype(int).tolist()),
+    )
+
+    page = Page(report_page(analyse(replace(run, limit=line))))
+
+    assert "100 % above the limit of this car on this track" in page.text
+    assert "Most time is lost at:" in page.text
+    assert len(re.findall(r"waypoints \d+ to \d+: \d", page.text)) == 3
+    assert any("fastest line" in (image["alt"] or "") for image in page.all("img"))

@@ -1,0 +1,28 @@
+"""How far the best lap of a race is from the limit of the track."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from drcli.exchange.track_limit import limit_of, limit_text
+from drcli.races.race_report import RaceReport
+from drcli.races.race_settings import shown_settings
+
+DEFAULT_CAR = "release-6"
+
+
+def with_limit(report: RaceReport, tracks_folder: Path, directory: Path) -> RaceReport:
+    """The report with the best lap of all compared to the limit, if that is known.
+
+    Args:
+        report: Of a race.
+        tracks_folder: The racer's folder of tracks.
+        directory: The working folder.
+    """
+    rules = report.rules
+    own_car = any(name.startswith("DR_CAR_") for name in shown_settings(rules))
+    laps = [row.best_lap_s for row in report.leaderboard if row.best_lap_s is not None]
+    if own_car or not laps:
+        return report
+    car = rules.settings.get("DR_SIM_CAR", DEFAULT_CAR)
+    stored = limit_of(rules.world, tracks_folder, directory, reverse=rules.reverse, car=car)
+    return replace(report, limit=limit_text(min(laps), stored))
