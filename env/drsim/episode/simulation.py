@@ -276,6 +276,7 @@ class Simulation:
         if verdict.put_back.any():
             forgiven = np.flatnonzero(verdict.put_back)
             self._placement.put_back(forgiven, episodes.state, verdict.status, came_from, contacts)
+            self._requests[forgiven] = 0.0
             self._positions.refresh_placed(forgiven)
             episodes.put_back(forgiven, self._positions.along_m[forgiven] / self.track.length_m)
             self._start_to_draw(forgiven)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from drsim.episode.episode_rules import EpisodeRules
 from drsim.episode.reward import centre_line_reward
 from drsim.episode.simulation import Simulation
 from drsim.episode.teacher_features import EPISODE_DIMS, TEACHER_DIMS
@@ -75,6 +76,23 @@ def test_motion_and_the_last_request_are_told_until_the_next_start(simulate):
     assert told[1, 6] < -0.1
     np.testing.assert_allclose(after[0, 4:10], 0.0, atol=1e-6)
     np.testing.assert_array_equal(after[1], told[1])
+
+
+def test_a_car_that_was_put_back_on_the_road_has_no_request_under_way(track):
+    rules = EpisodeRules(max_resets=1)
+    sim = Simulation(
+        track, num_cars=2, reward_function=centre_line_reward, num_threads=1, rules=rules
+    )
+    sim.reset(BOTH, np.array([0.0, 0.5]))
+    resets = 0
+    while resets == 0:
+        resets = sim.step(np.array([30.0, 0.0]), np.array([2.0, 0.5])).resets[0]
+
+    told = sim.teacher_state(BOTH)
+    sim.close()
+
+    np.testing.assert_array_equal(told[0, 4:10], 0.0)
+    np.testing.assert_allclose(told[1, 8:10], [0.0, 0.125])
 
 
 def test_an_object_is_told_in_the_frame_of_the_car_and_by_the_room_beside_it(simulate, track):
