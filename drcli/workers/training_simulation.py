@@ -46,8 +46,8 @@ CONFIRMATION_STRIDE = 1_000_003
 
 
 START_OFFSET_M, START_ANGLE_DEG = 0.15, 10.0
-"""How far beside the centre line, and how much turned, episodes of a training with a teacher begin:
-who has seen this comes back to the line."""
+"""How far beside the centre line, and how much turned, episodes of a teacher begin, and those in
+which a student learns from it: who has seen this comes back to the line."""
 
 MILD = Realism(
     image_noise=4.0,
@@ -263,17 +263,18 @@ class TrainingSimulation:
         """A training episode as the phase needs it: who drives it, from where, and under what."""
         random = np.random.Generator(np.random.Philox(key=[self._seed, plan.number]))
         fraction, offset, angle, nominal = random.uniform(-1.0, 1.0, 4).tolist()
-        by_teacher = teacher_drives(mark, iteration, self.part.position(plan.number))
-        conditions = NOMINAL
-        if mark.name != "teacher" and nominal > 0.0:
-            conditions = MILD.draw(plan.seed(self._seed))
+        if self._is_nominal:
+            is_mild = mark.name != "teacher" and nominal > 0.0
+            drawn = MILD.draw(plan.seed(self._seed)) if is_mild else NOMINAL
+            plan = replace(plan, conditions=drawn)
+        if mark.name == "ppo":
+            return plan
         return replace(
             plan,
             start_fraction=0.5 + 0.5 * fraction,
             offset_m=START_OFFSET_M * offset,
             angle_deg=START_ANGLE_DEG * angle,
-            racer=int(by_teacher),
-            conditions=conditions if self._is_nominal else None,
+            racer=int(teacher_drives(mark, iteration, self.part.position(plan.number))),
         )
 
     def confirmation_plans(self, number: int, count: int) -> list[Plan]:

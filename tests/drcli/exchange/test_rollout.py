@@ -80,6 +80,17 @@ def test_slices_of_a_larger_buffer_are_packed_right():
     assert_same(decoded(encode_episodes(every_other)), episodes)
 
 
+def test_episodes_of_a_teacher_travel_without_pictures():
+    whole = played([3, 5])
+    blind = changed(whole, frames=np.empty((8, 2, 0, 0), np.uint8))
+
+    found = decode_episodes([encode_episodes(blind)] * 2, 16)
+
+    assert found.rollout.frames.shape == (16, 2, 0, 0)
+    assert found.rollout.states.tolist() == [*whole.rollout.states.tolist()] * 2
+    assert len(encode_episodes(blind)) < len(encode_episodes(whole))
+
+
 def test_parts_are_joined_in_order():
     parts = [encode_episodes(played([3, 2])), encode_episodes(played([4], first=2))]
 
