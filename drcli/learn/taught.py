@@ -265,7 +265,7 @@ class _Distillation:
 
     def _labels(self, rollout: Rollout) -> Float32s:
         """What the teacher would do: actions, or the probability of each of them."""
-        self._teacher.eval()  # gives a step the same bits in any rollout
+        self._teacher.train()  # one product for all steps, which gives equal rollouts equal bits
         state = torch.from_numpy(rollout.states).to(self.compute.device)
         with torch.inference_mode():
             policy = self._teacher.policy(state)
