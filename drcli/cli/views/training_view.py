@@ -66,6 +66,8 @@ def live(
     ]
     # A warning names the best checkpoint too, so it replaces the line about checkpoints.
     parts.append(_warning(report) if report.warning else Text(_checkpoints(report)))
+    if report.limit:
+        parts.append(Text(f"best lap {report.limit}"))
     parts.append(Text(FOOTER if report.state in ("starting", "running") else "", style="dim"))
     for part in parts:
         if isinstance(part, Text):
@@ -107,6 +109,7 @@ def run(columns: int, report: "RunReport") -> RenderableType:
             Text(f"{laps:,} of {counted(episodes, 'training episode')} completed a lap."),
             *(Text(line) for line in [_newest(report)] if line),
             Text(_checkpoints(report)),
+            *(Text(f"best lap {line}") for line in [report.limit] if line),
             *(Text(line) for line in [_convergence(report)] if line),
             *(Text(line) for line in _milestones(report)),
         ]
@@ -408,8 +411,7 @@ def _checkpoints(report: "RunReport") -> str:
         return f"last {number}; checkpoints are evaluated from the next phase on"
     if best.metric is None:
         return f"last {number}, none was evaluated yet"
-    limit = f"   {report.limit}" if report.limit else ""
-    return f"best {best.text}   last {number}{limit}"
+    return f"best {best.text}   last {number}"
 
 
 def _newest(report: "RunReport") -> str:
