@@ -32,6 +32,7 @@ NAMES = (
     "guide_values",
     "fast_lap",
     "goal",
+    "teacher",
     "flame",
     "flush",
     "rewards",

@@ -1,7 +1,7 @@
 """Whether a training that ends at a lap time keeps its word: fresh laps of its best checkpoint.
 
     python scripts/bench goal [--lap-time 8.0] [--seeds 1 2 3 4 5] [--laps 100] [--minutes 15]
-        [--files FOLDER] [--world NAME] [--json]
+        [--files FOLDER] [--world NAME] [--teacher] [--json]
 
 Each seed is a run of the real commands in an empty folder: `dr-start-training --until-lap-time`
 with `defaults/rewards/speed`, and then `dr-evaluate --laps` from starts of another seed. With
@@ -9,6 +9,7 @@ with `defaults/rewards/speed`, and then `dr-evaluate --laps` from starts of anot
 
     seed         of the training
     train_s      wall time of the training command, seconds
+    cpu_s        processor time of the command and its workers, seconds, without the bucket's server
     steps        learned from
     reached      whether the training ended at the lap time, and not at --minutes
     clean        of the fresh laps, those that were completed without a reset
@@ -21,6 +22,7 @@ import argparse
 import json
 import os
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -48,6 +50,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=15.0, help="longest training")
     parser.add_argument("--files", type=Path, default=PROJECT / "defaults" / "rewards" / "speed")
     parser.add_argument("--world", default="reinvent_base")
+    parser.add_argument("--teacher", action="store_true", help="train with a teacher")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     results = []
@@ -68,9 +71,11 @@ def run_seed(seed: int, options: argparse.Namespace) -> dict[str, Any]:
         environment = {**os.environ, "DR_WORLD_NAME": options.world}
         began_s = time.monotonic()
         limits = ["--until-lap-time", str(options.lap_time), "--max-minutes", str(options.minutes)]
-        train = ["start-training", "--foreground", "-q", "--seed", str(seed), *limits]
+        method = "--teacher" if options.teacher else "--no-teacher"
+        train = ["start-training", "--foreground", "-q", method, "--seed", str(seed), *limits]
+        before_s = _cpu_s()
         subprocess.run(command_of(*train), cwd=folder, env=environment, check=True)
-        train_s = time.monotonic() - began_s
+        train_s, cpu_s = time.monotonic() - began_s, _cpu_s() - before_s
         drive = [
             "evaluate",
             "--json",
@@ -92,6 +97,7 @@ def run_seed(seed: int, options: argparse.Namespace) -> dict[str, Any]:
         return {
             "seed": seed,
             "train_s": round(train_s, 1),
+            "cpu_s": round(cpu_s, 1),
             "steps": last.total_steps,
             "reached": train_s < 60.0 * options.minutes,
             "clean": len(clean),
@@ -99,6 +105,12 @@ def run_seed(seed: int, options: argparse.Namespace) -> dict[str, Any]:
             "median_s": median(clean) if clean else None,
             "eval_share": float(share[1]) / 100.0 if share else None,
         }
+
+
+def _cpu_s() -> float:
+    """Processor time of all programs that this one has started and that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 if __name__ == "__main__":
