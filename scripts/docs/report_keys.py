@@ -131,6 +131,7 @@ REPORTS: Mapping[str, tuple[str, ...]] = {
     "cli.completion:Installed": ("completion install",),
     "tracks.track_facts:TrackList": ("tracks list",),
     "tracks.tracks_folder:TrackView": ("tracks show",),
+    "workers.racer_limit:FastestLine": ("tracks line", "tracks limit"),
     "tracks.track_facts:TrackFacts": ("tracks add", "tracks fetch"),
     "rewards.check:RewardReport": ("reward check",),
     "rewards.plot:PlotReport": ("reward plot",),

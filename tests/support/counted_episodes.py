@@ -20,7 +20,8 @@ def counted_episodes(model: Path) -> dict[str, int]:
         log = DeepRacerLog(model_folder=str(model))
         log.load_training_trace(ignore_metadata=True)
         theirs = log.dataframe().groupby(["worker", "iteration", "episode"]).ngroups
-        ours = len(run_of(open_model(settings, str(model)), settings.tracks_folder).episodes)
+        source = open_model(settings, str(model))
+        ours = len(run_of(source, settings.tracks_folder, settings.directory).episodes)
     page = 0
     for file in model.rglob("*-iteration.csv"):
         found = parse_name(file.relative_to(model).as_posix())

@@ -168,7 +168,7 @@ def settings(tmp_path):
 def by_analysis(path, settings):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        run = run_of(open_model(settings, str(path)), settings.tracks_folder)
+        run = run_of(open_model(settings, str(path)), settings.tracks_folder, settings.directory)
     steps = run.steps
     assert len(run.episodes) == 2
     assert steps["wall_clock"].isna().all() or (steps["wall_clock"] > 1e9).all()

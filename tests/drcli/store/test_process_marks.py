@@ -1,10 +1,10 @@
 """Processes are known again by their command line, in any locale, and can be ended."""
 
 import os
+import signal
 import subprocess
 import sys
 
-import psutil
 import pytest
 
 from drcli.store.server import server_process
@@ -22,17 +22,17 @@ def sleeper(tmp_path):
     """A process that was started for a folder with an umlaut."""
     mark = str(tmp_path / "Müllers Wagen")
     process = subprocess.Popen([sys.executable, "-c", "input()", mark], stdin=subprocess.PIPE)
-    yield process.pid, mark
+    yield process, mark
     process.kill()
     process.communicate()
 
 
 @pytest.mark.parametrize("utf8", ["0", "1"])
 def test_a_process_of_a_folder_with_an_umlaut_is_known_in_the_c_locale(sleeper, utf8):
-    pid, mark = sleeper
+    process, mark = sleeper
 
     answer = subprocess.run(
-        [sys.executable, "-c", ASKING, str(pid), mark],
+        [sys.executable, "-c", ASKING, str(process.pid), mark],
         env={**os.environ, "LC_ALL": "C", "PYTHONUTF8": utf8},
         capture_output=True,
         text=True,
@@ -43,10 +43,10 @@ def test_a_process_of_a_folder_with_an_umlaut_is_known_in_the_c_locale(sleeper, 
 
 
 def test_a_process_with_the_mark_is_ended_and_any_other_is_left_alone(sleeper):
-    pid, mark = sleeper
+    process, mark = sleeper
 
-    server_process.end(pid, mark + " of another racer")
-    assert psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    server_process.end(process.pid, mark + " of another racer")
+    assert process.poll() is None
 
-    server_process.end(pid, mark)
-    assert psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
+    server_process.end(process.pid, mark)
+    assert process.wait(timeout=60) == -signal.SIGTERM

@@ -143,7 +143,10 @@ def test_the_loss_type_reaches_the_learner(kind, loss_type, huber):
 def test_no_field_of_an_algorithm_but_adams_epsilon_is_without_a_hyperparameter():
     names = {field.name for kind in (PPOConfig, SACConfig) for field in fields(kind)}
 
-    assert {name for name in names if not hasattr(Hyperparameters(), name)} == {"adam_eps"}
+    assert {name for name in names if not hasattr(Hyperparameters(), name)} == {
+        "adam_eps",
+        "smoothness",  # of a teacher
+    }
 
 
 def test_the_trainer_does_not_load_the_simulator():

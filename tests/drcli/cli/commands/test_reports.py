@@ -152,6 +152,8 @@ CALLS = {
     "stop-loganalysis": "",
     "tracks list": "own",
     "tracks show reinvent_base": "waypoints",
+    "tracks line reinvent_base": "FASTEST_LINE = [",
+    "tracks limit reinvent_base": "The limit of the car",
     f"tracks add {TRACK}.csv": "waypoints",
     f"tracks fetch {TRACK}": "waypoints",
     "reward check": "steady lap",
