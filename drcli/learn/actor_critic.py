@@ -57,10 +57,6 @@ class PolicyAndValue(nn.Module):
         """Side of the blocks into which frames are cut for it in bfloat16."""
         return 1
 
-    def forward(self, seen: Observation) -> Output:
-        """Evaluate policy and value for n steps."""
-        raise NotImplementedError
-
     def without_critic(self) -> list[Tensor]:
         """The parameters of policy and body: all but those of the critic."""
         critic = set(self.value_head.parameters())

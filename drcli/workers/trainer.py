@@ -51,8 +51,7 @@ from drcli.workers.restore_learner import forget_evaluations, restore_learner
 from drcli.workers.roll_back import RollbackControl, RolledBack
 from drcli.workers.scoring import Scoring
 from drcli.workers.share_keeper import ShareKeeper
-from drcli.workers.stage_progress import parameters_of
-from drcli.workers.training_phases import PhaseJudge, episodes_of, most_episodes
+from drcli.workers.training_phases import PhaseJudge, episodes_of, numbered_episodes
 from drcli.workers.training_progress import TrainingProgress
 from drcli.workers.wait_for_trainer import RECHECK_S
 from drcli.workers.worker_process import Activity, Lifeline, StopRequested
@@ -192,12 +191,9 @@ class Trainer:
     def _divide_episodes(self) -> None:
         """Let the workers share the episodes of the present stage."""
         parameters = self._stages.parameters(self._design.parameters)
-        each = [parameters_of(stage, self._design.parameters) for stage in self._job.stages]
-        if not each and parameters.taught:
-            each = [parameters]
         self._shares.begin_stage(
             episodes_of(self._progress.phase, parameters),
-            max(map(most_episodes, each), default=0),
+            numbered_episodes(self._job.stages, self._design.parameters),
             self._progress.first_iteration,
         )
 

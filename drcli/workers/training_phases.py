@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.phase import PhaseMark
+from drcli.exchange.stage import Stage
 from drcli.learn.phases import Phase
 from drcli.modelfiles.hyperparameters import Hyperparameters
+from drcli.workers.stage_progress import parameters_of
 
 EPISODES: dict[Phase, int] = {"teacher": 64, "distillation": 32, "ppo": 20}
 """Least episodes of an iteration. The hyperparameters say how many a policy needs that begins with
@@ -62,8 +64,16 @@ def phase_of(
     return known or PhaseMark("teacher", checkpoint.number, checkpoint.steps)
 
 
-def most_episodes(parameters: Hyperparameters) -> int:
-    """The largest number of training episodes of an iteration of any phase."""
+def numbered_episodes(stages: Sequence[Stage], whole: Hyperparameters) -> int:
+    """The largest number of training episodes of an iteration of any stage or phase.
+
+    It is 0 where there is only one such number, as for `Share`.
+    """
+    each = [parameters_of(stage, whole) for stage in stages] or [whole] * whole.taught
+    return max(map(_most_episodes, each), default=0)
+
+
+def _most_episodes(parameters: Hyperparameters) -> int:
     own = parameters.num_episodes_between_training
     return max(own, *EPISODES.values()) if parameters.taught else own
 

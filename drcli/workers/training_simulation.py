@@ -31,7 +31,7 @@ from drcli.workers.live_moment import Onlooker
 from drcli.workers.reward_failures import RewardFailures
 from drcli.workers.second_track import SecondTrack
 from drcli.workers.stage_progress import parameters_of
-from drcli.workers.training_phases import episodes_of, most_episodes, teacher_drives
+from drcli.workers.training_phases import episodes_of, numbered_episodes, teacher_drives
 from drsim.car.conditions import NOMINAL
 from drsim.car.realism import Realism
 from drsim.episode.episode_rules import EpisodeRules
@@ -121,14 +121,11 @@ class TrainingSimulation:
         self.assigned: AssignedShare | None = None
         self.phase: PhaseMark | None = None
         racer = racers[0]
-        each = [parameters_of(other, design.parameters) for other in job.stages]
-        if not each and self._parameters.taught:
-            each = [self._parameters]
         self.share = Share(
             worker,
             max(1, train.workers),
             self._parameters.num_episodes_between_training,
-            max(map(most_episodes, each), default=0),
+            numbered_episodes(job.stages, design.parameters),
         )
         plain.info(reference_log.start_lines(prefix, race, metadata, self._parameters, "TRAINING"))
         self.targets = targets_of(job, stage)
