@@ -12,6 +12,7 @@ from drcli.analysis.model_source import ModelSource
 from drcli.analysis.read_log import simulation_logs
 from drcli.base.errors import DrError
 from drcli.base.json_record import RecordError
+from drcli.config.value_types import USUAL_CAR
 from drcli.exchange.spending import StartSpending
 from drcli.exchange.training_start import TrainingStart
 from drcli.modelfiles.action_space import ActionSpace
@@ -186,7 +187,7 @@ def _car(settings: Mapping[str, Any] | None) -> str | None:
     """The car of settings that differ from their defaults; None if they are not known."""
     if settings is None or any(name.startswith(_OWN_CAR) for name in settings):
         return None
-    return str(settings.get("DR_SIM_CAR", "release-6"))
+    return str(settings.get("DR_SIM_CAR", USUAL_CAR))
 
 
 def _start(texts: _Texts) -> TrainingStart | None:

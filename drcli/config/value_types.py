@@ -12,6 +12,8 @@ from drcli.base.problems import BadValue
 CarName = Literal["release-6", "low-grip", "2022"]
 """Sets of `drsim.car.car_sets`."""
 
+USUAL_CAR: CarName = "release-6"
+
 FOLDER_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
 """Name of a folder in experiments/: no path, and nothing that is hidden."""
 

@@ -5,7 +5,7 @@ from typing import Literal
 
 from drcli.config.checkpoint_words import CheckpointText
 from drcli.config.fields import Group, setting
-from drcli.config.value_types import CarName, Colour, StartOffset, WorldName
+from drcli.config.value_types import USUAL_CAR, CarName, Colour, StartOffset, WorldName
 
 _SHELL = "videos show one shell in all colours"
 FULL_SPEED = "the simulation always runs as fast as the processor allows"
@@ -42,7 +42,7 @@ class RaceSettings(Group, title="Race and car"):
     )
     sim_car: CarName = setting(
         "DR_SIM_CAR",
-        "release-6",
+        USUAL_CAR,
         "How the simulated car drives: as in the reference's release 6, or in an earlier year.",
     )
     car_name: str = setting("DR_CAR_NAME", "FastCar", "Name of the car.")
