@@ -256,7 +256,12 @@ class Collector:
         )
 
     def _within_cap(self, driven: Episodes) -> Episodes:
-        """Leave out the last episodes if there are more than `max_steps`."""
+        """Leave out the last episodes if there are more than `max_steps`.
+
+        The limit is for frames: those of a teacher have none, and take little memory and time.
+        """
+        if not driven.rollout.frames.size:
+            return driven
         order = np.argsort(driven.numbers, kind="stable")
         fits = np.cumsum(driven.rollout.lengths[order]) <= self._max_steps
         fits[0] = True

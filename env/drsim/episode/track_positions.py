@@ -37,9 +37,14 @@ class TrackPositions:
         self._look()
 
     def refresh(self) -> None:
-        """Find where all cars are after a step."""
+        """Find where all cars are after a step.
+
+        A car that stands still, as after its episode, stays at its place.
+        """
+        stands = (self._cars.front_xy == self._seen_xy).all(axis=1)
         self._look()
         along_m = self.where.distance_m.copy()
+        along_m[stands] = self.along_m[stands]
         for car in np.flatnonzero(np.abs(along_m - self.along_m) > JUMP_M):
             track = self._tracks[self._backward[car]]
             along_m[car] = without_jump(
@@ -57,6 +62,7 @@ class TrackPositions:
         self.along_m[cars] = self.where.distance_m[cars]
 
     def _look(self) -> None:
+        self._seen_xy = self._cars.front_xy.copy()
         self.where = self._tracks[0].locate(self._cars.front_xy)
         self.wheels_on = self._tracks[0].on_road(self._cars.wheel_xy).sum(axis=1)
         if self._backward.any():
