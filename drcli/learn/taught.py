@@ -35,7 +35,6 @@ TEACHER = PPOConfig(
     batch_size=512,
     num_epochs=8,
     lr=1e-3,
-    discount_factor=0.99,
     beta_entropy=5e-4,
     gae_lambda=0.9,
     max_grad_norm=0.5,
@@ -43,7 +42,8 @@ TEACHER = PPOConfig(
     smoothness=0.5,
     bootstrap_cut=True,
 )
-"""Hyperparameters of the teacher. Those of the model are for its camera policy.
+"""Hyperparameters of the teacher. Those of the model are for its camera policy, except for the
+discount factor: it says what is to be learned, and not how.
 
 Without the term for smoothness, a teacher steers from one side to the other by what no camera
 picture shows, such as how fast the car turns. On `reinvent_base` a student then drove 37 of 40 laps
@@ -112,7 +112,8 @@ class TaughtLearner:
                 with torch.no_grad():
                     self.model.teacher.log_std.fill_(FIRST_LOG_STD)
             small = replace(self.compute, bf16=False, parts=1)
-            self._learner = PPO(self.teacher, TEACHER, small)
+            own = replace(TEACHER, discount_factor=self.config.discount_factor)
+            self._learner = PPO(self.teacher, own, small)
         elif phase == "distillation":
             self._calm(SMALL_LOG_STD)
             self._learner = _Distillation(self.model, self.teacher, self.compute)

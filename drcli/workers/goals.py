@@ -1,5 +1,6 @@
 """Decides when a training is complete, and says so in advance when it starts."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -45,6 +46,11 @@ class Target:
     mean_s: float | None = None
     progress: float | None = None
     evaluations: int = 1
+
+    @property
+    def lap_time_s(self) -> float:
+        """The longest that laps may take, each or on average; infinity if there is no limit."""
+        return min((s for s in (self.most_s, self.mean_s) if s is not None), default=math.inf)
 
     def shown_by(self, progress: Sequence[float], lap_s: Sequence[float]) -> bool:
         """Whether an evaluation is good enough, by the progress of all and the times of clean laps.

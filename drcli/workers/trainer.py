@@ -472,8 +472,7 @@ class Trainer:
         if mark is None or not isinstance(self._learner, TaughtLearner):
             return
         targets = targets_of(self._job, self._stages.stage)
-        wanted = [s for each in targets for s in (each.most_s, each.mean_s) if s is not None]
-        judge = PhaseJudge(min(wanted, default=None))
+        judge = PhaseJudge(min((each.lap_time_s for each in targets), default=None))
         found = judge.next_mark(mark, [*self._history.records, newest])
         if found is None:
             return

@@ -91,7 +91,7 @@ class PhaseJudge:
     """Decides by what was driven in a phase when it is over.
 
     Attributes:
-        lap_time_s: What somebody waits for; None if nobody does.
+        lap_time_s: What somebody waits for: infinity for any lap, None if nobody waits.
     """
 
     lap_time_s: float | None = None

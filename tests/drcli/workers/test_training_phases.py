@@ -1,5 +1,6 @@
 """When the phases of a training with a teacher end, and who drives in them."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -74,7 +75,7 @@ def test_what_another_phase_has_driven_does_not_count():
     assert PhaseJudge().next_mark(TEACHER, early) is None
 
 
-@pytest.mark.parametrize(("lap_time_s", "ends"), [(10.0, True), (9.2, False), (None, False)])
+@pytest.mark.parametrize(("lap_time_s", "ends"), [(10.0, True), (9.2, False), (math.inf, True), (None, False)])
 def test_a_teacher_that_is_fast_enough_for_the_goal_begins_to_teach(lap_time_s, ends):
     found = PhaseJudge(lap_time_s).next_mark(TEACHER, driven([1.0]))
 
