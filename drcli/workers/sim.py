@@ -339,7 +339,7 @@ class SimWorker:
                 writer.finish(notes)
                 wake(self._job.folder, "trainer")
                 self._delivered_s = time.monotonic()
-                # To write the trace takes up to a fifth as long as to drive, and less than to learn.
+                # To write the trace takes up to a fifth as long as to drive: the trainer learns.
                 self._results.publish_trace(iteration, name, training, clock)
                 self._results.gather()
                 if len(evaluation) < trials:

@@ -1,5 +1,6 @@
 """Knows in which stage a training is, and when the next one begins."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -128,9 +129,13 @@ class StageProgress:
 
     def is_time_over(self, elapsed_s: float) -> bool:
         """Whether the minutes of the stage have passed, after so much wall time of training."""
+        return self.left_s(elapsed_s) <= 0.0
+
+    def left_s(self, elapsed_s: float) -> float:
+        """Seconds that the minutes of the stage leave then; infinity without such a limit."""
         if self.stage is None or self.mark is None or self.stage.goal.minutes is None:
-            return False
-        return elapsed_s - self.mark.elapsed_s >= 60.0 * self.stage.goal.minutes
+            return math.inf
+        return self.mark.elapsed_s + 60.0 * self.stage.goal.minutes - elapsed_s
 
     def _good_enough(self, own: Sequence[IterationRecord]) -> str | None:
         """Which targets are reached, if all are."""

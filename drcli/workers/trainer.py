@@ -472,7 +472,8 @@ class Trainer:
         if mark is None or not isinstance(self._learner, TaughtLearner):
             return
         targets = targets_of(self._job, self._stages.stage)
-        judge = PhaseJudge(min((each.lap_time_s for each in targets), default=None))
+        left_s = min(-self.goals.late_s(), self._stages.left_s(self._progress.elapsed_s))
+        judge = PhaseJudge(min((each.lap_time_s for each in targets), default=None), left_s)
         found = judge.next_mark(mark, [*self._history.records, newest])
         if found is None:
             return

@@ -1,5 +1,6 @@
 """Knows in which phase a training with a teacher is, and when the next one begins."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -92,9 +93,11 @@ class PhaseJudge:
 
     Attributes:
         lap_time_s: What somebody waits for: infinity for any lap, None if nobody waits.
+        left_s: How long the training, or the stage, goes on at most.
     """
 
     lap_time_s: float | None = None
+    left_s: float = math.inf
 
     def next_mark(
         self, mark: PhaseMark, records: Sequence[IterationRecord]
@@ -124,8 +127,11 @@ class PhaseJudge:
         steps = own[-1].total_steps - mark.steps
         if steps >= MOST_STEPS[mark.name]:
             return f"it has taken {steps:,} steps"
-        if mark.name == "teacher" and self._is_fast_enough(own[-1]):
-            return f"its laps take {own[-1].best_lap_s:.2f} s"
+        if mark.name == "teacher":
+            if self._is_fast_enough(own[-1]):
+                return f"its laps take {own[-1].best_lap_s:.2f} s"
+            if own[-1].elapsed_s - (before[-1].elapsed_s if before else 0.0) >= self.left_s:
+                return "half of the time is over"  # a student needs the rest
         if mark.name == "distillation":
             own = [r for r in own if r.iteration >= mark.iteration + MIXED_ITERATIONS]
             if self._follows(own, before):

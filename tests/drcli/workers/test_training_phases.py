@@ -75,7 +75,17 @@ def test_what_another_phase_has_driven_does_not_count():
     assert PhaseJudge().next_mark(TEACHER, early) is None
 
 
-@pytest.mark.parametrize(("lap_time_s", "ends"), [(10.0, True), (9.2, False), (math.inf, True), (None, False)])
+@pytest.mark.parametrize(("left_s", "ends"), [(100.0, False), (59.0, True), (math.inf, False)])
+def test_a_teacher_leaves_its_student_half_of_the_time(left_s, ends):
+    before = replace(ANY, iteration=3, elapsed_s=240.0)
+    newest = replace(ANY, elapsed_s=300.0)
+    found = PhaseJudge(None, left_s).next_mark(TEACHER, [before, newest])
+    assert (found is not None) is ends
+
+
+@pytest.mark.parametrize(
+    ("lap_time_s", "ends"), [(10.0, True), (9.2, False), (math.inf, True), (None, False)]
+)
 def test_a_teacher_that_is_fast_enough_for_the_goal_begins_to_teach(lap_time_s, ends):
     found = PhaseJudge(lap_time_s).next_mark(TEACHER, driven([1.0]))
 
