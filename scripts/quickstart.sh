@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# From nothing to evaluated laps: installs, trains on the default track until the car laps,
+# From nothing to fast laps: installs, trains on the default track until the car laps in 8 seconds,
 # evaluates the best checkpoint, shows the result. Takes a few minutes on two cores.
 #
 # Works in its own folder (default: data/quickstart), so it never touches your runs. Run it again to
@@ -12,10 +12,10 @@ work=${1:-$project/data/quickstart}
 export PATH="$project/.venv/bin:$PATH"
 
 mkdir -p "$work"
-cp "$project/run.env" "$project/system.env" "$work/"
 cd "$work"
+dr-init -q -f --preset virtual
 dr-stop-training
-dr-start-training -w -f --until-laps 5 --max-minutes 8
+dr-start-training -w -f --until-lap-time 8 --max-minutes 8
 dr-evaluate
 echo "Everything is in $work. To use the commands there:"
 printf '  cd %q && source %q\n' "$work" "$project/.venv/bin/activate"

@@ -16,7 +16,6 @@ from drcli.cli.views.layout import counted
 from drcli.cli.working_folder import current_folder, working_folder
 
 if TYPE_CHECKING:
-    from drcli.config.write_folder import FolderPlan
     from drcli.models.ready_made import ReadyMadeModel
 
 OPTIONS = {
@@ -33,8 +32,9 @@ OPTIONS = {
 """The option for each setting that can be given here, in the order of `init`."""
 
 
-TEACHER = False
-"""Whether models of new folders train with a teacher, where nobody says."""
+TAUGHT_PRESETS = ("virtual",)
+"""Presets whose models train with a teacher where nobody says. It brings fast laps several times
+sooner; a model that shall only stay on the road has learned that as soon without one."""
 
 
 def init(
@@ -145,6 +145,7 @@ def init(
     )
     from drcli.config.presets import preset_of
     from drcli.config.write_folder import write
+    from drcli.modelfiles.training_method import plan_with_method
     from drcli.models.begin_with_model import check_place, put_into_bucket, values_with
 
     if folder == "":
@@ -171,11 +172,14 @@ def init(
             if prompts.may_ask() and not force:
                 values = with_answers(values, prompts.ask, console.warn)
                 if teacher is None and ready_made is None and preset != "sac":
-                    teacher = wants_teacher(prompts.ask)
+                    teacher = wants_teacher(prompts.ask, usually=preset in TAUGHT_PRESETS)
             plan = plan_folder(Path(folder or current_folder()), values, chosen, files)
         if curriculum:
             plan = with_curriculum(plan)
-        plan = _with_teacher(plan, teacher, is_own=experiment is None and ready_made is None)
+        if teacher is None and preset in TAUGHT_PRESETS and ready_made is None:
+            teacher = True
+        if teacher is not None:
+            plan = plan_with_method(plan, teacher)
     except ProblemsError as error:
         raise in_options(error, OPTIONS, {*values, "DR_EXPERIMENT_NAME"}) from None
     if plan.clashes and not force:
@@ -207,16 +211,6 @@ def init(
     steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
     after = _AFTER_FILES if ready_made is None else _AFTER_MODEL
     console.suggest([*steps, *after], elsewhere=True)
-
-
-def _with_teacher(plan: "FolderPlan", teacher: bool | None, *, is_own: bool) -> "FolderPlan":
-    """The plan with the training method that was chosen, or with that of new folders."""
-    from drcli.modelfiles.training_method import is_sac, plan_with_method
-
-    if teacher is None and TEACHER and is_own:
-        metadata = (f.data for f in plan.files if f.name.endswith("model_metadata.json"))
-        teacher = not any(map(is_sac, metadata)) or None
-    return plan if teacher is None else plan_with_method(plan, teacher)
 
 
 _AFTER_FILES = (("dr-validate", "check everything"), ("dr-start-training", "train"))
@@ -280,10 +274,10 @@ def with_answers(
     return values
 
 
-def wants_teacher(ask: Callable[[str, str, Sequence[str]], str]) -> bool:
-    """The answer to the question whether a teacher comes first."""
+def wants_teacher(ask: Callable[[str, str, Sequence[str]], str], *, usually: bool) -> bool:
+    """The answer to the question whether a teacher comes first, which is `usually` this."""
     question = "Learn from a teacher that sees the track first (docs/teacher.md)"
-    return ask(question, "yes" if TEACHER else "no", ("yes", "no")) == "yes"
+    return ask(question, "yes" if usually else "no", ("yes", "no")) == "yes"
 
 
 def _next(

@@ -37,23 +37,28 @@ def test_a_preset_for_sac_has_no_teacher(tmp_path):
         plan_with_method(plan, teacher=True)
 
 
-def test_new_folders_begin_as_the_one_constant_says(tmp_path, monkeypatch):
-    plan = plan_folder(tmp_path, {}, None)
-    sac = plan_folder(tmp_path, {}, preset_of("sac"))
-    assert init._with_teacher(plan, None, is_own=True) is plan
+@pytest.mark.parametrize(
+    ("options", "method"),
+    [
+        ([], None),
+        (["--preset", "physical"], None),
+        (["--preset", "virtual"], "teacher"),
+        (["--preset", "virtual", "--no-teacher"], "camera"),
+        (["--teacher"], "teacher"),
+    ],
+)
+def test_models_of_the_fast_preset_have_a_teacher(dr, empty, options, method):
+    assert dr("init", "--force", *options) == 0
 
-    monkeypatch.setattr(init, "TEACHER", True)
-
-    taught = init._with_teacher(plan, None, is_own=True)
-    assert b'"training_method": "teacher"' in parameters_of(taught)
-    assert init._with_teacher(sac, None, is_own=True) is sac
-    assert init._with_teacher(plan, None, is_own=False) is plan
+    written = json.loads((empty / "custom_files/hyperparameters.json").read_bytes())
+    assert written.get("training_method") == method
 
 
+@pytest.mark.parametrize("usually", ["yes", "no"])
 @pytest.mark.parametrize(("answer", "wanted"), [("yes", True), ("no", False)])
-def test_the_question_is_answered_with_yes_or_no(answer, wanted):
+def test_the_question_is_answered_with_yes_or_no(answer, wanted, usually):
     def ask(question, default, choices):
-        assert (default, choices) == ("no", ("yes", "no"))
+        assert (default, choices) == (usually, ("yes", "no"))
         return answer
 
-    assert init.wants_teacher(ask) is wanted
+    assert init.wants_teacher(ask, usually=usually == "yes") is wanted
