@@ -76,7 +76,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cars", type=int, default=32, help="cars side by side")
     parser.add_argument("--minutes", type=float, default=10.0, help="longest training")
-    parser.add_argument("--network", default="COMPACT_CONVOLUTIONAL_NETWORK")
+    parser.add_argument("--network", help="instead of the one in the files")
     parser.add_argument("--world", default="reinvent_base")
     parser.add_argument("--lend", action="store_true", help="lend it our process settings")
     options = parser.parse_args()

@@ -11,9 +11,9 @@ peer.
 
 Peers are trainings of others on the same cars, track, reward, actions and cores, also in turn and
 with the same longest time: Stable-Baselines3's PPO and SAC (`pip install stable-baselines3`), and
-PPO in the manner of CleanRL. `bench learn_lap_sb3` says how they are trained and judged. The time
-of their evaluations does not count, while ours does; and if they did not reach the lap time, their
-fresh laps are the last policy's.
+PPO in the manner of CleanRL. `bench learn_lap_sb3` says how they are trained and judged. Their
+evaluations count neither as time nor as processor time, while ours do. If they did not reach the
+lap time, their fresh laps are the last policy's.
 """
 
 import argparse
