@@ -4,7 +4,7 @@ The structure and the usual details: frames kept as float numbers, orthogonal we
 epsilon 1e-5, a learning rate that falls, advantages normalised in each minibatch, a clipped value
 loss, gradients clipped at 0.5, `approx_kl` and `clipfrac` noted at every step. For continuous
 actions, as in `ppo_continuous_action.py`: a Gaussian whose log standard deviation does not depend
-on the picture, and rewards divided by the spread of the returns so far.
+on the picture, and rewards divided by the spread of the returns so far, within -10 and 10.
 """
 
 import time
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from gymnasium.wrappers.vector import NormalizeReward
+from gymnasium.wrappers.vector import ClipReward, NormalizeReward
 from learn_peers import Choice, plain_body, serve
 from learn_runs import Pace, Work
 from numpy.typing import NDArray
@@ -91,7 +91,8 @@ class CleanRlTraining:
             num_threads=work.threads,
         )
         gamma = self._p.discount_factor
-        self._envs = NormalizeReward(envs, gamma) if work.spec.continuous else envs
+        scaled = ClipReward(NormalizeReward(envs, gamma), -10.0, 10.0)
+        self._envs = scaled if work.spec.continuous else envs
         self._random = np.random.default_rng(seed)
         torch.manual_seed(seed)
         self._agent = Agent(work.spec, autocast=choice.autocast).to(self._device)
