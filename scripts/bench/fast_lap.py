@@ -22,7 +22,6 @@ With --json the last line of stdout is one object: for each case
 """
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -124,9 +123,7 @@ def main() -> None:
 
 def train(case: str, seed: int, options: argparse.Namespace) -> Result:
     """Train until the limit."""
-    metadata = json.loads((options.files / "model_metadata.json").read_text("utf-8"))
-    network = metadata["neural_network"]
-    work = Work.load(settings_of(options), network, options.threads, options.files)
+    work = Work.load(settings_of(options), None, options.threads, options.files)
     started_s = time.process_time()
     training = MemoryTraining(work.changed(CASES[case]), seed, TRIALS)
     checkpoints: list[tuple[int, float | None]] = []

@@ -1,7 +1,7 @@
-"""Stable-Baselines3's PPO on our cars, for `bench learn`. Needs that library."""
+"""Stable-Baselines3's PPO and SAC on our cars, for `bench learn`. Needs that library."""
 
+import sys
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -9,13 +9,25 @@ import numpy as np
 from learn_peers import Choice, plain_body, serve
 from learn_runs import Pace, Work
 from numpy.typing import NDArray
-from stable_baselines3 import PPO
+from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from torch import Tensor
 
 from drcli.learn.policy import PolicySpec
 from drsim import Actions, Simulation
+
+NO_LOG = sys.maxsize
+"""Iterations or episodes from one line of the library's log to the next."""
+
+SAC_BUFFER = 40_000
+"""Steps in memory. Each has two pictures, 1.5 GB together; the library's million would need 38."""
+
+SAC_PARTS = 8
+"""An iteration has only a part of the steps: with SAC, each takes many times longer."""
+
+SAC_FIRST_STEPS = 1_000
+"""Driven at random before the first update."""
 
 
 class CarVecEnv(VecEnv):
@@ -35,7 +47,7 @@ class CarVecEnv(VecEnv):
         return self._simulation.frames.copy()
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Note the actions, of shape (n,)."""
+        """Note the actions, of shape (n,) or (n, dims)."""
         self._chosen = actions
 
     def step_wait(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], list[dict[str, Any]]]:
@@ -65,7 +77,7 @@ class CarVecEnv(VecEnv):
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
-    ) -> Sequence[Any]:
+    ) -> list[Any]:
         """Cars have no methods."""
         raise NotImplementedError
 
@@ -94,11 +106,15 @@ class Body(BaseFeaturesExtractor):
 
 
 class Sb3Training:
-    """The library's own training loop, one iteration at a time.
+    """The library's own training loop with PPO, one iteration at a time.
 
     Its features come from the layers of our network; policy and value stand on them. What the
     library adds by default (gradients clipped, advantages normalised in each minibatch) stays.
+    With continuous actions, rewards are divided by the spread of the returns so far, as the
+    library's guide and its tuned hyperparameters do.
     """
+
+    _model: PPO | SAC
 
     def __init__(self, work: Work, steps: int, choice: Choice, seed: int = 0) -> None:
         """Begin.
@@ -109,42 +125,75 @@ class Sb3Training:
             choice: How it runs.
             seed: Of everything that is random.
         """
-        p = work.parameters
         self._steps = steps
         self._envs = CarVecEnv(work.simulation(choice.cars), work.actions, seed)
-        self._model = PPO(
-            "CnnPolicy",
-            self._envs,
-            n_steps=steps // choice.cars,
-            batch_size=p.batch_size,
-            n_epochs=p.num_epochs,
-            learning_rate=p.lr,
-            gamma=p.discount_factor,
-            gae_lambda=p.gae_lambda,
-            clip_range=p.clip_range,
-            ent_coef=p.beta_entropy,
-            policy_kwargs={
+        common = {
+            "gamma": work.parameters.discount_factor,
+            "policy_kwargs": {
                 "features_extractor_class": Body,
                 "features_extractor_kwargs": {"spec": work.spec, "autocast": choice.autocast},
             },
-            seed=seed,
-            device=work.compute.device,
-        )
+            "seed": seed,
+            "device": work.compute.device,
+        }
+        self._build(work, common)
 
     def iterate(self) -> Pace:
         """Drive and learn as many steps as an iteration has."""
         started_s = time.perf_counter()
-        self._model.learn(self._steps, log_interval=None, reset_num_timesteps=False)
+        self._model.learn(self._steps, log_interval=NO_LOG, reset_num_timesteps=False)
         return Pace(self._steps, time.perf_counter() - started_s)
 
     def likeliest(self, frames: NDArray[np.uint8]) -> NDArray[Any]:
-        """The most likely actions, shape (n,), for frames of shape (n, 1, 120, 160)."""
+        """The most likely actions, (n,) or (n, dims), for frames of shape (n, 1, 120, 160)."""
         actions, _ = self._model.predict(frames, deterministic=True)
         return actions
 
     def close(self) -> None:
         """Free the threads."""
         self._envs.close()
+
+    def _build(self, work: Work, common: dict[str, Any]) -> None:
+        """Set the model. The arguments in `common` are those of all algorithms."""
+        p = work.parameters
+        envs: VecEnv = self._envs
+        if work.spec.continuous:
+            envs = VecNormalize(envs, norm_obs=False, gamma=p.discount_factor)
+        self._model = PPO(
+            "CnnPolicy",
+            envs,
+            n_steps=self._steps // envs.num_envs,
+            batch_size=p.batch_size,
+            n_epochs=p.num_epochs,
+            learning_rate=p.lr,
+            gae_lambda=p.gae_lambda,
+            clip_range=p.clip_range,
+            ent_coef=p.beta_entropy,
+            **common,
+        )
+
+
+class Sb3SacTraining(Sb3Training):
+    """The same with SAC, for continuous actions: the library's defaults but for the memory.
+
+    Of our hyperparameters it has the discount only, because the others are PPO's.
+    """
+
+    def _build(self, work: Work, common: dict[str, Any]) -> None:
+        self._steps //= SAC_PARTS
+        cars = self._envs.num_envs
+        self._model = SAC(
+            "CnnPolicy",
+            self._envs,
+            learning_rate=3e-4,
+            batch_size=256,
+            buffer_size=SAC_BUFFER,
+            learning_starts=SAC_FIRST_STEPS,
+            train_freq=1,
+            # Between the default, one for a step of all cars, and one for that of each car.
+            gradient_steps=max(1, cars // 4),
+            **common,
+        )
 
 
 if __name__ == "__main__":

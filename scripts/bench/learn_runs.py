@@ -104,20 +104,24 @@ class Work:
 
     @staticmethod
     def load(
-        environment: dict[str, str], network: str, threads: int, folder: Path = SHIPPED_FILES
+        environment: dict[str, str],
+        network: str | None,
+        threads: int,
+        folder: Path = SHIPPED_FILES,
     ) -> "Work":
         """Read the shipped files.
 
         Args:
             environment: Settings that differ from the shipped ones.
-            network: `neural_network` of model_metadata.json.
+            network: `neural_network` instead of that in model_metadata.json.
             threads: For simulation and learner.
             folder: Where the three files are.
         """
         settings = load_settings(PROJECT, environ={**os.environ, **environment})
         files = {name: (folder / name).read_bytes() for name in FILES}
-        written = json.loads(files["model_metadata.json"]) | {"neural_network": network}
-        files["model_metadata.json"] = json.dumps(written).encode()
+        if network is not None:
+            written = json.loads(files["model_metadata.json"]) | {"neural_network": network}
+            files["model_metadata.json"] = json.dumps(written).encode()
         parameters = Hyperparameters.from_bytes(files["hyperparameters.json"])
         metadata = ModelMetadata.from_bytes(files["model_metadata.json"])
         spec = policy_spec(metadata, parameters)
