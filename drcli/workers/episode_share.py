@@ -1,5 +1,6 @@
 """Decides which episodes a simulation worker drives, and how long its evaluations may take."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -88,13 +89,21 @@ class EvaluationBudget:
     ) -> None:
         self._share, self._credit_s = share, credit_s
         self._clock = clock
-        self._began_s = clock()
+        self._began_s = self._asked_s = clock()
         self._spent_s = self._last_s = 0.0
 
-    def allows_another(self) -> bool:
-        """Whether one more that takes as long as the last one stays within the share."""
-        allowed_s = self._credit_s + self._share * (self._clock() - self._began_s)
-        return self._spent_s + self._last_s <= allowed_s
+    def allows_another(self, left_s: float = math.inf) -> bool:
+        """Whether to evaluate during a drive that begins now; to be asked before each of them.
+
+        One more evaluation that takes as long as the last one has to stay within the share, or this
+        is the last drive that ends within the time that is left: its checkpoint is what the
+        training has come to.
+        """
+        now_s = self._clock()
+        cycle_s, self._asked_s = now_s - self._asked_s, now_s
+        allowed_s = self._credit_s + self._share * (now_s - self._began_s)
+        is_last = cycle_s <= left_s < 2.0 * cycle_s
+        return is_last or self._spent_s + self._last_s <= allowed_s
 
     def __str__(self) -> str:
         """Such as "4.1 s, 3.2 % of the time"."""

@@ -42,6 +42,7 @@ from drcli.workers.driven_episode import Driven, columns_of, episodes_of
 from drcli.workers.driving import Racer
 from drcli.workers.episode_log import log_evaluation, log_training
 from drcli.workers.episode_share import AssignedShare, EvaluationBudget
+from drcli.workers.goals import Goals
 from drcli.workers.live_scene import BLIND, facts_of
 from drcli.workers.live_view import LiveShow, live_show
 from drcli.workers.membership import Membership
@@ -132,6 +133,7 @@ class SimWorker:
         self._judged = train.train_best_model_world if train.train_eval_world else "training"
         self._lag = max_lag(train)
         self._evaluated = -1
+        self._goals = Goals(job, design.parameters)
         self._rollbacks = 0
         self._drives_as_trained = True
         self._loaded: Fingerprint | None = None
@@ -459,17 +461,20 @@ class SimWorker:
 
     def _evaluates(self, name: CheckpointName) -> bool:
         """Whether to evaluate the checkpoint during this drive, which takes time."""
+        allowed = self._budget.allows_another(-self._goals.late_s())
         if not self._simulation.trials or name.number == self._evaluated:
             return False
         phase = self._simulation.phase
-        if phase is not None and phase.name == "teacher":
-            return False  # the camera policy has learned nothing yet
+        if phase is not None and phase.name != "ppo":
+            begins = name.number == phase.iteration
+            if begins or phase.name == "teacher":
+                return False  # the camera policy has learned nothing yet
         if not self._drives_as_trained:
             return False  # its score would be that of other actions
         assigned = self._simulation.assigned
         if assigned is not None and not assigned.evaluates:
             return False
-        if not self._budget.allows_another():
+        if not allowed:
             return False
         self._evaluated = name.number
         return True

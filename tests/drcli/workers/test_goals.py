@@ -200,6 +200,18 @@ def test_a_credit_allows_evaluations_before_there_is_a_share_of_much_time():
     assert evaluated == 2
 
 
+def test_the_last_drive_within_the_time_evaluates_whatever_the_share():
+    now = [0.0]
+    budget = EvaluationBudget(0.0, clock=lambda: now[0])
+    budget.spend(3.0)
+
+    asked = []
+    for now[0] in (10.0, 20.0, 30.0, 40.0, 50.0):
+        asked.append(budget.allows_another(55.0 - now[0]))
+
+    assert asked == [False, False, False, True, False]
+
+
 def test_the_time_of_all_starts_counts_where_any_machine_may_continue(goals):
     def limited(*, whole_run):
         times = iter([0.0, 601.0])
