@@ -12,7 +12,7 @@ from drcli.learn.phases import Phase
 from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.workers.stage_progress import parameters_of
 
-EPISODES: dict[Phase, int] = {"teacher": 64, "distillation": 32, "ppo": 20}
+EPISODES: dict[Phase, int] = {"teacher": 32, "distillation": 24, "ppo": 20}
 """Least episodes of an iteration. The hyperparameters say how many a policy needs that begins with
 short episodes; here, whole laps are driven by small steps of the policy, which need many."""
 
@@ -20,7 +20,7 @@ MIXED_ITERATIONS = 4
 """In the first iterations of distillation the teacher drives a share of the episodes, which falls
 from all of them to none, so that the student sees good driving first, and then its own."""
 
-WINDOW: dict[Phase, int] = {"teacher": 5, "distillation": 3}
+WINDOW: dict[Phase, int] = {"teacher": 10, "distillation": 5}
 """Iterations whose mean is compared with that of as many before."""
 
 SURE_SHARE = 0.8
