@@ -92,18 +92,18 @@ class EvaluationBudget:
         self._began_s = self._asked_s = clock()
         self._spent_s = self._last_s = 0.0
 
-    def allows_another(self, left_s: float = math.inf) -> bool:
+    def allows_another(self, left_s: float = math.inf, *, promising: bool = True) -> bool:
         """Whether to evaluate during a drive that begins now; to be asked before each of them.
 
-        One more evaluation that takes as long as the last one has to stay within the share, or this
-        is the last drive that ends within the time that is left: its checkpoint is what the
-        training has come to.
+        The checkpoint has to be promising, and one more evaluation that takes as long as the last
+        one has to stay within the share; or this is the last drive that ends within the time that
+        is left: its checkpoint is what the training has come to.
         """
         now_s = self._clock()
         cycle_s, self._asked_s = now_s - self._asked_s, now_s
         allowed_s = self._credit_s + self._share * (now_s - self._began_s)
         is_last = cycle_s <= left_s < 2.0 * cycle_s
-        return is_last or self._spent_s + self._last_s <= allowed_s
+        return is_last or (promising and self._spent_s + self._last_s <= allowed_s)
 
     def __str__(self) -> str:
         """Such as "4.1 s, 3.2 % of the time"."""

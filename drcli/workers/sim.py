@@ -134,6 +134,7 @@ class SimWorker:
         self._lag = max_lag(train)
         self._evaluated = -1
         self._goals = Goals(job, design.parameters)
+        self._has_student_learned = False
         self._rollbacks = 0
         self._drives_as_trained = True
         self._loaded: Fingerprint | None = None
@@ -326,6 +327,8 @@ class SimWorker:
                 writer.add(episodes_of(shard))
                 shard.clear()
             if last:
+                own = [e.completed for e in training if e.racer == 0]
+                self._has_student_learned = 2 * sum(own) >= len(own) > 0
                 self._failures.count_calls(simulation.reward_calls)
                 notes = Driving(
                     drive_s=driven_s(),
@@ -461,14 +464,13 @@ class SimWorker:
 
     def _evaluates(self, name: CheckpointName) -> bool:
         """Whether to evaluate the checkpoint during this drive, which takes time."""
-        allowed = self._budget.allows_another(-self._goals.late_s())
+        phase = self._simulation.phase
+        promising = phase is None or phase.name != "distillation" or self._has_student_learned
+        allowed = self._budget.allows_another(-self._goals.late_s(), promising=promising)
         if not self._simulation.trials or name.number == self._evaluated:
             return False
-        phase = self._simulation.phase
-        if phase is not None and phase.name != "ppo":
-            begins = name.number == phase.iteration
-            if begins or phase.name == "teacher":
-                return False  # the camera policy has learned nothing yet
+        if phase is not None and phase.name == "teacher":
+            return False  # the camera policy has learned nothing yet
         if not self._drives_as_trained:
             return False  # its score would be that of other actions
         assigned = self._simulation.assigned

@@ -20,9 +20,7 @@ def test_evaluations_keep_to_their_share_whatever_ends_the_training(
 ):
     training = TrainingInMemory(working_folder, monkeypatch, DR_TRAIN_MAX_ITERATIONS=ITERATIONS)
     share = iter([True, False, True])
-    monkeypatch.setattr(
-        sim.EvaluationBudget, "allows_another", lambda self, left_s: next(share, False)
-    )
+    monkeypatch.setattr(sim.EvaluationBudget, "allows_another", lambda *_, **__: next(share, False))
 
     training.train(**options)
 
@@ -58,7 +56,7 @@ def test_a_checkpoint_that_completes_its_laps_by_luck_does_not_end_the_training(
 
         drive(driver, plans, end, *args, **options)
 
-    monkeypatch.setattr(sim.EvaluationBudget, "allows_another", lambda self, left_s: True)
+    monkeypatch.setattr(sim.EvaluationBudget, "allows_another", lambda *_, **__: True)
     monkeypatch.setattr(SimWorker, "_iterate", noted)
     monkeypatch.setattr(Driver, "drive", lucky)
 

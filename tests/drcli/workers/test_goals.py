@@ -200,14 +200,15 @@ def test_a_credit_allows_evaluations_before_there_is_a_share_of_much_time():
     assert evaluated == 2
 
 
-def test_the_last_drive_within_the_time_evaluates_whatever_the_share():
+@pytest.mark.parametrize(("share", "promising"), [(0.0, True), (1.0, False)])
+def test_the_last_drive_within_the_time_evaluates_in_any_case(share, promising):
     now = [0.0]
-    budget = EvaluationBudget(0.0, clock=lambda: now[0])
+    budget = EvaluationBudget(share, clock=lambda: now[0])
     budget.spend(3.0)
 
     asked = []
     for now[0] in (10.0, 20.0, 30.0, 40.0, 50.0):
-        asked.append(budget.allows_another(55.0 - now[0]))
+        asked.append(budget.allows_another(55.0 - now[0], promising=promising))
 
     assert asked == [False, False, False, True, False]
 
