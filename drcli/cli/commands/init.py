@@ -33,8 +33,8 @@ OPTIONS = {
 
 
 TAUGHT_PRESETS = ("virtual",)
-"""Presets whose models train with a teacher where nobody says. It brings fast laps several times
-sooner; a model that shall only stay on the road has learned that as soon without one."""
+"""Presets whose models train for a time trial with a teacher where nobody says. It brings fast laps
+several times sooner; a model that shall only stay on the road has learned that as soon without."""
 
 
 def init(
@@ -172,11 +172,11 @@ def init(
             if prompts.may_ask() and not force:
                 values = with_answers(values, prompts.ask, console.warn)
                 if teacher is None and ready_made is None and preset != "sac":
-                    teacher = wants_teacher(prompts.ask, usually=preset in TAUGHT_PRESETS)
+                    teacher = wants_teacher(prompts.ask, usually=_is_taught(preset, values))
             plan = plan_folder(Path(folder or current_folder()), values, chosen, files)
         if curriculum:
             plan = with_curriculum(plan)
-        if teacher is None and preset in TAUGHT_PRESETS and ready_made is None:
+        if teacher is None and ready_made is None and _is_taught(preset, values):
             teacher = True
         if teacher is not None:
             plan = plan_with_method(plan, teacher)
@@ -211,6 +211,11 @@ def init(
     steps = _next(plan.folder, experiment, plan.missing_track, sourced=sourced)
     after = _AFTER_FILES if ready_made is None else _AFTER_MODEL
     console.suggest([*steps, *after], elsewhere=True)
+
+
+def _is_taught(preset: str | None, values: Mapping[str, str]) -> bool:
+    """Whether the models of a new folder have a teacher where nobody says."""
+    return preset in TAUGHT_PRESETS and values.get("DR_RACE_TYPE", "TIME_TRIAL") == "TIME_TRIAL"
 
 
 _AFTER_FILES = (("dr-validate", "check everything"), ("dr-start-training", "train"))

@@ -43,6 +43,7 @@ def test_a_preset_for_sac_has_no_teacher(tmp_path):
         ([], None),
         (["--preset", "physical"], None),
         (["--preset", "virtual"], "teacher"),
+        (["--preset", "virtual", "--race-type", "OBJECT_AVOIDANCE"], None),
         (["--preset", "virtual", "--no-teacher"], "camera"),
         (["--teacher"], "teacher"),
     ],
