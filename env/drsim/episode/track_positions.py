@@ -54,6 +54,7 @@ class TrackPositions:
 
     def refresh_placed(self, cars: Ints) -> None:
         """Find where some cars are that have been placed, shape (k,); the others did not move."""
+        self._seen_xy[cars] = self._cars.front_xy[cars]
         self.where = Location._make(column.copy() for column in self.where)
         self.wheels_on = self.wheels_on.copy()
         self.wheels_on[cars] = self._tracks[0].on_road(self._cars.wheel_xy[cars]).sum(axis=1)
