@@ -8,6 +8,7 @@ import os
 import sys
 import time
 from dataclasses import replace
+from statistics import fmean
 
 import torch
 
@@ -57,6 +58,9 @@ from drcli.workers.worker_process import Activity, Lifeline, StopRequested
 from drsim.errors import RewardError
 
 _logger = get_logger(__name__)
+
+HALF_A_LAP = 50.0
+"""A student that gets this far in its training episodes, percent on average, is evaluated."""
 
 SHARD_STEPS = 256
 """Steps after which finished episodes are sent to the bucket: about 2 MB."""
@@ -327,8 +331,8 @@ class SimWorker:
                 writer.add(episodes_of(shard))
                 shard.clear()
             if last:
-                own = [e.completed for e in training if e.racer == 0]
-                self._has_student_learned = 2 * sum(own) >= len(own) > 0
+                own = [float(e.progress) for e in training if e.racer == 0]
+                self._has_student_learned = bool(own) and fmean(own) >= HALF_A_LAP
                 self._failures.count_calls(simulation.reward_calls)
                 notes = Driving(
                     drive_s=driven_s(),
