@@ -60,7 +60,7 @@ from drsim.errors import RewardError
 _logger = get_logger(__name__)
 
 HALF_A_LAP = 50.0
-"""A student that gets this far in its training episodes, percent on average, is evaluated."""
+"""A student whose training episodes get this far, percent on average, is evaluated."""
 
 SHARD_STEPS = 256
 """Steps after which finished episodes are sent to the bucket: about 2 MB."""
@@ -348,7 +348,7 @@ class SimWorker:
                 writer.finish(notes)
                 wake(self._job.folder, "trainer")
                 self._delivered_s = time.monotonic()
-                # To write the trace takes up to a fifth as long as to drive: the trainer learns.
+                # Writing the trace takes up to a fifth as long as driving. The trainer learns.
                 self._results.publish_trace(iteration, name, training, clock)
                 self._results.gather()
                 if len(evaluation) < trials:

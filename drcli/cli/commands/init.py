@@ -33,8 +33,8 @@ OPTIONS = {
 
 
 TAUGHT_PRESETS = ("virtual",)
-"""Presets whose models train for a time trial with a teacher where nobody says. It brings fast laps
-several times sooner; a model that shall only stay on the road has learned that as soon without."""
+"""Presets whose models train for a time trial with a teacher unless told otherwise. It brings fast
+laps several times sooner; a model that only has to stay on the road learns that as soon without."""
 
 
 def init(
@@ -176,7 +176,8 @@ def init(
             plan = plan_folder(Path(folder or current_folder()), values, chosen, files)
         if curriculum:
             plan = with_curriculum(plan)
-        if teacher is None and ready_made is None and _is_taught(preset, values):
+        is_new = experiment is None and ready_made is None
+        if teacher is None and is_new and _is_taught(preset, values):
             teacher = True
         if teacher is not None:
             plan = plan_with_method(plan, teacher)
@@ -214,7 +215,7 @@ def init(
 
 
 def _is_taught(preset: str | None, values: Mapping[str, str]) -> bool:
-    """Whether the models of a new folder have a teacher where nobody says."""
+    """Whether the models of a new folder have a teacher unless told otherwise."""
     return preset in TAUGHT_PRESETS and values.get("DR_RACE_TYPE", "TIME_TRIAL") == "TIME_TRIAL"
 
 

@@ -55,6 +55,15 @@ def test_models_of_the_fast_preset_have_a_teacher(dr, empty, options, method):
     assert written.get("training_method") == method
 
 
+def test_an_experiment_has_no_teacher_unless_it_is_asked_for(dr, empty):
+    dr("init", "--force", "--race-type", "OBJECT_AVOIDANCE")
+
+    dr("init", "--force", "--experiment", "quick", "--preset", "virtual")
+
+    written = (empty / "experiments/quick/custom_files/hyperparameters.json").read_text()
+    assert "training_method" not in written
+
+
 @pytest.mark.parametrize("usually", ["yes", "no"])
 @pytest.mark.parametrize(("answer", "wanted"), [("yes", True), ("no", False)])
 def test_the_question_is_answered_with_yes_or_no(answer, wanted, usually):
