@@ -96,30 +96,23 @@ class DriveResults:
         self._metrics.keep_before(iteration)
 
     def publish_training(
-        self, iteration: int, episodes: list[Driven], wall_clock: tuple[float, float]
-    ) -> None:
-        """Publish the metrics of the training episodes of an iteration.
-
-        Args:
-            iteration: Its number.
-            episodes: All of this worker; they are sorted, and get their times.
-            wall_clock: Unix times of the beginning and the end of the drive, seconds.
-        """
-        episodes.sort(key=lambda episode: episode.number)
-        schedule(episodes, self._metrics.clock_s)
-        self._send_figures(self._metrics.add(iteration, episodes), wall_clock)
-
-    def publish_trace(
         self,
         iteration: int,
         name: CheckpointName,
         episodes: list[Driven],
         wall_clock: tuple[float, float],
     ) -> None:
-        """Publish the trace of training episodes after their metrics, and log them.
+        """Publish the training episodes of an iteration.
 
-        Checkpoint `name` drove them. The other arguments are those of `publish_training`.
+        Args:
+            iteration: Its number.
+            name: The checkpoint that drove.
+            episodes: All of this worker; they are sorted, and get their times.
+            wall_clock: Unix times of the beginning and the end of the drive, seconds.
         """
+        episodes.sort(key=lambda episode: episode.number)
+        schedule(episodes, self._metrics.clock_s)
+        self._send_figures(self._metrics.add(iteration, episodes), wall_clock)
         length_m, worker = self._simulation.track_length_m, self._worker
         assigned = self._simulation.assigned
         if self._alone and assigned is not None and len(assigned.shares.workers) > 1:

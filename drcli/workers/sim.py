@@ -340,16 +340,14 @@ class SimWorker:
                     reward_errors=self._failures.record.newest.failed,
                     discarded=sum(e.discarded for e in training),
                 )
-                # Metrics first: once the manifest is there, the trainer learns, and the iteration
-                # is not driven again if this worker dies. Rollouts are sent meanwhile.
+                # Trace and metrics first: once the manifest is there, the trainer learns, and the
+                # iteration is not driven again if this worker dies. Rollouts are sent meanwhile.
                 self._failures.save()
                 clock = begin, begin + driven_s()
-                self._results.publish_training(iteration, training, clock)
+                self._results.publish_training(iteration, name, training, clock)
                 writer.finish(notes)
                 wake(self._job.folder, "trainer")
                 self._delivered_s = time.monotonic()
-                # Writing the trace takes up to a fifth as long as driving. The trainer learns.
-                self._results.publish_trace(iteration, name, training, clock)
                 self._results.gather()
                 if len(evaluation) < trials:
                     self._activity.say(f"evaluates checkpoint {name.number}")
