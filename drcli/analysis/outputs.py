@@ -78,3 +78,14 @@ def write_comparison_of(runs: "Sequence[Run]", html: Path | None) -> Comparison:
 
     write_comparison(report, html)
     return replace(report, html=str(html))
+
+
+def write_report(path: Path, analysis: Analysis) -> AnalysisReport:
+    """Write the report of a model to its `report_file`; an older one is replaced.
+
+    Raises:
+        SettingsError: It cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    check_targets(path, None, force=True)
+    return write_outputs(analysis, path, None)

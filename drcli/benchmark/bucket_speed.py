@@ -7,8 +7,7 @@ import uuid
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
-from drcli.store import keys
-from drcli.store.bucket import Bucket
+from drcli.store.bucket import TEST_FOLDER, Bucket
 
 SMALL_BYTES = 1024
 """About the size of a pointer, record or lease."""
@@ -76,7 +75,7 @@ def measure_bucket(bucket: Bucket, seconds: float) -> BucketSpeed:
     )
 
 
-_PLACE = f"{keys.TEST_FOLDER}-bench/"
+_PLACE = f"{TEST_FOLDER}-bench/"
 
 
 def _small(bucket: Bucket, folder: str, seconds: float) -> list[float]:

@@ -10,7 +10,7 @@ from drcli.modelfiles.network_shape import Design
 from drcli.models import pretrained
 from drcli.models.pretrained import Transfer
 from drcli.store import keys, lease
-from drcli.store.bucket import Bucket
+from drcli.store.bucket import TEST_FOLDER, Bucket
 from drcli.store.lost_checkpoints import find_lost
 from drcli.store.model_kind import KIND_WORDS, model_kind
 from drcli.store.model_prefix import is_used
@@ -80,7 +80,7 @@ def probe(bucket: Bucket, prefix: str) -> list[Problem]:
     Raises:
         StorageError: They cannot.
     """
-    folder = f"{keys.run_folder(prefix)}{keys.TEST_FOLDER}-{uuid.uuid4().hex}/"
+    folder = f"{keys.run_folder(prefix)}{TEST_FOLDER}-{uuid.uuid4().hex}/"
     key, content = f"{folder}object", b"probe"
     try:
         bucket.put(key, content)

@@ -100,8 +100,8 @@ def entry_of(record: TrainingRecord, *, exists: bool) -> TrainingEntry:
         model=record.prefix,
         state=record.state,
         message=record.message,
-        began_at=moment(record.began_at),
-        ended_at=moment(record.ended_at),
+        began_at=moment_text(record.began_at),
+        ended_at=moment_text(record.ended_at),
         exists=exists,
         derived=record.derived,
         world=record.world,
@@ -136,7 +136,7 @@ def entry_of(record: TrainingRecord, *, exists: bool) -> TrainingEntry:
     )
 
 
-def moment(at: float | None) -> str:
+def moment_text(at: float | None) -> str:
     """A time in Unix seconds as ISO 8601 in UTC; empty if unknown."""
     if not at:
         return ""

@@ -9,6 +9,9 @@ from typing import Protocol, TypeVar
 from drcli.base.errors import StorageError
 from drcli.base.json_record import NewerFormat, RecordError
 
+TEST_FOLDER = ".drcli-test"
+"""Beginning of the names of test objects and their folders; no tool takes them for a model."""
+
 
 class ObjectMissing(StorageError):
     """No object has this key."""

@@ -16,8 +16,7 @@ from typing import Any, Literal
 
 from drcli.base.errors import StorageError
 from drcli.base.process_identity import this_machine
-from drcli.store import keys
-from drcli.store.bucket import ObjectMissing
+from drcli.store.bucket import TEST_FOLDER, ObjectMissing
 from drcli.store.s3_bucket import S3Bucket
 from drcli.store.s3_errors import AccessRefused, Attempt, explain
 
@@ -102,7 +101,7 @@ class _Attempts:
         self._answered = False
         self._folders = folders
         name = hashlib.sha256(this_machine().encode()).hexdigest()[:8]
-        self._place = f"{keys.TEST_FOLDER}-{name}/"
+        self._place = f"{TEST_FOLDER}-{name}/"
         bucket.client.meta.events.register("after-call.s3", self._read_clock)
 
     def all(self) -> Trial:

@@ -13,7 +13,6 @@ from pathlib import Path
 from drcli.base import notices
 from drcli.base.errors import DiskFull, StorageError
 from drcli.base.system_calls import flush_to_disk, is_disk_full
-from drcli.store import keys
 
 
 class DiskFlush:
@@ -34,7 +33,7 @@ class DiskFlush:
 
     def note(self, key: str) -> None:
         """Flush an object that was just written, soon."""
-        if not keys.outlives_power_cut(key):
+        if not outlives_power_cut(key):
             return
         with self._lock:
             is_expected = bool(self._written)
@@ -103,3 +102,12 @@ def _explained(path: Path, error: OSError) -> StorageError:
         remedy="Check that disk (`dmesg` tells of its errors), or set DR_S3_DATA_DIR to a folder "
         "on another one.",
     )
+
+
+def outlives_power_cut(key: str) -> bool:
+    """Whether an object is flushed to the disk: all but those that are of no use afterwards.
+
+    Rollouts are many and driven again, and processes write anew what they say of themselves.
+    """
+    of_processes = key.startswith("runs/") and key.split("/")[-2] in ("status", "members")
+    return not (key.startswith("rollouts/") or of_processes)

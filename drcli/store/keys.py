@@ -15,9 +15,6 @@ REWARD_FUNCTION_FILE = "reward_function.py"
 MODEL_METADATA_FILE = "model_metadata.json"
 HYPERPARAMETERS_FILE = "hyperparameters.json"
 
-TEST_FOLDER = ".drcli-test"
-"""Beginning of the names of test objects and their folders; no tool takes them for a model."""
-
 _PREFIX = re.compile(r"[A-Za-z0-9._-]+(/[A-Za-z0-9._-]+)*")
 _STAMP = re.compile(r"\d{14}")
 
@@ -335,15 +332,6 @@ def decides(key: str) -> bool:
     named = (".safetensors", ".ckpt.json")
     folders = ("/status/", "/logs/", "/tensorboard/", "/members/")
     return not (key.endswith(named) or any(name in key for name in folders))
-
-
-def outlives_power_cut(key: str) -> bool:
-    """Whether an object is flushed to the disk: all but those that are of no use afterwards.
-
-    Rollouts are many and driven again, and processes write anew what they say of themselves.
-    """
-    of_processes = key.startswith("runs/") and key.split("/")[-2] in ("status", "members")
-    return not (key.startswith("rollouts/") or of_processes)
 
 
 # Checkpoints.

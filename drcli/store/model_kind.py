@@ -5,7 +5,7 @@ from collections.abc import Collection
 from typing import Literal
 
 from drcli.store import keys
-from drcli.store.bucket import Bucket
+from drcli.store.bucket import TEST_FOLDER, Bucket
 from drcli.store.model_prefix import is_used
 
 Kind = Literal["drcli", "tensorflow", "upload", "traces", "files", "nothing"]
@@ -51,7 +51,7 @@ def model_kind(bucket: Bucket, prefix: str) -> Kind:
         StorageError: The bucket does not answer, so the kind is unknown.
     """
     folder = keys.folder(prefix)
-    test = folder + keys.TEST_FOLDER
+    test = folder + TEST_FOLDER
     listed = [info.key for info in bucket.list(folder)]
     return kind_of([key.removeprefix(folder) for key in listed if not key.startswith(test)])
 

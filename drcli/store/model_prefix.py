@@ -4,7 +4,7 @@ from collections.abc import Collection
 
 from drcli.exchange.checkpoint import CheckpointName
 from drcli.store import keys
-from drcli.store.bucket import Bucket
+from drcli.store.bucket import TEST_FOLDER, Bucket
 from drcli.store.checkpoints import checkpoint_objects
 
 
@@ -13,7 +13,7 @@ def is_used(bucket: Bucket, prefix: str) -> bool:
 
     Nor do test objects, which `dr doctor` may be writing at the moment.
     """
-    test = keys.folder(prefix) + keys.TEST_FOLDER
+    test = keys.folder(prefix) + TEST_FOLDER
     return any(not item.key.startswith(test) for item in bucket.list(keys.folder(prefix)))
 
 

@@ -9,8 +9,7 @@ from email.utils import parsedate_to_datetime
 from typing import Any
 
 from drcli.base.errors import DiskFull, NoAnswer, NoKeys, StorageError
-from drcli.store import keys
-from drcli.store.bucket import ObjectMissing
+from drcli.store.bucket import TEST_FOLDER, ObjectMissing
 from drcli.store.endpoint import Endpoint, SettingNames
 
 MISSING_CODES = frozenset({"NoSuchKey", "404"})
@@ -336,7 +335,7 @@ def _explain_denial(code: str, said: str, attempt: Attempt) -> AccessRefused:
     permission = found[1] if found else _PERMISSIONS.get(attempt.action, "s3:ListBucket")
     names, bucket = attempt.endpoint.names, f"arn:aws:s3:::{attempt.bucket}"
     # A policy that allows the folder of a trial alone would be of no use.
-    folder = attempt.key.partition(keys.TEST_FOLDER)[0].rpartition("/")[0]
+    folder = attempt.key.partition(TEST_FOLDER)[0].rpartition("/")[0]
     inside = f"{bucket}/{folder}/*".replace("//", "/")
     place = bucket if permission in ("s3:ListBucket", "s3:CreateBucket") else inside
     if permission.startswith("kms:"):

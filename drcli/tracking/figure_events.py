@@ -1,8 +1,14 @@
 """What is sent to the tools of others: numbers of an iteration, episodes, epochs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
+
+from drcli.exchange.episode_metrics import EpisodeMetrics, TrialMetrics
+
+EPISODE_S = 1.0
+"""Most seconds between the times of two episodes that were driven side by side and ended together.
+The server of the Grafana board keeps only one line of equal tags in each second."""
 
 
 @dataclass(frozen=True)
@@ -104,3 +110,53 @@ class Sink(Protocol):
 
     def close(self) -> None:
         """Send what is left and free everything."""
+
+
+def episode_points(
+    records: Sequence[EpisodeMetrics], worker: int, wall_clock: tuple[float, float]
+) -> list[EpisodePoint]:
+    """Episodes of an iteration as if one had ended after the other.
+
+    Args:
+        records: The episodes.
+        worker: Simulation worker, from 0.
+        wall_clock: Unix times between which they were driven.
+    """
+    return [
+        EpisodePoint(
+            time_s,
+            record.phase,
+            record.episode_status,
+            worker,
+            int(record.reward_score),
+            int(record.completion_percentage),
+            int(record.elapsed_time_in_milliseconds),
+        )
+        for time_s, record in zip(_times(len(records), wall_clock), records, strict=True)
+    ]
+
+
+def trial_points(
+    trials: Sequence[TrialMetrics], wall_clock: tuple[float, float]
+) -> list[EpisodePoint]:
+    """The trials of a stand-alone evaluation, likewise."""
+    return [
+        EpisodePoint(
+            time_s,
+            "evaluation",
+            trial.episode_status,
+            0,
+            0,
+            int(trial.completion_percentage),
+            int(trial.elapsed_time_in_milliseconds),
+            resets=trial.reset_count,
+        )
+        for time_s, trial in zip(_times(len(trials), wall_clock), trials, strict=True)
+    ]
+
+
+def _times(count: int, wall_clock: tuple[float, float]) -> list[float]:
+    """Times of so many episodes, the last one at the end."""
+    began_s, ended_s = wall_clock
+    apart_s = min(EPISODE_S, max(0.0, ended_s - began_s) / max(1, count))
+    return [ended_s - apart_s * (count - 1 - place) for place in range(count)]

@@ -75,8 +75,9 @@ def _onnx(
 def analyse_model(progress: Progress, directory: Path, prefix: str) -> dict[str, Any]:
     """Analyse a model as dr-start-loganalysis does; returns verdict and advice."""
     from drcli.analysis.analysis import analyse
+    from drcli.analysis.outputs import write_report
     from drcli.analysis.read_run import read_run
-    from drcli.analysis.report_place import report_file, write_report
+    from drcli.analysis.report_place import report_file
 
     settings = settings_for(directory, prefix)
     progress("Reads traces, metrics and evaluations.")

@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from drcli.base.errors import SettingsError
 from drcli.base.log import get_logger
 from drcli.base.problems import Problem, ProblemsError
 from drcli.config.run_config import RaceConfig
@@ -19,7 +18,7 @@ from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.workers.reward_client import RewardProcess
-from drcli.workers.reward_failures import file_of, message_of
+from drcli.workers.reward_failures import reward_failure
 from drsim.car.actions import Actions, ContinuousActions, DiscreteActions
 from drsim.car.car import CONTROL_HZ
 from drsim.car.car_parameters import MIN_SPEED_MPS, CarParameters
@@ -278,16 +277,6 @@ def load_reward(
         return RewardProcess(path, cars)
     except RewardError as error:
         raise reward_failure(error) from None
-
-
-def reward_failure(error: RewardError) -> SettingsError:
-    """The failure of a reward function for the person who runs a command."""
-    text, name = message_of(error), file_of(error)
-    return SettingsError(
-        f"Reward function error: {text}",
-        remedy=f"Correct {name} and run the command again; a training continues with "
-        "`dr-start-training --resume-or-start`.",
-    )
 
 
 def actions_of(metadata: ModelMetadata) -> Actions:

@@ -14,11 +14,11 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.rollbacks import read_rollbacks
 from drcli.store.trace_retention import TraceRetention
+from drcli.tracking.figure_events import episode_points
 from drcli.tracking.open_sinks import sender_of_episodes
 from drcli.workers import reference_log
 from drcli.workers.cores import max_lag
 from drcli.workers.driven_episode import Driven, columns_of
-from drcli.workers.live_figures import episode_points
 from drcli.workers.metrics_file import TrainingMetrics
 from drcli.workers.training_simulation import TrainingSimulation
 

@@ -17,11 +17,11 @@ from drcli.exchange.job import Job
 from drcli.store import keys
 from drcli.store.connect import open_bucket
 from drcli.workers import worker_process
-from drcli.workers.build_race import reward_failure
 from drcli.workers.cores import usable_cores
 from drcli.workers.evaluator import Entry, evaluate
 from drcli.workers.live_scene import facts_of
 from drcli.workers.live_view import LiveShow, live_show
+from drcli.workers.reward_failures import reward_failure
 from drcli.workers.robust_drive import evaluate_robustly
 from drcli.workers.worker_process import Lifeline
 from drsim.errors import RewardError

@@ -39,6 +39,7 @@ from drcli.modelfiles.network_shape import Design
 from drcli.store import keys
 from drcli.store.bucket import Bucket
 from drcli.store.connect import open_bucket
+from drcli.tracking.figure_events import trial_points
 from drcli.tracking.open_sinks import sender_of_episodes
 from drcli.workers import reference_log, worker_process
 from drcli.workers.build_race import (
@@ -54,7 +55,6 @@ from drcli.workers.driven_episode import Driven, Plan
 from drcli.workers.driving import Driver, Racer
 from drcli.workers.episode_log import log_trial
 from drcli.workers.evaluation_starts import fresh_starts
-from drcli.workers.live_figures import trial_points
 from drcli.workers.live_scene import facts_of
 from drcli.workers.live_view import LiveShow, live_show
 from drcli.workers.race_record import recording_of_race

@@ -10,10 +10,10 @@ from drcli.base.log import get_logger
 from drcli.exchange.job import Job
 from drcli.learn.compute import flush_denormals
 from drcli.workers import worker_process
-from drcli.workers.build_race import reward_failure
 from drcli.workers.live_scene import facts_of
 from drcli.workers.live_view import live_show
 from drcli.workers.membership import JoinedLifeline, Membership
+from drcli.workers.reward_failures import reward_failure
 from drcli.workers.sim import SimWorker
 from drcli.workers.worker_process import Lifeline
 from drsim.errors import RewardError

@@ -6,11 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from statistics import fmean, median
 from typing import TYPE_CHECKING
 
-from drcli.exchange.episode_metrics import EpisodeMetrics, TrialMetrics
 from drcli.exchange.iteration import IterationRecord
 from drcli.exchange.job import Job
 from drcli.modelfiles.network_shape import Design
-from drcli.tracking.figure_events import Ended, EpisodePoint, EpochPoint, Point, TrainingFacts
+from drcli.tracking.figure_events import Ended, EpochPoint, Point, TrainingFacts
 from drcli.tracking.figure_sender import FigureSender
 from drcli.tracking.open_sinks import sender_of_trainer
 from drcli.workers.learner_metrics import NUMBER, STEPS, Row, row_of
@@ -18,10 +17,6 @@ from drcli.workers.scoring import REMEMBERED_SCORES
 
 if TYPE_CHECKING:
     from drcli.learn.update_result import Stats  # loads torch, which a command does without
-
-EPISODE_S = 1.0
-"""Most seconds between the times of two episodes that were driven side by side and ended together.
-The server of the Grafana board keeps only one line of equal tags in each second."""
 
 
 class LiveFigures:
@@ -145,56 +140,6 @@ def parameters_of(design: Design, given: Mapping[str, str]) -> dict[str, str]:
         "num_actions": str(metadata.action_space.num_actions),
         **{name: text for name, text in given.items() if text},
     }
-
-
-def episode_points(
-    records: Sequence[EpisodeMetrics], worker: int, wall_clock: tuple[float, float]
-) -> list[EpisodePoint]:
-    """Episodes of an iteration as if one had ended after the other.
-
-    Args:
-        records: The episodes.
-        worker: Simulation worker, from 0.
-        wall_clock: Unix times between which they were driven.
-    """
-    return [
-        EpisodePoint(
-            time_s,
-            record.phase,
-            record.episode_status,
-            worker,
-            int(record.reward_score),
-            int(record.completion_percentage),
-            int(record.elapsed_time_in_milliseconds),
-        )
-        for time_s, record in zip(_times(len(records), wall_clock), records, strict=True)
-    ]
-
-
-def trial_points(
-    trials: Sequence[TrialMetrics], wall_clock: tuple[float, float]
-) -> list[EpisodePoint]:
-    """The trials of a stand-alone evaluation, likewise."""
-    return [
-        EpisodePoint(
-            time_s,
-            "evaluation",
-            trial.episode_status,
-            0,
-            0,
-            int(trial.completion_percentage),
-            int(trial.elapsed_time_in_milliseconds),
-            resets=trial.reset_count,
-        )
-        for time_s, trial in zip(_times(len(trials), wall_clock), trials, strict=True)
-    ]
-
-
-def _times(count: int, wall_clock: tuple[float, float]) -> list[float]:
-    """Times of so many episodes, the last one at the end."""
-    began_s, ended_s = wall_clock
-    apart_s = min(EPISODE_S, max(0.0, ended_s - began_s) / max(1, count))
-    return [ended_s - apart_s * (count - 1 - place) for place in range(count)]
 
 
 def _scores(name: str, progress: Sequence[float], lap_s: Sequence[float]) -> dict[str, float]:

@@ -168,3 +168,13 @@ def file_of(error: RewardError) -> str:
 def _without_path(text: str, error: RewardError) -> str:
     """A text that names the racer's file instead of our copy of it."""
     return text if error.file is None else text.replace(str(error.file), error.file.name)
+
+
+def reward_failure(error: RewardError) -> SettingsError:
+    """The failure of a reward function for the person who runs a command."""
+    text, name = message_of(error), file_of(error)
+    return SettingsError(
+        f"Reward function error: {text}",
+        remedy=f"Correct {name} and run the command again; a training continues with "
+        "`dr-start-training --resume-or-start`.",
+    )

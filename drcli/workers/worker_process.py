@@ -182,7 +182,7 @@ def _explain(error: BaseException, job: Job, name: str) -> WorkerExit:
     logger = _logger
     simulation_errors = sys.modules.get("drsim.errors")  # the trainer does without drsim
     if simulation_errors is not None and isinstance(error, simulation_errors.RewardError):
-        from drcli.workers.build_race import reward_failure
+        from drcli.workers.reward_failures import reward_failure
 
         error, logger = reward_failure(error), print_limit.reward_logger
     if isinstance(error, DrError):

@@ -50,8 +50,9 @@ def start_loganalysis(
     Example: dr-start-loganalysis
     """
     from drcli.analysis.analysis import analyse
+    from drcli.analysis.outputs import write_report
     from drcli.analysis.read_run import read_run
-    from drcli.analysis.report_place import report_file, write_report
+    from drcli.analysis.report_place import report_file
 
     loaded = settings()
     with console.waiting(f"Reading {what or loaded.model_prefix} ..."):

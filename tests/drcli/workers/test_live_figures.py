@@ -7,6 +7,7 @@ import pytest
 from drcli.exchange.episode_metrics import EpisodeMetrics, TrialMetrics
 from drcli.exchange.iteration import IterationRecord
 from drcli.learn.update_result import PPOStats
+from drcli.tracking import figure_events
 from drcli.tracking.figure_events import Ended, EpochPoint, Point
 from drcli.workers import live_figures
 from drcli.workers.learner_metrics import row_of
@@ -117,18 +118,18 @@ def metrics(phase="training"):
 def test_episodes_that_ended_together_get_times_of_their_own():
     episodes = [metrics()] * 4
 
-    points = live_figures.episode_points(episodes, 2, (100.0, 110.0))
-    quick = live_figures.episode_points(episodes, 2, (100.0, 102.0))
+    points = figure_events.episode_points(episodes, 2, (100.0, 110.0))
+    quick = figure_events.episode_points(episodes, 2, (100.0, 102.0))
 
     assert [point.time_s for point in points] == [107.0, 108.0, 109.0, 110.0]
     assert [point.time_s for point in quick] == [100.5, 101.0, 101.5, 102.0]
     assert {(p.worker, p.reward, p.progress, p.elapsed_ms) for p in points} == {(2, 17, 63, 4000)}
-    assert live_figures.episode_points([], 0, (1.0, 2.0)) == []
+    assert figure_events.episode_points([], 0, (1.0, 2.0)) == []
 
 
 def test_a_trial_has_its_resets():
     trial = TrialMetrics(100, 14000, 0, 14000, "Lap complete", 1, 0, 2, 0, 3, 1)
 
-    [point] = live_figures.trial_points([trial], (0.0, 20.0))
+    [point] = figure_events.trial_points([trial], (0.0, 20.0))
 
     assert (point.resets, point.status, point.elapsed_ms) == (3, "Lap complete", 14000)
