@@ -13,12 +13,10 @@ class PolicySource:
     """A checkpoint of a model in the bucket, or a file on the machine that drives.
 
     Attributes:
-        runtime: What runs it. A checkpoint is converted for it; None is PyTorch for a checkpoint
-            and a file's own engine.
-        file: Absolute path of a policy's file; None for a checkpoint.
-        metadata: Absolute path of its model_metadata.json; None if that lies beside the file or
-            inside of it.
-        sha256: Of the file when it was checked, so that no other one drives; empty before.
+        runtime: None: PyTorch, or a file's own engine.
+        file: Absolute; None for a checkpoint.
+        metadata: model_metadata.json, absolute; None if beside or inside the file.
+        sha256: Of the checked file, so that no other drives.
     """
 
     runtime: Runtime | None = None

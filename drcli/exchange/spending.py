@@ -1,4 +1,4 @@
-"""What a training has cost: of one start in the bucket, and of all starts on this machine."""
+"""What the starts of a training have cost."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,15 +11,7 @@ _FILE = "spending.json"
 
 @dataclass(frozen=True)
 class StartSpending(JsonRecord):
-    """One start, on one machine. It is written again every few minutes, until its end.
-
-    Attributes:
-        session: Of the start.
-        host: Name of the machine, for people.
-        hours: How long it trained.
-        usd: What that cost; None if the price was not known.
-        usd_per_hour: The last known price.
-    """
+    """One start, written every few minutes and at its end; `usd` None: unknown price."""
 
     session: str
     host: str
@@ -59,10 +51,10 @@ class Spending:
     damaged: list[str] = field(default_factory=list)
 
     def write(self, folder: Path) -> None:
-        """Write it into the folder of the run; raises OSError."""
+        """Raises OSError."""
         save_record(folder / _FILE, self)
 
     @staticmethod
     def read(folder: Path) -> "Spending | None":
-        """What the supervisor of a run has written; None if there is nothing readable."""
+        """None if missing or unreadable."""
         return load_record(Spending, folder / _FILE)

@@ -1,4 +1,4 @@
-"""The record of a training in the bucket, which stays when its model is deleted."""
+"""The record of a training in the bucket, which outlives its model."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,11 +10,10 @@ from drcli.exchange.training_start import GitState, Pretrained
 TrainingState = Literal[
     "running", "finished", "stopped", "interrupted", "failed", "lost", "unknown"
 ]
-"""How a training stands, or how its newest start ended. "lost": it ended without writing why;
-"unknown": nobody has recorded it."""
+""""lost": it left no reason; "unknown": nobody recorded it."""
 
 MOST_STARTS = 60
-"""Starts of a training that its record describes: the first, and the newest ones."""
+"""The first, and the newest."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +30,11 @@ class RecordedStart:
         resumes: The checkpoint that it continued from; None for a new model.
         seed: Of its random numbers.
         settings: DR_ settings that differ from their defaults; None if unknown.
-        worker_settings: What the file of each other worker changes, for the second worker first.
+        worker_settings: What the file of each other worker changes, from the second worker on.
         versions: Of Python and important packages.
         git: State of the working folder and of our own package.
         machine: Platform, processor, cores.
-        files: Fingerprint (SHA-256) of each of its files; their texts are in `TrainingFiles`.
+        files: SHA-256 of each of its files; their texts are in `TrainingFiles`.
         hours: How long it trained; None if unknown.
         usd: What that cost; None if the price is not known.
     """
@@ -105,11 +104,11 @@ class TrainingResults:
 
     @property
     def read_evaluations(self) -> int:
-        """How many stand-alone evaluations need not be read again."""
+        """Stand-alone evaluations that need not be read again."""
         return 0 if self.clean_trial_lap_s is None else self.evaluations
 
     def clean_lap_s(self, world: str) -> float | None:
-        """The fastest clean lap of an evaluation on the track of the training; None without one."""
+        """The fastest clean lap of an evaluation on the training's track."""
         laps = (self.best_lap_s, (self.clean_trial_lap_s or {}).get(world or "?"))
         return min((lap_s for lap_s in laps if lap_s is not None), default=None)
 
@@ -145,7 +144,7 @@ class TrainingRecord(JsonRecord):
         metric: DR_TRAIN_BEST_MODEL_METRIC, whose values are the scores.
         stages: Stages of its curriculum; 0 without one.
         gone_at: When the model was deleted or begun anew, Unix seconds; None if it was not.
-        derived: Whether this was worked out from the model, because nobody wrote a record.
+        derived: Whether this was worked out from the model, as nobody wrote a record.
     """
 
     id: str
@@ -188,6 +187,6 @@ class TrainingRecord(JsonRecord):
 
 @dataclass(frozen=True)
 class TrainingFiles(JsonRecord):
-    """The files of all starts of a training, by fingerprint: each different text once."""
+    """Texts by fingerprint."""
 
     texts: Mapping[str, str] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""How a training was started: `ip/run.json`, which the next start reads."""
+"""How a training was started: `ip/run.json`."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -8,7 +8,7 @@ from drcli.base.json_record import JsonRecord
 
 @dataclass(frozen=True)
 class GitState:
-    """The commit that is checked out, and whether a tracked file was changed since then."""
+    """`dirty`: tracked files were changed."""
 
     commit: str
     dirty: bool
@@ -38,17 +38,13 @@ class TrainingStart(JsonRecord):
     """One start of a training. The first versions wrote the seed only.
 
     Attributes:
-        started_at: Time in UTC, ISO 8601.
-        settings: DR_ settings that differ from their defaults; None if unknown.
-        cars: DR_SIM_CAR of the first worker, and of all others that have a race of their own;
-            empty if unknown.
-        versions: Python and important packages; None for a package that is not installed.
-        git: State of the racer's `working_folder` and of our own `package`; None outside git.
-        machine: `platform`, `processor`, number of `cores`, and `threads` if OMP_NUM_THREADS
-            limits them.
-        pretrained: None if the model began with new weights.
-        earlier: The starts that this one resumes, oldest first.
-        training: Id of the record of the training; empty before there were records.
+        started_at: UTC, ISO 8601.
+        settings: DR_ settings that differ from their defaults.
+        cars: DR_SIM_CAR of the first worker, and of others with their own race.
+        versions: None if not installed.
+        git: Of the `working_folder` and our own `package`; None outside git.
+        machine: `platform`, `processor`, `cores`, `threads` if OMP_NUM_THREADS is set.
+        earlier: Resumed starts, oldest first.
     """
 
     seed: int
@@ -63,7 +59,7 @@ class TrainingStart(JsonRecord):
     training: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """The record as JSON: only the latest start lists the earlier ones."""
+        """Only the latest start lists the earlier ones."""
         fields = super().to_json()
         for start in fields["earlier"]:
             del start["earlier"]
