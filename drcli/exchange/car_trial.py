@@ -8,7 +8,6 @@ from typing import Any
 from drcli.base.json_record import RecordError, from_json, parse_json
 
 TRIALS_FILE = "cars.json"
-"""In the folder of the job."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,6 @@ class CheckpointName:
 
 
 def checkpoint_name(name: str) -> CheckpointName:
-    """As `CheckpointName.parse`; RecordError if it is not one."""
     parsed = CheckpointName.parse(name)
     if parsed is None:
         raise RecordError(f"{json.dumps(name)[:60]} is not the name of a checkpoint")
@@ -49,8 +48,8 @@ class Counters:
         elapsed_s: Wall time of training, without stops.
         number_format: While training, such as `fp32`.
         inputs: Parameter files by name, to restore lost ones.
-        files: `Job.files_sha256` of its start; None in version 0.1.0.
-        critic_warmup: Updates that may still improve only the critic, if the policy came without.
+        files: `Job.files_sha256` of its start.
+        critic_warmup: Updates that may still improve only the critic.
         shares: Version of the `Shares`; None where DR_WORKERS share evenly.
     """
 
@@ -98,7 +97,6 @@ class CheckpointRecord(JsonRecord):
         return checkpoint_name(self.name).steps
 
     def to_json(self) -> dict[str, Any]:
-        """Without unknown counters, and with null for NaN."""
         fields = super().to_json()
         counters = {name: value for name, value in fields["counters"].items() if value is not None}
         if "learned" in counters:
@@ -114,5 +112,5 @@ def _is_nan(value: Any) -> bool:
 
 
 def decode_pointer(data: bytes) -> CheckpointName:
-    """Read `.coach_checkpoint`; RecordError if damaged."""
+    """The name in `.coach_checkpoint`; RecordError if damaged."""
     return checkpoint_name(data.decode(errors="replace"))

@@ -1,4 +1,4 @@
-"""What all trainings of a working folder used on a day, a file for each start."""
+"""What all trainings of a working folder used on a day."""
 
 import time
 from collections.abc import Iterator
@@ -9,13 +9,10 @@ from drcli.base.atomic_file import load_record, save_record
 from drcli.config.run_config import UnattendedConfig
 
 FOLDER = "data/budget"
-"""Has a folder for each day."""
 
 
 @dataclass(frozen=True)
 class DaySpending:
-    """Money only where the price was known."""
-
     hours: float = 0.0
     usd: float = 0.0
 
@@ -25,13 +22,13 @@ class DayBudget:
     """The limits of a day for all trainings of a folder, and what is used.
 
     Attributes:
-        day: YYYY-MM-DD, in the time zone of this machine.
+        day: YYYY-MM-DD, in this machine's time zone.
         hours: Machine hours until now.
         usd: What they cost, USD, where the price was known.
         max_hours: DR_DAILY_BUDGET_HOURS; 0 for no limit.
         max_usd: DR_DAILY_BUDGET_MONEY; 0 for no limit.
         starts: Starts that trained on that day.
-        damaged: Files that cannot be read, so that their hours are missing.
+        damaged: Unreadable files, whose hours are missing.
     """
 
     day: str
@@ -86,7 +83,6 @@ class DayBudget:
 
 
 def day_of(seconds: float) -> str:
-    """In this machine's time zone, from Unix seconds."""
     return time.strftime("%Y-%m-%d", time.localtime(seconds))
 
 

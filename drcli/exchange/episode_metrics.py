@@ -33,8 +33,7 @@ class EpisodeMetrics(JsonRecord):
     Attributes:
         episode: Number of the (last) training episode, from 1.
         trial: The same within the iteration.
-        episode_status: In the words of `STATUS_LABELS`.
-        iteration: None in files of version 0.1.0.
+        episode_status: As in `STATUS_LABELS`.
     """
 
     reward_score: float
@@ -94,7 +93,6 @@ SEPARATOR = b", "
 
 
 def metrics_end(best_model_metric: str) -> bytes:
-    """For DR_TRAIN_BEST_MODEL_METRIC."""
     end = {"version": FILE_VERSION, "best_model_metric": best_model_metric}
     return b"], " + json.dumps(end).encode().removeprefix(b"{")
 
@@ -116,7 +114,6 @@ def decode_metrics(data: bytes) -> list[EpisodeMetrics]:
 
 
 def most_episodes(records: Sequence[EpisodeMetrics]) -> int:
-    """The fewest episodes per iteration that fit these numbers."""
     most = max((r.trial for r in records), default=0)
     later = ((r.episode - r.trial, r.iteration) for r in records if r.iteration)
     return max([most, *(numbered // iteration for numbered, iteration in later)])
@@ -126,11 +123,10 @@ def most_episodes(records: Sequence[EpisodeMetrics]) -> int:
 class TrialMetrics(JsonRecord):
     """One trial, or lap of a continuous race. Times: milliseconds of simulation.
 
-    The counts are violations; `reset_count` of them put the car back. The keys from
+    The counts are violations; `reset_count` of them put the car back. Keys from
     `penalty_in_milliseconds` on are ours.
 
     Attributes:
-        penalty_in_milliseconds: Part of the elapsed time.
         start_position: Fraction of the centre line.
         start_offset_m: To the left.
         start_angle_deg: To the left.
@@ -189,7 +185,6 @@ class TrialMetrics(JsonRecord):
 
 
 def is_clean(trial: Mapping[str, Any], *, finished: bool) -> bool:
-    """For metrics files of any program."""
     return is_clean_lap(finished, *(trial.get(key) for key in _FAULTS))
 
 

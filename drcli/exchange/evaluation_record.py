@@ -16,11 +16,9 @@ class EvaluationRecord:
     """A running evaluation, in `data/runs/<DR_RUN_ID>/evaluations/<stamp>/`.
 
     Attributes:
-        stamp: Fourteen digits.
         pid: Waits for the end; stop this one to stop the evaluation.
         pid_started: From `process_identity.started_s`; process numbers are reused.
         worker_pid: Drives.
-        others: Prefixes of further models.
     """
 
     run_id: int
@@ -40,12 +38,10 @@ class EvaluationRecord:
         return is_alive(self.pid, self.pid_started)
 
     def write(self, folder: Path) -> None:
-        """In one step."""
         save_record(folder / _FILE, self)
 
     @staticmethod
     def read(folder: Path) -> "EvaluationRecord | None":
-        """None if missing or damaged."""
         return load_record(EvaluationRecord, folder / _FILE)
 
 
@@ -71,7 +67,6 @@ def running_evaluations(directory: Path, run_id: int | None = None) -> list[Eval
 
 
 def sweep(directory: Path, run_id: int) -> None:
-    """Remove the folders of killed evaluations."""
     for folder in run_folder(directory, run_id).glob("evaluations/*"):
         record = EvaluationRecord.read(folder)
         if record is not None and not record.alive:

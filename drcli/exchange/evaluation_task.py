@@ -13,9 +13,7 @@ class EvaluationTask:
     """A model to evaluate on a track.
 
     Attributes:
-        number: From 0.
-        stamp: Fourteen digits.
-        source: May name a file instead.
+        source: May name a file instead of the checkpoint.
         robust: Drive the grid of disturbances.
         fresh_laps: Laps from fresh starts instead; 0: none.
     """
@@ -37,12 +35,7 @@ class EvaluationTask:
 
 @dataclass(frozen=True)
 class TaskOutcome(JsonRecord):
-    """What came of a task.
-
-    Attributes:
-        notes: What was driven otherwise than asked.
-        reason: Why nothing could be driven.
-    """
+    """What came of a task; `reason` says why nothing could be driven."""
 
     trials: list[TrialMetrics] = field(default_factory=list)
     robust: RobustResult | None = None

@@ -8,8 +8,6 @@ from drcli.base.json_record import JsonRecord
 
 @dataclass(frozen=True)
 class FrozenCurriculum(JsonRecord):
-    """`files` has the contents of all files that it names."""
-
     name: str
     text: str
     files: Mapping[str, str] = field(default_factory=dict)

@@ -23,7 +23,7 @@ class IterationRecord(JsonRecord):
         total_steps: Steps learned from since the beginning.
         mean_reward: Mean total reward of an episode.
         mean_progress: Mean progress of an episode, percent of a lap.
-        full_laps: Episodes that ended with a completed lap.
+        full_laps: Episodes with a completed lap.
         best_lap_s: Fastest completed lap, simulated seconds; None without one.
         entropy: Mean entropy of the policy in the last epoch, nats.
         surrogate_loss: Mean policy loss of the last epoch.
@@ -47,7 +47,7 @@ class IterationRecord(JsonRecord):
         reward_errors: Calls of the reward function that failed and were counted.
         discarded: Episodes that the reward function declared broken, not in `episodes`.
         evaluation_steering_per_m: How often the steering changed its side in each metre of the
-            evaluation episodes; None without them.
+            evaluation; None without one.
         stage: Stage of the training; empty without a curriculum.
         second_world: Track of the second evaluation, DR_TRAIN_EVAL_WORLD; empty without one.
         second_progress: Progress of each evaluation episode there, percent.
@@ -106,7 +106,7 @@ class IterationRecord(JsonRecord):
 
     @property
     def is_own_driving(self) -> bool:
-        """The camera policy drove all and learns from its rewards."""
+        """The camera policy drove and learns from its rewards."""
         return self.phase in ("", "ppo")
 
     @property

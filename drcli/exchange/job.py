@@ -37,7 +37,7 @@ PROCESS_TUNING = {
     # Cameras here draw by themselves; without this, to load MuJoCo looks for OpenGL: 0.2 s.
     "MUJOCO_GL": "disable",
 }
-"""Unless the user's environment says otherwise."""
+"""The user's own environment comes first."""
 
 FAST_LAPS = 5
 THREAD_VARIABLES = (
@@ -64,7 +64,6 @@ class Job:
         until_lap_time_s: Each of these (without `until_laps`: `FAST_LAPS`) must take at most so
             long, simulated seconds.
         max_minutes: Of this start, or of all if `whole_run`.
-        folder: For `WorkerExit`.
         launcher_pid: The workers end with it.
         term: Of the supervisor's lease; 0 before.
         sources: What drives in an evaluation; empty for checkpoints in PyTorch.
@@ -72,11 +71,9 @@ class Job:
         ends_at: Unix seconds.
         begun: This start's record in the bucket.
         end_work: Only this work at the end is left.
-        noted: For the journal.
-        training: Id of its record.
         ray_workers: Placed by Ray; the settings have none then.
-        trainer: How often the trainer was started before, if an earlier process may still live
-            elsewhere: only the highest number may write.
+        trainer: Earlier starts of the trainer; of those that still live, only the highest number
+            may write.
         ends_with: Process whose end interrupts the training; 0: none.
         began_s: Monotonic, on its machine; 0 elsewhere.
         inputs: The start's files by name; the model's are those of its newest checkpoint.
@@ -200,7 +197,6 @@ class WorkerExit:
     Attributes:
         final: A new process would end the same way.
         silent: The bucket did not answer.
-        memory: Memory ran out.
         lost: Its machine is gone.
     """
 
@@ -224,12 +220,11 @@ class WorkerExit:
 
     @staticmethod
     def read(folder: Path, name: str) -> "WorkerExit | None":
-        """None if missing or damaged."""
         return load_record(WorkerExit, _exit_file(folder, name))
 
     @staticmethod
     def delete(folder: Path, name: str) -> None:
-        """Leaves room for the next process, which may end because of a full disk."""
+        """Room for the next, which may end because of a full disk."""
         path = _exit_file(folder, name)
         path.unlink(missing_ok=True)
         with suppress(OSError):

@@ -12,7 +12,7 @@ class JoinRecord(JsonRecord):
     """What a worker needs to join; written by each start.
 
     Attributes:
-        versions: Of drcli and libraries that decide what a car does.
+        versions: Of what decides how a car drives.
         tracks: SHA-256 of route files, by DR_WORLD_NAME.
         job: The `Job`, without secrets.
     """
@@ -31,11 +31,9 @@ class MemberRecord(JsonRecord):
 
     Attributes:
         member: Unique name, kept in restarts.
-        beat: Counts the renewals.
         checkpoint: Newest seen; -1 before.
         drives: Present iteration; -1 for none.
         steps: Begun in it, of all its cars.
-        drive_s: Driving time of it so far.
     """
 
     member: str
@@ -53,12 +51,7 @@ class MemberRecord(JsonRecord):
 
 @dataclass(frozen=True)
 class WorkerShare:
-    """The training episodes of one worker in an iteration.
-
-    Attributes:
-        member: Empty for the training's own machine.
-        first: Number of its first episode since the training began.
-    """
+    """One worker's episodes in an iteration; `first` counts since the training began."""
 
     worker: int
     member: str
@@ -72,7 +65,7 @@ class WorkerShare:
 
 @dataclass(frozen=True)
 class Shares:
-    """Who drives which episodes, from one iteration until the next `Shares`.
+    """Who drives which episodes, until the next `Shares`.
 
     Attributes:
         version: Counts them.
@@ -93,12 +86,7 @@ class Shares:
 
 @dataclass(frozen=True)
 class SharesRecord(JsonRecord):
-    """The newest shares; only the trainer writes them.
-
-    Attributes:
-        numbers: Of the joined workers.
-        newest: The last few, newest last.
-    """
+    """The newest few shares; only the trainer writes them."""
 
     session: str
     numbers: Mapping[str, int] = field(default_factory=dict)

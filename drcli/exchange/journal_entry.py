@@ -12,7 +12,7 @@ Kind = Literal["start", "notice", "fault", "recovery", "stage", "upload", "messa
 
 @dataclass(frozen=True)
 class JournalEntry(JsonRecord):
-    """`at` is Unix seconds by the machine's clock, `text` for people, `facts` for programs."""
+    """`at` is Unix seconds, `text` for people, `facts` for programs."""
 
     at: float
     kind: Kind

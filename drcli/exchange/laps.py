@@ -1,4 +1,4 @@
-"""What a sample of laps says about a checkpoint: how many are clean, and how fast.
+"""What a sample of laps says about a checkpoint.
 
 A *clean lap* is completed without violation, reset or penalty, as is each completed lap of an
 evaluation during training. A *finished lap* is completed, maybe with resets.
@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from statistics import median
 
 Z_95 = 1.959964
-"""Two-sided 95 %."""
-
 CONFIRMING_LAPS = 40
 """From new starts: is a checkpoint as good as it seems?"""
 
@@ -48,11 +46,10 @@ class Laps:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The true share of clean laps, with 95 % confidence."""
+        """Of the true share of clean laps, 95 % confidence."""
         return share_interval(self.clean, self.driven)
 
     def within(self, most_s: float | None) -> "Laps":
-        """The sample if laps slower than `most_s` are not clean."""
         if most_s is None:
             return self
         return Laps(self.driven, [lap_s for lap_s in self.clean_s if lap_s <= most_s])
@@ -76,10 +73,7 @@ def is_clean_lap(finished: bool, *faults: float | None) -> bool:
 
 
 def laps_summary(laps: Laps, *, resets: int, finished: int, best: str) -> str:
-    """Such as "2 of 3 laps clean (1 reset), 3 finished, best 7.73 s".
-
-    `best` is of the clean laps, else a finished lap by `lap_time`.
-    """
+    """Such as "2 of 3 laps clean (1 reset), 3 finished, best 7.73 s"."""
     words = f"{laps.clean} of {laps.driven} {'lap' if laps.driven == 1 else 'laps'} clean"
     if resets:
         words += f" ({counted_resets(resets)})"
@@ -98,7 +92,7 @@ def lap_time(
 ) -> str:
     """Such as "7.80 s", or "12.80 s = 7.80 driven + 5.00 penalty, 1 reset".
 
-    `lap_s` includes penalties (None: not recorded); `clock` formats times.
+    `lap_s` includes penalties.
     """
     words = f"{lap_s:.2f} s" if clock is None else clock(lap_s)
     if penalty_s:

@@ -50,7 +50,6 @@ class LiveAddress:
 
     @staticmethod
     def own(port: int) -> "LiveAddress":
-        """With a new key."""
         pid = os.getpid()
         return LiveAddress(port, secrets.token_hex(32), pid, started_s(pid) or 0.0)
 
@@ -71,14 +70,12 @@ class LiveAddress:
         write_private_json(live_file(folder, name), asdict(self))
 
     def delete(self, folder: Path, name: str) -> None:
-        """Not that of another process of this name."""
         if LiveAddress.read(live_file(folder, name)) == self:
             with suppress(OSError):
                 live_file(folder, name).unlink(missing_ok=True)
 
     @staticmethod
     def read(path: Path) -> "LiveAddress | None":
-        """None if missing or damaged."""
         return load_record(LiveAddress, path)
 
 
@@ -103,13 +100,7 @@ class LiveRequest:
 
 @dataclass(frozen=True)
 class LiveMessage:
-    """Something that a worker shows.
-
-    Attributes:
-        step_s: Unix time of its step; of a state, of its begin.
-        data: JPEG, or JSON of a `LiveScene` or `LiveState`.
-        width: Pixels.
-    """
+    """`step_s` is Unix time; `data` is JPEG, or JSON of a `LiveScene` or `LiveState`."""
 
     view: LiveView
     step_s: float
@@ -139,12 +130,10 @@ class LiveMessage:
 
     @property
     def scene(self) -> "LiveScene":
-        """RecordError if it is not one."""
         return LiveScene.decode(self.data)
 
     @property
     def state(self) -> "LiveState":
-        """RecordError if it is not one."""
         return LiveState.decode(self.data)
 
 
@@ -162,7 +151,6 @@ class LiveState(JsonRecord):
     """What a worker does, also while no car drives.
 
     Attributes:
-        worker: "sim-0", "sim-1", ..., "evaluation".
         waits: For another worker.
         since_s: Unix time.
         hint: Why a view cannot be shown now.
@@ -180,8 +168,6 @@ class LiveState(JsonRecord):
 
 @dataclass(frozen=True)
 class LiveRacer:
-    """`rgb` is DR_CAR_COLOR, 0 to 255."""
-
     model: str
     color: str
     rgb: tuple[int, ...] = ()
@@ -192,12 +178,10 @@ class LiveCar:
     """A car after a step.
 
     Attributes:
-        racer: Index in `LiveScene.racers`.
         reverse: Against the scene's direction.
         x: Of the point 0.14 m ahead of the origin, metres; so is `y`.
         asked_mps: Requested.
         steering_deg: Requested, left positive.
-        progress: Percent.
         reward: Of this step.
         total: Of the episode.
         status: As in traces.
@@ -228,8 +212,6 @@ class LiveCar:
 
 @dataclass(frozen=True)
 class LiveObject:
-    """An obstacle, bot or racer; x and y of its middle, metres."""
-
     kind: str
     x: float
     y: float
@@ -243,7 +225,6 @@ class ShownCar:
     Attributes:
         objects: Around it; each car has its own.
         probabilities: Of `LiveScene.actions`; None if continuous.
-        chosen: Index of the action.
         mean: Likeliest continuous action, degrees and m/s.
         low: 16 % quantile.
         high: 84 % quantile.
@@ -266,10 +247,7 @@ class FinishedEpisode:
     """An episode that has ended, or a lap of a race of several laps.
 
     Attributes:
-        serial: Counts from 1, so a viewer that misses scenes sees the new ones.
-        racer: Index.
-        lap: From 1.
-        progress: Percent.
+        serial: Shows a viewer that misses scenes which ones are new.
         time_s: Simulated seconds.
         ended_s: Unix time.
     """
@@ -296,10 +274,9 @@ class LiveScene(JsonRecord):
     """All cars of a worker after a step.
 
     Attributes:
-        reverse: Against the track's definition.
         actions: Discrete, degrees and m/s.
         shown: None if it does not drive.
-        finished: Newest episodes, oldest first.
+        finished: Newest episodes.
     """
 
     world: str

@@ -24,7 +24,7 @@ def admit(peer: socket.socket, key: bytes) -> None:
     """Let a viewer in that knows the key, and prove to know it too.
 
     Raises:
-        WireError: It does not know the key.
+        WireError: It does not know it.
         OSError: It left or timed out.
     """
     own = secrets.token_bytes(_NONCE_BYTES)
@@ -36,7 +36,7 @@ def admit(peer: socket.socket, key: bytes) -> None:
 
 
 def enter(peer: socket.socket, key: bytes) -> None:
-    """Prove to a worker to know the key, and check that it does.
+    """Check that a worker knows the key, and prove to know it too.
 
     Raises:
         WireError: It is another program, or refuses the key.

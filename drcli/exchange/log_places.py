@@ -20,12 +20,11 @@ def log_folder(directory: Path, prefix: str, kind: str) -> Path:
 
 
 def log_file(directory: Path, prefix: str, name: str) -> Path:
-    """For "trainer", "supervisor", "sim-0", ... or its prints."""
+    """For "trainer", "supervisor", "sim-0", ..."""
     return log_folder(directory, prefix, log_kind(name)) / f"{name}.log"
 
 
 def json_log(log: Path) -> Path:
-    """For DR_LOG_JSON."""
     return log.with_suffix(".jsonl")
 
 

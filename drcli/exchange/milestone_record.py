@@ -1,7 +1,4 @@
-"""The milestones of a training: `milestones.json`, which the trainer writes beside the checkpoints.
-
-A milestone did something first or best in an evaluation.
-"""
+"""The milestones of a training: checkpoints that did something first or best."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,8 +15,6 @@ THREE = 3
 
 @dataclass(frozen=True)
 class Milestone:
-    """`progress` is a mean percentage, `best_lap_s` simulated seconds."""
-
     checkpoint: str
     laps: int
     episodes: int
@@ -36,12 +31,7 @@ class Milestone:
 
 @dataclass(frozen=True)
 class Milestones(JsonRecord):
-    """The milestones until now.
-
-    Attributes:
-        best_lap: Of the present stage only, as tracks differ; of equal laps, the first.
-        spaced: Kept because of DR_TRAIN_KEEP_EVERY.
-    """
+    """`best_lap` is of the present stage only, as tracks differ."""
 
     first_lap: Milestone | None = None
     three_laps: Milestone | None = None

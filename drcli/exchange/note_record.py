@@ -7,8 +7,6 @@ from drcli.base.json_record import JsonRecord, RecordError
 
 @dataclass(frozen=True)
 class NoteRecord(JsonRecord):
-    """`checkpoint` was the newest then; times are Unix seconds."""
-
     at: float
     text: str
     host: str = ""

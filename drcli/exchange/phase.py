@@ -15,15 +15,12 @@ PHASES: Mapping[Phase, str] = {
 
 @dataclass(frozen=True)
 class PhaseMark:
-    """A phase, its first checkpoint, and the steps before it."""
-
     name: Phase
     iteration: int = 0
     steps: int = 0
 
     @property
     def number(self) -> int:
-        """From 1."""
         return list(PHASES).index(self.name) + 1
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""What drives a racer of an evaluation, and which engine runs it."""
+"""What drives a racer of an evaluation, and which engine."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,12 +10,11 @@ Runtime = Literal["torch", "pb", "onnx", "openvino", "tflite"]
 
 @dataclass(frozen=True)
 class PolicySource:
-    """A checkpoint of a model in the bucket, or a file on the machine that drives.
+    """A checkpoint of a model in the bucket, or a file here.
 
     Attributes:
         runtime: None: PyTorch, or a file's own engine.
-        file: Absolute; None for a checkpoint.
-        metadata: model_metadata.json, absolute; None if beside or inside the file.
+        metadata: model_metadata.json; None if beside or inside the file.
         sha256: Of the checked file, so that no other drives.
     """
 

@@ -1,7 +1,7 @@
-"""The pulse of a worker: a small file on this machine that says how far the worker is.
+"""The pulse of a worker: a small file on this machine that says how far it is.
 
-A thread writes it every two seconds over the same bytes, which works on a full disk. By the
-checksum, a reader notices half of it and keeps the one before.
+A thread writes it every two seconds over the same bytes, which works on a full disk. A checksum
+shows a half-written one; the reader keeps the one before.
 """
 
 import os
@@ -23,7 +23,6 @@ class PulseRecord(JsonRecord):
     Attributes:
         waits: For another worker.
         work: Steps of driving (all cars at once) or learning.
-        worked_s: When the last was finished.
         turned_s: When the main thread last came by; not inside one long call.
         memory_bytes: Resident set.
     """

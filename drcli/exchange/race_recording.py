@@ -20,16 +20,7 @@ class RecordedObjects(JsonRecord):
 
 @dataclass(frozen=True)
 class RaceRecording(JsonRecord):
-    """The race of a trace, beside the trace of an evaluation.
-
-    Attributes:
-        world: DR_WORLD_NAME.
-        reverse: Against its name.
-        model: Prefix or file.
-        shapes: As in `drsim.race.solids.SHAPES`.
-        off_track_penalty_s: DR_EVAL_OFF_TRACK_PENALTY.
-        collision_penalty_s: DR_EVAL_COLLISION_PENALTY.
-    """
+    """What a film needs besides a trace; `shapes` are of `drsim.race.solids.SHAPES`."""
 
     world: str
     reverse: bool

@@ -28,8 +28,8 @@ class QueueOrder(JsonRecord):
     """Where the organiser has put a submission.
 
     Attributes:
-        place: Sort key; at first microseconds.
-        restarts: How often to drive it again; older results do not count.
+        place: At first microseconds.
+        restarts: Results before the last one do not count.
     """
 
     place: int
@@ -42,7 +42,6 @@ class DrivenLap:
 
     Attributes:
         lap_s: Simulated seconds, penalties included.
-        progress: Percent.
         penalty_s: None if not recorded.
         immobilized: How often the car stood still for too long.
         reversed: How often it drove in the wrong direction.
@@ -82,12 +81,11 @@ class DrivenCar:
 
 @dataclass(frozen=True)
 class RaceResult(JsonRecord):
-    """The evaluation of a submission, or of a pair. The queue writes it.
+    """The evaluation of a submission or pair, written by the queue.
 
     Attributes:
         session: The run of the queue.
         restarts: Of its submissions when it began.
-        began_at: Unix seconds.
         notes: Such as why there is no video.
     """
 
@@ -108,6 +106,6 @@ class RaceResult(JsonRecord):
 
 @dataclass(frozen=True)
 class BracketDraw(JsonRecord):
-    """Order of entry, the first against the last; drawn with the first pair."""
+    """The first meets the last."""
 
     seeds: list[str]

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from drcli.base.json_record import JsonRecord
 
 MOST_ERRORS = 20
-"""Described by a worker; further ones are only counted."""
 
 
 @dataclass(frozen=True)
@@ -14,15 +13,15 @@ class RewardErrorEntry:
     """One distinct error of a reward function.
 
     Attributes:
-        kind: As in `drsim.errors.RewardError`; `discard` for an episode that was declared broken.
-        exception: Name of the exception's class; empty where a value was wrong.
+        kind: As in `drsim.errors.RewardError`; `discard` for an episode declared broken.
+        exception: Class of the exception; empty where a value was wrong.
         reason: What went wrong in the first such call, such as "KeyError: 'sped'".
         line: Line in the racer's file, if known.
         source: The text of that line.
         params: The parameters of the first such call, in short form.
         count: How many calls failed like this.
-        first_iteration: Number of the iteration of the first such call.
-        last_iteration: Number of the iteration of the newest such call.
+        first_iteration: Iteration of the first such call.
+        last_iteration: Iteration of the newest such call.
     """
 
     kind: str
@@ -62,8 +61,8 @@ class RewardCounts:
     Attributes:
         calls: Calls of the reward function.
         failed: How many of them failed.
-        discarded: Episodes that the function declared broken.
-        errors: The distinct errors, those of discarded episodes among them, oldest first.
+        discarded: Episodes declared broken.
+        errors: The distinct errors, with those of discarded episodes, oldest first.
     """
 
     calls: int = 0

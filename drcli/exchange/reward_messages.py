@@ -18,8 +18,6 @@ _COUNT = struct.Struct("<I")
 
 @dataclass(frozen=True)
 class Load(JsonRecord):
-    """The first message."""
-
     file: str
     cars: int
 

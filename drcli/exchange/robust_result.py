@@ -40,7 +40,7 @@ class RobustResult(JsonRecord):
         prefix: Model prefix in the bucket.
         checkpoint: Name of the checkpoint or file that drove.
         world: The track.
-        seed: Of everything random; the same seed gives the same trials.
+        seed: The same seed gives the same trials.
         cells: Axis by axis, from the nominal trials on.
         seconds: How long the driving took.
     """

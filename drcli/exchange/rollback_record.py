@@ -8,8 +8,6 @@ from drcli.base.json_record import JsonRecord
 from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord, checkpoint_name
 
 RATE_FACTOR = 1.0 / 3.0
-"""Of the learning rate, per rollback."""
-
 Reason = Literal["nan", "collapse"]
 
 
@@ -19,14 +17,14 @@ class Rollback:
 
     Attributes:
         at: Unix seconds.
-        reason: A loss or weight that is NaN or infinite, or a policy that has become far worse.
+        reason: A loss or weight that is NaN or infinite, or a policy that is far worse.
         text: What was wrong, a sentence without its full stop.
         left: Name of the checkpoint that was the newest.
         target: Name of the checkpoint from which the training goes on.
         lr: `lr` of hyperparameters.json at that time.
         factor: The learning rate since then, as a share of `lr`.
-        elapsed_s: Wall time of training until then, with the iterations that were given up.
-        session: The start of the training that went back.
+        elapsed_s: Wall time of training until then, with the given up iterations.
+        session: The start that went back.
     """
 
     at: float

@@ -1,8 +1,8 @@
 """The format of a rollout: driven episodes as bytes, and back.
 
-A safetensors file with a tensor for each column. Frames are zstd level 1 without prediction: on one
-core, those of the computed camera shrink to 38 % at 160 MB/s and unpack at 400 MB/s. With the local
-bucket this costs a fifth more processor time than plain bytes.
+A safetensors file with a tensor for each column. Frames are zstd level 1: on one core, those of the
+computed camera shrink to 38 % at 160 MB/s and unpack at 400 MB/s. With the local bucket this costs
+a fifth more processor time than plain bytes.
 """
 
 import contextlib
@@ -35,8 +35,6 @@ _STEP = {
     "states": ("extra.states", np.float32),
     "learned": ("extra.learned", np.bool_),
 }
-"""By step: name in the file, type."""
-
 _EPISODE = {
     "lengths": ("episode_lengths", np.int64),
     "last_values": ("extra.last_values", np.float64),
@@ -46,22 +44,19 @@ _EPISODE = {
     "completed": ("extra.completed", np.bool_),
     "duration_s": ("extra.duration_s", np.float64),
 }
-"""By episode: name in the file, type."""
-
 LARGEST_FRAMES_BYTES = 1 << 20
 """Of one step; two cameras take 38,400."""
 
 _LARGEST_HEADER_BYTES = 1 << 20
 
 _OUTCOMES = ("numbers", "progress", "completed", "duration_s")
-"""Not for the learner."""
 
 
 @dataclass(frozen=True)
 class Episodes:
-    """Whole episodes: T steps in E episodes, and how each ended.
+    """T steps in E episodes, and how each ended.
 
-    Arrays have the shape (E,); `progress` is percent at the end, `duration_s` simulated seconds.
+    Arrays have the shape (E,); `progress` is percent, `duration_s` simulated.
 
     Raises:
         ValueError: Arrays do not fit.
@@ -105,7 +100,6 @@ class Episodes:
         return len(self.numbers)
 
     def chosen(self, which: NDArray[np.int64]) -> "Episodes":
-        """A copy; indices have the shape (k,)."""
         ends = np.cumsum(self.rollout.lengths)
         begins = ends - self.rollout.lengths
         rows = np.concatenate([np.arange(begins[i], ends[i]) for i in which])
@@ -115,7 +109,6 @@ class Episodes:
 
 
 def encode_episodes(episodes: Episodes) -> bytes:
-    """The arrays may be reused then."""
     frames = np.ascontiguousarray(episodes.rollout.frames)
     plain = frames.data.cast("B") if frames.size else b""
     packed = zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(plain)
@@ -132,7 +125,7 @@ def decode_episodes(parts: Iterable[bytes], steps: int) -> Episodes:
     Frames unpack into one array, so only one object is in memory.
 
     Raises:
-        RecordError: An object is damaged or unlike the first, or the steps are wrong.
+        RecordError: An object is damaged or does not fit.
     """
     with _explained():
         frames = np.empty(0, np.uint8)
@@ -209,7 +202,6 @@ class _Packed:
 
 @contextlib.contextmanager
 def _explained() -> Iterator[None]:
-    """Turns errors of damaged bytes into a RecordError."""
     try:
         yield
     except (

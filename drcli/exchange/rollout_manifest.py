@@ -28,14 +28,6 @@ class Part:
 
 @dataclass(frozen=True)
 class Driving:
-    """How a worker drove its episodes.
-
-    Attributes:
-        evaluates: Checkpoint evaluated at the same time.
-        reward_errors: Failed calls.
-        discarded: Declared broken; in no part.
-    """
-
     drive_s: float = 0.0
     evaluates: int | None = None
     reward_errors: int = 0
@@ -48,12 +40,7 @@ class Driving:
 
 @dataclass(frozen=True)
 class Manifest(JsonRecord):
-    """What one worker drove in one iteration.
-
-    Attributes:
-        session: As in `session_of_worker`.
-        rollbacks: Before its checkpoint.
-    """
+    """What one worker drove; `rollbacks` happened before its checkpoint."""
 
     iteration: int
     worker: int
@@ -71,12 +58,10 @@ class Manifest(JsonRecord):
         return sum(part.steps for part in self.parts)
 
     def is_of(self, session: str) -> bool:
-        """Whether this start of the training drove it."""
         return belongs(self.session, session)
 
 
 def session_of_worker(start: str, process: int, drive: int) -> str:
-    """Unique among all drives of all starts."""
     return f"{start}-{process}-{drive}"
 
 

@@ -10,8 +10,6 @@ from drcli.exchange.run_record import State
 class RunOutcome(JsonRecord):
     """The newest start of a run, written at its begin and end; "running" if its machine vanished.
 
-    Times are Unix seconds.
-
     Attributes:
         began_at: Of the very first start.
         goals: With others, a finished run may go on.

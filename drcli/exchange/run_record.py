@@ -83,7 +83,6 @@ class RunRecord:
     Attributes:
         pid_started: From `process_identity.started_s`; process numbers are reused.
         storage: None in early versions.
-        ending: The supervisor is ending its workers.
     """
 
     run_id: int
@@ -113,17 +112,14 @@ class RunRecord:
         return self.state in LIVE_STATES and is_alive(self.pid, self.pid_started)
 
     def write(self, folder: Path) -> None:
-        """In one step."""
         save_record(folder / _FILE, self)
 
     @staticmethod
     def is_in(folder: Path) -> bool:
-        """Whether there is a record, even a damaged one."""
         return (folder / _FILE).exists()
 
     @staticmethod
     def read(folder: Path) -> "RunRecord | None":
-        """None if missing or damaged."""
         return load_record(RunRecord, folder / _FILE)
 
     def ended(
@@ -166,8 +162,7 @@ class WaitingStart:
     """A process that a stop command ends although it is not a run.
 
     Attributes:
-        kind: Waits for another start ("wait"), drives for another machine ("worker"), or runs
-            several trainings ("sweep").
+        kind: Waits for another start, drives for another machine, or runs a sweep.
     """
 
     pid: int
@@ -178,7 +173,6 @@ class WaitingStart:
 
     @contextmanager
     def shown(self, folder: Path) -> Iterator[None]:
-        """Visible to other commands inside the `with` block."""
         path = folder / _WAITING.replace("*", str(self.pid))
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)

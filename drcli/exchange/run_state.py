@@ -8,8 +8,6 @@ from drcli.base.json_record import JsonRecord
 
 @dataclass(frozen=True)
 class ActivityRecord(JsonRecord):
-    """What one worker does, since when (Unix seconds)."""
-
     activity: str
     since: float
     pid: int
@@ -18,8 +16,6 @@ class ActivityRecord(JsonRecord):
 
 @dataclass(frozen=True)
 class TrainingEnd(JsonRecord):
-    """Written by the trainer at its end."""
-
     session: str
     reason: str
 
@@ -55,7 +51,6 @@ class Lease(JsonRecord):
         return Lease(session="of a newer drcli", host="a newer drcli", pid=0, renewed=0, newer=True)
 
     def to_json(self) -> dict[str, Any]:
-        """Without `age_s` and `newer`."""
         fields = super().to_json()
         del fields["age_s"], fields["newer"]
         return fields

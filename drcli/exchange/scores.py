@@ -9,18 +9,11 @@ from drcli.exchange.checkpoint import checkpoint_name
 from drcli.exchange.laps import Laps
 
 JudgedWorld = Literal["training", "evaluation", "both"]
-"""DR_TRAIN_BEST_MODEL_WORLD."""
 
 
 @dataclass(frozen=True)
 class EvaluationEpisodes:
-    """Evaluation episodes of a checkpoint, each until its first violation.
-
-    Attributes:
-        progress: Percent of each; never empty.
-        reward: Sum of each.
-        lap_s: Completed, so clean laps, simulated seconds.
-    """
+    """Driven to the first violation; progress in percent, `lap_s` of clean laps."""
 
     progress: list[float]
     reward: list[float]
@@ -52,8 +45,6 @@ class EvaluationEpisodes:
 
 @dataclass(frozen=True)
 class SecondEvaluation(EvaluationEpisodes):
-    """On the second track, DR_TRAIN_EVAL_WORLD."""
-
     world: str
 
 
@@ -63,11 +54,9 @@ class EvaluationResult(JsonRecord):
 
     Attributes:
         progress: Percent of each; never empty.
-        reward: Sum of each.
         lap_s: Completed laps, simulated seconds.
         steering_per_m: Changes of the steering's side.
         rollbacks: Before the checkpoint.
-        second: Comes later.
         confirms: Laps to drive again from other starts, because these may end the training or make
             it the best.
     """
@@ -88,7 +77,6 @@ class EvaluationResult(JsonRecord):
 
     @property
     def first(self) -> EvaluationEpisodes:
-        """On the training track, without the confirmation."""
         return EvaluationEpisodes(self.progress, self.reward, self.lap_s)
 
     def on(self, world: JudgedWorld) -> EvaluationEpisodes:
@@ -102,17 +90,11 @@ class EvaluationResult(JsonRecord):
 
 
 NOT_EVALUATED = -1.0
-"""Of older tools."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """How well a checkpoint drives; older tools leave out unknown values.
-
-    Attributes:
-        time_stamp: Simulated seconds when it was made.
-        episodes: To compare checkpoints.
-    """
+    """`time_stamp` is simulated seconds; older tools leave out unknown values."""
 
     name: str
     avg_eval_metric: float | None = None
@@ -152,7 +134,6 @@ class Scores:
 
 
 def _known_metric(score: Score) -> Score:
-    """Without -1 for none, unless the episodes show it."""
     if score.avg_eval_metric == NOT_EVALUATED and score.episodes is None:
         return replace(score, avg_eval_metric=None)
     return score

@@ -11,8 +11,6 @@ _FILE = "spending.json"
 
 @dataclass(frozen=True)
 class StartSpending(JsonRecord):
-    """One start, written every few minutes and at its end; `usd` None: unknown price."""
-
     session: str
     host: str
     hours: float
@@ -22,20 +20,20 @@ class StartSpending(JsonRecord):
 
 @dataclass(frozen=True)
 class Spending:
-    """All starts of a training until now, as its supervisor last knew it.
+    """All starts of a training, as its supervisor last knew it.
 
     Attributes:
         session: Of the newest start.
         starts: How many there were.
         hours: Machine hours of all of them together.
         usd: What these cost; None if no price is known.
-        unpriced_hours: Hours of those whose price is not known.
-        usd_per_hour: Present price; None if it is not known.
+        unpriced_hours: Hours without a known price.
+        usd_per_hour: Present price; None if not known.
         price_of: Where that comes from, for people.
         max_usd: DR_MAX_COST; 0 for no limit.
         own_hours: Machine hours of the newest start.
         max_minutes: Limit of its time; None for none.
-        damaged: Objects of earlier starts that cannot be read, so that their cost is missing.
+        damaged: Unreadable objects of earlier starts, whose cost is missing.
     """
 
     session: str

@@ -9,14 +9,13 @@ from drcli.config.run_config import RaceConfig
 class StageGoal:
     """When a stage ends: all targets are reached, or one limit. None: not asked for.
 
-    Evaluations of one checkpoint decide; for `mean_reward`, training episodes.
+    Evaluations of one checkpoint decide; for `mean_reward`, the last 100 training episodes.
 
     Attributes:
         laps: Target: all evaluation laps completed, at least so many.
         lap_time: Target: all completed, mean in simulated seconds.
         progress: Target: mean, percent.
         evaluations: How many in a row must reach these.
-        mean_reward: Target: mean of the stage's last 100 episodes.
         steps: Limit, as all others.
         minutes: Without stops.
     """
@@ -41,7 +40,6 @@ class StageGoal:
         return not self.evaluated and all(each is None for each in limits)
 
     def __str__(self) -> str:
-        """To be read after "ends"."""
         targets, limits = [], []
         if self.laps is not None:
             targets.append(f"all evaluation laps are completed, at least {self.laps}")
@@ -73,8 +71,6 @@ class Stage:
         name: A resumed training finds its stage by it.
         races: Of the first worker and of others with their own.
         reward: Source text.
-        reward_name: Its author's file name.
-        hyperparameters: `hyperparameters.json`, complete.
     """
 
     name: str

@@ -10,8 +10,6 @@ _FILE = "stage.json"
 
 @dataclass(frozen=True)
 class StageNote:
-    """The newest stage, or phase with a teacher."""
-
     session: str
     stage: str
     checkpoint: str
@@ -23,6 +21,5 @@ class StageNote:
 
     @staticmethod
     def read(folder: Path, session: str) -> "StageNote | None":
-        """None without one of this start."""
         found = load_record(StageNote, folder / _FILE)
         return found if found is not None and found.session == session else None

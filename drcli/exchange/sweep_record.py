@@ -21,10 +21,9 @@ class TrialScore:
     """How well the car of a training drives.
 
     Attributes:
-        episodes: 0 without an evaluation.
-        progress: Mean of the evaluation, else of the best iteration, percent.
+        progress: Of the evaluation, else of the best iteration, percent.
         lap_s: Median of clean laps, simulated seconds.
-        reward: Mean in the best iteration.
+        reward: In the best iteration.
     """
 
     checkpoint: int | None = None
@@ -40,7 +39,6 @@ class TrialRecord:
     """One training of a sweep.
 
     Attributes:
-        name: Of its experiment and first model.
         prefix: Of its present model.
         hyperparameters: Changed by a population.
         source: In a population, whose weights it began with.
@@ -70,13 +68,7 @@ class TrialRecord:
 
 @dataclass(frozen=True)
 class SweepRecord(JsonRecord):
-    """A sweep, written after each change by its command.
-
-    Attributes:
-        most: Budget of each training.
-        began_at: Unix seconds.
-        checks: Comparisons so far.
-    """
+    """Written after each change by its command; `most` is each training's budget."""
 
     name: str
     metric: Metric

@@ -27,11 +27,7 @@ STATUS_LABELS = {
     "time_up": "Time Up",
     "discarded": "Discarded",
 }
-"""Spelling of metrics files."""
-
 VIOLATIONS = ("crashed", "immobilized", "off_track", "reversed")
-"""Reset the car or end the episode."""
-
 STEP_S = 1.0 / 15.0
 """Simulated time of one step, seconds.
 
@@ -54,11 +50,9 @@ class Row:
         steering_deg: Requested, left positive.
         speed_mps: Requested.
         action: Index, or "[steering speed]".
-        progress: Percent.
         status: A key of `STATUS_LABELS`.
         pause_s: Rest of a penalty.
         time_s: Simulated, since the reset.
-        crashes: So far.
         reward_ms: Wall time of the reward function, so not compared.
     """
 
@@ -88,7 +82,6 @@ class Episode:
     Attributes:
         number: From 0; trials begin at 0 again.
         clock_s: Simulation clock at its reset, as if episodes followed one another.
-        begin_s: Not 0 for later laps of a continuous race.
     """
 
     number: int
@@ -120,12 +113,10 @@ class Episode:
 
     @property
     def duration_s(self) -> float:
-        """Simulated, from reset to end."""
         return self.rows[-1].time_s - self.begin_s
 
     @property
     def steps(self) -> int:
-        """Without the first."""
         return len(self.rows) - 1
 
 
@@ -194,7 +185,6 @@ def _fields(episode: Episode, row: Row, track_length_m: float, wall_clock: float
 
 
 def log_lines(episode: Episode, track_length_m: float, wall_clock: float) -> str:
-    """For log-guru and other parsers."""
     return "\n".join(
         f"{LOG_MARK}{episode.number},{row.steps},{row.x:.4f},{row.y:.4f},{row.yaw_deg:.4f},"
         f"{row.steering_deg:.2f},{row.speed_mps:.2f},{row.action},{row.reward:.4f},{row.done},"
@@ -227,7 +217,6 @@ class TracedEpisode:
 
 
 def read_csv(data: bytes) -> list[TracedEpisode]:
-    """Leaves out damaged rows."""
     episodes: dict[int, list[TraceRow]] = {}
     for row in read_rows(data).rows:
         if math.isfinite(row.reward + row.wall_s) and row.status in STATUS_LABELS:

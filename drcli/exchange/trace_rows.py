@@ -1,9 +1,9 @@
 """Reads the rows of a trace, whoever wrote it: a simtrace CSV, or the trace lines of a log.
 
-The columns have been written in many ways since 2019. A CSV names them; a log line has those of
-`COLUMNS` after `SIM_TRACE_LOG:`, maybe after a time or inside JSON. Simulators of 2019 end with
-`tstamp`, write radians, and number a reset's step 0. Later ones append status, penalty, crashes,
-then wall clock. A continuous action is `[steering speed]`, or a Python list, bare or in quotes.
+A CSV names its columns; a log line has those of `COLUMNS` after `SIM_TRACE_LOG:`, maybe after a
+time or inside JSON. Simulators of 2019 end with `tstamp`, write radians, and number a reset's step
+0. Later ones append status, penalty, crashes, then wall clock. A continuous action is `[steering
+speed]`, or a Python list, bare or in quotes.
 
 Sources: the simulators' format strings, and deepracer-utils, which takes the crashes of a line with
 18 fields for its wall clock.
@@ -29,8 +29,6 @@ _FIELDS_OF_2019 = 15
 _FIELDS_WITHOUT_CLOCK = 18
 
 _QUOTE = r'(?:\\?")?'
-"""With a backslash inside JSON."""
-
 _LIST = re.compile(rf"{_QUOTE}\[([^\]]*)\]{_QUOTE}")
 _IN_LOG = re.compile(rf"{LOG_MARK}((?:{_QUOTE}\[[^\]]*\]{_QUOTE}|[-+\w., ])*)")
 
@@ -57,12 +55,10 @@ class TraceRow(NamedTuple):
     """A step. NaN, None, -1 and empty texts: the file has no such column.
 
     Attributes:
-        line: From 1.
         x: Of the point 0.14 m ahead of the origin, metres; so is `y`.
         yaw_deg: In [-180, 180].
         steering_deg: Requested, left positive.
         action: Index, or "[steering speed]".
-        reward: NaN also if not finite.
         status: Lowercase; else what the row shows.
         pause_s: Rest of a penalty.
         wall_s: Unix time.
@@ -93,8 +89,6 @@ class TraceRow(NamedTuple):
 
 @dataclass
 class TraceRows:
-    """`damaged` are numbers of unreadable lines."""
-
     names: tuple[str, ...] = ()
     rows: list[TraceRow] = field(default_factory=list)
     damaged: list[int] = field(default_factory=list)

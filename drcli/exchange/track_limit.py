@@ -30,13 +30,10 @@ _OWN_CAR = {
     "car_max_speed": 4.0,
     "car_battery": 1.0,
 }
-"""Settings of a car of one's own."""
 
 
 @dataclass(frozen=True)
 class TrackLimit:
-    """`name` is `LIMIT`, `BEST_KNOWN` or `COMPUTED`."""
-
     lap_s: float
     name: str
 
@@ -57,8 +54,6 @@ class TrackLimit:
 
 @dataclass(frozen=True)
 class LostPlace:
-    """Part of a lap that costs time against the fastest line."""
-
     first_waypoint: int
     last_waypoint: int
     own_s: float
@@ -77,8 +72,6 @@ class LostPlace:
 
 
 class LapRow(NamedTuple):
-    """Percent from the lap's start on, and closest waypoint."""
-
     progress: float
     waypoint: int
 
@@ -92,14 +85,12 @@ def above_limit(lap_s: float, limit: TrackLimit) -> str:
 
 
 def limit_text(lap_s: float | None, stored: StoredLimit | None) -> str:
-    """As `above_limit`; empty if lap or limit is missing."""
     if lap_s is None or stored is None:
         return ""
     return above_limit(lap_s, TrackLimit.of(stored))
 
 
 def limit_of_race(race: RaceConfig, *, reverse: bool) -> StoredLimit | None:
-    """None if unknown, or for a car of one's own."""
     if any(getattr(race, name) != usual for name, usual in _OWN_CAR.items()):
         return None
     return limit_of(
@@ -131,19 +122,12 @@ def computed_limits(directory: Path) -> Path:
 
 
 class Route(NamedTuple):
-    """A track's file, and whether it is turned against its rows."""
-
     file: Path
     turned: bool
 
 
 def route_of(world: str, tracks_folder: Path, directory: Path) -> Route | None:
-    """By name or file, as the simulation finds it.
-
-    Raises:
-        OSError: The file cannot be read.
-        ValueError: It is not a route.
-    """
+    """By name or file; OSError if unreadable, ValueError if it is not a route."""
     if (file := _file_of(world, tracks_folder, directory)) is not None:
         return Route(file, turned=False)
     way = re.search(r"_(c?)cw\Z", Path(world).stem)
@@ -193,8 +177,8 @@ def _fingerprint(file: Path, changed: int, size: int) -> str:
 def lost_places(rows: Sequence[LapRow], start: float, line: StoredLimit) -> list[LostPlace]:
     """The three parts of a lap that cost most time against a line, worst first.
 
-    Without the first part, as a car from rest gathers speed. Rows are 1/15 s apart; `start` is a
-    fraction of the centre line; `line` runs from waypoint 0 in the lap's direction.
+    Without the first part, as a car from rest gathers speed. Rows are 1/15 s apart; `line` runs
+    from waypoint 0 in the lap's direction.
     """
     count = len(line.clock_ms)
     windows = min(MOST_WINDOWS, max(FEWEST_WINDOWS, count // WINDOW_STATIONS))

@@ -13,7 +13,6 @@ TrainingState = Literal[
 """"lost": it left no reason; "unknown": nobody recorded it."""
 
 MOST_STARTS = 60
-"""The first, and the newest."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,7 @@ class RecordedStart:
         session: Unique name; empty if unknown.
         host: Name of its machine.
         started_at: Unix seconds; 0 if unknown.
-        ended_at: Unix seconds; None if it has not ended, or nobody knows when.
+        ended_at: Unix seconds; None if it has not ended, or unknown.
         state: How it ended.
         message: Why it ended.
         resumes: The checkpoint that it continued from; None for a new model.
@@ -36,7 +35,7 @@ class RecordedStart:
         machine: Platform, processor, cores.
         files: SHA-256 of each of its files; their texts are in `TrainingFiles`.
         hours: How long it trained; None if unknown.
-        usd: What that cost; None if the price is not known.
+        usd: What that cost; None if not known.
     """
 
     session: str = ""
@@ -65,11 +64,11 @@ class TrainingResults:
         iterations: Finished iterations.
         episodes: Training episodes.
         steps: Steps learned from.
-        elapsed_s: Wall time of training, without the time it was stopped.
-        mean_reward: Of the episodes of the last iteration; None without one.
+        elapsed_s: Wall time of training, without stops.
+        mean_reward: Of the last iteration's episodes; None without one.
         mean_progress: Likewise, percent of a lap.
         full_laps: Completed laps of training episodes.
-        evaluated_laps: Completed laps of evaluations during the training, all of them clean.
+        evaluated_laps: Completed laps of evaluations during the training, all clean.
         best_lap_s: Fastest of these on the track, simulated seconds.
         best_training_lap_s: Fastest lap of a training episode on the track.
         best_progress: Highest mean progress of an evaluation on the track, percent.
@@ -79,8 +78,8 @@ class TrainingResults:
         evaluations: Stand-alone evaluations.
         trials: Their trials.
         best_trial_lap_s: Fastest of their finished laps on any track, penalties included.
-        clean_trial_lap_s: Fastest of their clean laps by track, whose name is empty where nobody
-            recorded it; None in records of version 0.1.0, which did not ask.
+        clean_trial_lap_s: Fastest of their clean laps by track, whose name is empty if unknown;
+            None in records of version 0.1.0.
     """
 
     iterations: int = 0
@@ -115,7 +114,7 @@ class TrainingResults:
 
 @dataclass(frozen=True)
 class TrainingRecord(JsonRecord):
-    """A training, from the first start of a model until the model is deleted or begun anew.
+    """A training, from a model's first start until the model is deleted or begun anew.
 
     Attributes:
         id: Eight hexadecimal digits.
@@ -125,11 +124,11 @@ class TrainingRecord(JsonRecord):
         state: Of the newest start.
         message: Why that ended.
         ended_at: When it ended, Unix seconds.
-        number_of_starts: How many there were; `starts` has the first and the newest ones.
+        number_of_starts: All starts; `starts` has the first and the newest ones.
         starts: Oldest first.
         results: What it has come to.
         hours: Machine hours of all starts; None if unknown.
-        usd: What these cost; None if no price is known.
+        usd: What these cost; None if not known.
         parent: The weights that it began with; None for fresh ones.
         parent_training: Id of the training that they come from; empty if unknown.
         description: DR_MODEL_DESCRIPTION.
@@ -187,6 +186,4 @@ class TrainingRecord(JsonRecord):
 
 @dataclass(frozen=True)
 class TrainingFiles(JsonRecord):
-    """Texts by fingerprint."""
-
     texts: Mapping[str, str] = field(default_factory=dict)

@@ -8,8 +8,6 @@ from drcli.base.json_record import JsonRecord
 
 @dataclass(frozen=True)
 class GitState:
-    """`dirty`: tracked files were changed."""
-
     commit: str
     dirty: bool
 
@@ -20,9 +18,9 @@ class Pretrained:
 
     Attributes:
         prefix: Their model.
-        checkpoint: Which of its checkpoints: last, best, the word of a milestone, or a number.
+        checkpoint: Which one: last, best, the word of a milestone, or a number.
         name: That checkpoint, such as `12_Step-7824.ckpt`.
-        metric: Mean score of its evaluation there; None if it was not evaluated.
+        metric: Mean score of its evaluation; None without one.
         sha256: Fingerprint of the weights.
     """
 
@@ -38,13 +36,11 @@ class TrainingStart(JsonRecord):
     """One start of a training. The first versions wrote the seed only.
 
     Attributes:
-        started_at: UTC, ISO 8601.
         settings: DR_ settings that differ from their defaults.
         cars: DR_SIM_CAR of the first worker, and of others with their own race.
         versions: None if not installed.
         git: Of the `working_folder` and our own `package`; None outside git.
         machine: `platform`, `processor`, `cores`, `threads` if OMP_NUM_THREADS is set.
-        earlier: Resumed starts, oldest first.
     """
 
     seed: int
@@ -59,7 +55,6 @@ class TrainingStart(JsonRecord):
     training: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """Only the latest start lists the earlier ones."""
         fields = super().to_json()
         for start in fields["earlier"]:
             del start["earlier"]

@@ -10,8 +10,6 @@ _FILE = "watches.json"
 
 @dataclass(frozen=True)
 class WatchRecord:
-    """A sentence for each warning."""
-
     session: str
     warnings: list[str] = field(default_factory=list)
 
@@ -21,6 +19,5 @@ class WatchRecord:
 
     @staticmethod
     def read(folder: Path, session: str) -> "WatchRecord":
-        """Empty without one of this start."""
         found = load_record(WatchRecord, folder / _FILE)
         return found if found is not None and found.session == session else WatchRecord(session)

@@ -112,7 +112,6 @@ def plan_change(file: Path, actions: list[dict[str, float]] | dict[str, Any]) ->
 
 
 def trained_with(settings: Settings, bucket: Bucket) -> tuple[int, ActionSpace | None]:
-    """The number of checkpoints of the configured model, and their actions."""
     prefix = settings.model_prefix
     count = len(set(checkpoint_objects(bucket, prefix).values()))
     if not count:
@@ -128,7 +127,7 @@ def trained_with(settings: Settings, bucket: Bucket) -> tuple[int, ActionSpace |
 def sentence_about(
     model: str, checkpoints: int, trained: ActionSpace | None, new: ActionSpace
 ) -> str:
-    """What new actions mean for a trained model; may be empty."""
+    """What new actions mean for a trained model, or nothing."""
     if not checkpoints or trained == new:
         return ""
     has = f"{model} has {checkpoints} checkpoint{'s' if checkpoints > 1 else ''}"

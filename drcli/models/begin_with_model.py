@@ -14,7 +14,6 @@ from drcli.models.ready_made import ReadyMadeModel, place_of, put_ready_made
 def values_with(
     model: ReadyMadeModel, given: Mapping[str, str], *, experiment: str | None = None
 ) -> dict[str, str]:
-    """The given settings, else those of the model's training."""
     named = {} if experiment is not None else {"DR_LOCAL_S3_MODEL_PREFIX": model.name}
     return {**named, **model.settings, **given}
 

@@ -38,8 +38,6 @@ class CheckpointGone(SettingsError):
 
 @dataclass(frozen=True)
 class ModelCheckpoints:
-    """The checkpoints of a model, complete or not, and what each means."""
-
     url: str
     prefix: str
     listed: Listing
@@ -152,7 +150,7 @@ def sentence_about(model: Model, chosen: Chosen, option: str = "--checkpoint") -
 
 
 def best_and_last(model: Model) -> str:
-    """Such as "best: 76, 20 of 20 laps clean, ...; last: 77, never evaluated"."""
+    """Such as "best: 76, 20 of 20 laps clean, ...; last: 77, ..."."""
     history, _ = readable_history(model)
     scores, _ = readable_scores(model)
     if scores is None:
@@ -165,7 +163,6 @@ def best_and_last(model: Model) -> str:
 
 
 def laps_of(model: Model, history: Iterable[IterationRecord], name: str) -> Laps | None:
-    """All evaluation laps of a checkpoint on its training's track."""
     number = checkpoint_name(name).number
     laps = next((record.all_laps for record in history if record.iteration == number), None)
     if laps is None:  # the learning curve may have no record of its iteration yet

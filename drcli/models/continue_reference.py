@@ -33,7 +33,6 @@ class Conversion:
 
     @property
     def design(self) -> Design:
-        """The policy's own, whatever the files say."""
         inputs = self.checkpoint.record.counters.inputs
         files = {name: text.encode() for name, text in inputs.items()}
         metadata, parameters = keys.MODEL_METADATA_FILE, keys.HYPERPARAMETERS_FILE

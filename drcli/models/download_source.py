@@ -25,8 +25,6 @@ SNAPSHOTS = 5
 
 @dataclass(frozen=True)
 class Source:
-    """A model to download; `listing` is the command that lists such models."""
-
     bucket: Bucket
     prefix: str
     listing: str
@@ -73,7 +71,6 @@ def list_model(source: Source) -> Listing:
 
 
 def _is_in_checkpoints(source: Source, name: str) -> bool:
-    """Then its copy replaces an empty file."""
     records = readable_records(source.bucket, source.prefix)
     file = name.rpartition("/")[2]
     return any(file in record.counters.inputs for record in records)
@@ -98,7 +95,7 @@ def list_whole(source: Source) -> Listing:
 
 
 def check_weights(source: Source) -> None:
-    """Raise ObjectDamaged for damage, before the target's model is given up."""
+    """Raise ObjectDamaged, before the target's model is given up."""
     store = CheckpointStore(source.bucket, source.prefix)
     for name in sorted(named(read_pointers(source), source)):
         # A training that runs there may just have deleted it; the download looks again.

@@ -210,8 +210,6 @@ def plan_car_upload(
 ) -> CarTarget:
     """Check that archives can be uploaded, before one is made.
 
-    With a `prefix`, the archive has that model's name.
-
     Raises:
         DrError: There is no such bucket, or it does not take objects.
     """

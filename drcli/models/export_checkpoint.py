@@ -27,8 +27,6 @@ _NOT_VERIFIED = ("The reference simulator itself has not loaded this checkpoint.
 
 @dataclass(frozen=True)
 class CheckpointExport:
-    """An export in memory; `items` do not have the pointers."""
-
     source: ExportSource
     items: list[Item]
     score: Score

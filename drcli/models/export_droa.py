@@ -112,7 +112,6 @@ def export_droa(
 
 
 def package_files(exported: CheckpointExport) -> dict[str, bytes]:
-    """The two files that name the checkpoint come last."""
     items = [*exported.items, *pointer_items(exported.score)]
     return {item.name: item.data for item in items}
 

@@ -40,13 +40,10 @@ class Selection:
 
 @dataclass(frozen=True)
 class ExportSource:
-    """A checkpoint of a model that was trained or imported here.
+    """A checkpoint that was trained or imported here.
 
     Attributes:
         weights: Safetensors.
-        origin: Address of the weights.
-        world: DR_WORLD_NAME of its training.
-        best: The model's best checkpoint.
         graph: The reference's frozen graph; None for ours.
     """
 

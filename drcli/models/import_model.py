@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PlannedImport:
-    """Everything that will be written, without the pointers."""
-
     options: ImportOptions
     items: list[Item]
     score: Score
@@ -120,7 +118,6 @@ def import_model(planned: PlannedImport, settings: Settings, progress: Progress)
 
 
 def _other_custom_files(settings: Settings, options: ImportOptions, items: list[Item]) -> list[str]:
-    """Warn if the racer's files would replace the model's."""
     if options.custom_files:
         return []
     folder = settings.custom_files_dir

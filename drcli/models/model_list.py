@@ -59,7 +59,6 @@ class CheckpointEntry:
 
 
 def score_text(metric: str, value: float | None) -> str:
-    """`value` is percent, reward, or milliseconds by the metric."""
     if value is None:
         return ""
     if metric == "laptime":
@@ -124,8 +123,6 @@ def list_models(bucket: Bucket, pattern: str = "") -> ModelList:
 
 
 class ModelListReader:
-    """Lists again, but reads only what changed."""
-
     def __init__(self) -> None:
         self._known: dict[str, tuple[Signature, ModelEntry]] = {}
 

@@ -43,8 +43,6 @@ def find(
 ) -> Transfer:
     """Read the weights that the DR_LOCAL_S3_PRETRAINED settings name.
 
-    `wiping`: everything at the `new` prefix will be deleted.
-
     Raises:
         ProblemsError: Model or checkpoint is missing, or does not fit.
     """

@@ -24,11 +24,8 @@ Progress = Callable[[str, int], AbstractContextManager[Watch]]
 
 POINTERS = ("model/.coach_checkpoint", "model/deepracer_checkpoints.json")
 _SENDINGS = 4
-"""Attempts, for a server that alters objects."""
-
 _BATCH_BYTES = 64 << 20
 _LOOKS = 5
-"""Attempts, while another delivery writes there."""
 
 
 @dataclass(frozen=True)

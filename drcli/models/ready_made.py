@@ -30,8 +30,6 @@ MODEL_FILES = (keys.REWARD_FUNCTION_FILE, keys.HYPERPARAMETERS_FILE, keys.MODEL_
 
 @dataclass(frozen=True)
 class DrivenLaps:
-    """Laps that `dr-evaluate` measured; `lap_s` are simulated, with penalties."""
-
     world: str
     reverse: bool
     disturbed: bool

@@ -42,14 +42,6 @@ _METRICS_PREFIX = "DR_LOCAL_S3_METRICS_PREFIX"
 
 @dataclass(frozen=True)
 class NewStart:
-    """A start to record.
-
-    Attributes:
-        resumes: Its checkpoint.
-        previous: Outcome of the start before.
-        inputs: `Job.inputs`, not yet the model's.
-    """
-
     settings: Settings
     start: TrainingStart
     outcome: RunOutcome
@@ -59,7 +51,7 @@ class NewStart:
 
 
 def training_id(prefix: str, start: TrainingStart | None) -> str:
-    """Always the same without a record; a copy of a model has another."""
+    """A copy of a model has another one."""
     if start is not None and start.training and origin_of(prefix, start) == prefix:
         return start.training
     first = "" if start is None else start.training or (start.earlier or [start])[0].started_at

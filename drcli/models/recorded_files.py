@@ -20,7 +20,6 @@ def fingerprint(text: str) -> str:
 
 
 def texts_of(bucket: Bucket, record: TrainingRecord) -> dict[str, str | None]:
-    """None for a text that was not kept."""
     kept = dict(read_files(bucket, record.prefix, record.id))
     if record.derived:
         kept = {fingerprint(text): text for text in files_of(bucket, record.prefix).values()}

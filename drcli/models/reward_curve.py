@@ -20,8 +20,6 @@ _METRICS = re.compile(r"TrainingMetrics(_\d+)?\.json")
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """Progress is percent of a lap, entropy nats; the laps are clean."""
-
     iteration: int
     reward: float | None
     progress: float | None
@@ -42,8 +40,6 @@ class EpisodePoint:
 
 @dataclass(frozen=True)
 class RewardCurve:
-    """`episodes` are thinned out evenly."""
-
     iterations: list[CurvePoint]
     episodes: list[EpisodePoint]
     all_episodes: int

@@ -36,7 +36,6 @@ def describe_start(
     before: TrainingStart | None,
     training: str = "",
 ) -> TrainingStart:
-    """`before` is the start that this one resumes; `training` the record's id."""
     return TrainingStart(
         seed=seed,
         started_at=datetime.now(UTC).isoformat(timespec="seconds"),

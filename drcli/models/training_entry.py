@@ -146,7 +146,6 @@ def moment(at: float | None) -> str:
 
 
 def settings_of(record: TrainingRecord) -> dict[str, Any]:
-    """Of the newest start, with all defaults that have an effect."""
     given = record.newest.settings
     if given is None:
         return {}

@@ -177,8 +177,6 @@ def with_evaluations(
 
 @dataclass(frozen=True)
 class _Trials:
-    """`lap_s` are finished laps, with penalties."""
-
     trials: int = 0
     lap_s: Sequence[float] = ()
     clean_lap_s: float | None = None

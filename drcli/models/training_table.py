@@ -10,7 +10,7 @@ from drcli.models.training_list import KnownTrainings
 
 
 def csv_table(known: KnownTrainings, chosen: Collection[TrainingEntry]) -> str:
-    """Columns of a list, each hyperparameter, each setting that was given."""
+    """With each hyperparameter and each setting that was given."""
     records = {record.id: record for record in known.records}
     found = [records[entry.id] for entry in chosen]
     parameters = sorted({name for record in found for name in record.hyperparameters})

@@ -16,8 +16,6 @@ ENTROPY_RISE = 0.2
 
 ENTROPY_NEAR = 0.05
 ENTROPY_SINCE = 8
-"""Iterations: a shorter rise passes."""
-
 REWARD_WINDOW = 13
 REWARD_JUMP = 0.4
 """Between iterations, as a share of the mean reward. Healthy trainings: 0.17 to 0.30."""
@@ -81,7 +79,6 @@ class Convergence:
 
 
 def convergence(records: Sequence[IterationRecord]) -> Convergence | None:
-    """None before `CONVERGED_OVER` evaluations."""
     evaluated = [r for r in _of_stage(records) if r.evaluation_progress][-CONVERGED_OVER:]
     if len(evaluated) < CONVERGED_OVER:
         return None

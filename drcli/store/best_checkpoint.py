@@ -20,8 +20,7 @@ UNFINISHED_MS = 999_999.0
 RELIABLE = share_interval(20 + CONFIRMING_CLEAN, 20 + CONFIRMING_LAPS)[0]
 """Lower bound of the share of clean laps above which the faster checkpoint is better.
 
-It is a goal's: 20 laps, then 38 of 40. Without it, one lucky clean lap more could let a slow
-checkpoint win.
+It is a goal's: 20 laps, then 38 of 40. Without it, one lucky clean lap more could decide.
 """
 
 PRESUMED = share_interval(5, 5)[0]
@@ -29,7 +28,7 @@ PRESUMED = share_interval(5, 5)[0]
 
 
 def metric_of(metric: str, episodes: EvaluationEpisodes) -> float:
-    """By DR_TRAIN_BEST_MODEL_METRIC: percent, reward or milliseconds."""
+    """Percent, reward or milliseconds."""
     if metric == "laptime":
         unfinished = len(episodes.progress) - len(episodes.lap_s)
         times = [1000.0 * lap_s for lap_s in episodes.lap_s]

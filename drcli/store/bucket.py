@@ -126,8 +126,7 @@ _PLACEHOLDERS = ("_$folder$", "/.keep", "/.gitkeep", "/.bzEmpty", "/.emptyFolder
 def without_placeholders(listed: Iterable[ObjectInfo]) -> Listing:
     """The objects without those that other programs write for a folder, sorted.
 
-    S3 browsers write `model/`, which some servers list as `model`. Its copy would be a file where a
-    folder must be.
+    S3 browsers write `model/`, which some servers list as `model`: a file where a folder must be.
     """
     objects = [info for info in listed if not info.key.endswith("/")]
     empty = {info.key for info in objects if not info.size_bytes}

@@ -1,7 +1,6 @@
 """Tries what drcli does with a bucket, folder by folder, and measures the speed.
 
-Test objects have names of no model, and are deleted. Where that fails, one stays in each folder,
-always the same.
+Test objects are deleted; where that fails, one stays in each folder, always the same.
 """
 
 import hashlib
@@ -43,8 +42,6 @@ class Trial:
 
     Attributes:
         round_trip_ms: Median, small object.
-        write_mb_s: Millions of bytes.
-        read_mb_s: Likewise.
         conditional: The server refuses to overwrite if asked so; drcli does not need it.
         wrong: What it did that loses data.
         left: Test objects that could not be deleted.
@@ -127,7 +124,7 @@ class _Attempts:
     def _allowed(
         self, action: Action, folder: str, call: Callable[[], object], *, always: bool = False
     ) -> bool:
-        """Record a refusal once; StorageError if the server has never answered."""
+        """Record a refusal once; StorageError if the server never answered."""
         if not always:
             self._check_time()
         try:
@@ -254,7 +251,6 @@ class _Attempts:
             raise _OutOfTime
 
     def _read_clock(self, http_response: Any = None, **_: Any) -> None:
-        """Also where it is why the server refuses."""
         said = getattr(http_response, "headers", {}).get("date")
         if said is None:
             return

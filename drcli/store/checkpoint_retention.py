@@ -46,11 +46,7 @@ def kept_besides(
     rules: KeepRules,
     newest: CheckpointName,
 ) -> Kept:
-    """What the rules keep besides those that `always` stay.
-
-    `sizes` has all checkpoints, in bytes. Earlier every n-th, in `milestones`, stay when
-    DR_TRAIN_KEEP_EVERY changes.
-    """
+    """What the rules keep besides those that `always` stay; sizes in bytes."""
     known = {checkpoint_name(name) for name in milestones.spaced}
     spaced = {name for name in sizes if name in known or rules.spaces(name)}
     reached = [m.name for _, m in milestones.reached()] if rules.milestones else []

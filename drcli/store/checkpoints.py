@@ -41,14 +41,7 @@ class CheckpointsLost(StorageError):
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A complete checkpoint.
-
-    Args:
-        record: Name, hashes and counters.
-        tensors: Safetensors.
-        optimizer: Safetensors; None if not saved or not requested.
-        damaged: Skipped newer checkpoints, with reasons.
-    """
+    """A complete checkpoint; `damaged` are skipped newer ones, with reasons."""
 
     record: CheckpointRecord
     tensors: bytes
@@ -253,8 +246,7 @@ class CheckpointStore:
     ) -> bool:
         """Record an evaluation; True if the checkpoint is now the best, unless deleted.
 
-        Milestones are of the training track whatever `world` says. `reaches_goal`: it ends a
-        training or stage, and so is the best.
+        Milestones are of the training track whatever `world` says.
         """
         scores = read_scores(self._bucket, self._prefix)
         try:
@@ -276,7 +268,6 @@ class CheckpointStore:
         self._marked.restore(newest, records)
 
     def _unmarked(self) -> list[str]:
-        """Only a record of milestones can have kept these."""
         names = sorted(set(checkpoint_objects(self._bucket, self._prefix).values()))
         try:
             best = self.best_name()
@@ -332,7 +323,6 @@ class CheckpointStore:
             return None
 
     def _optimizer(self, record: CheckpointRecord) -> bytes | None:
-        """None if missing or damaged: the weights are enough."""
         if record.optimizer is None:
             return None
         key = keys.checkpoint_optimizer(self._prefix, record.name)
@@ -351,7 +341,6 @@ class CheckpointStore:
         return data
 
     def _newest_first(self, newest: CheckpointName | None) -> list[str]:
-        """Up to `newest`: later ones were never published. Without a record, unfinished."""
         objects = checkpoint_objects(self._bucket, self._prefix)
         found = {name for key, name in objects.items() if key.endswith(".ckpt.json")}
         pointed = self.pointed()
@@ -364,7 +353,6 @@ class CheckpointStore:
     def _own(
         self, objects: dict[str, CheckpointName]
     ) -> tuple[dict[str, CheckpointName], set[int]]:
-        """Without TensorFlow checkpoints, which came with the model and stay, as their graphs."""
         theirs = {key for key in objects if keys.is_tensorflow_part(key)}
         own = {key: name for key, name in objects.items() if key not in theirs}
         return own, {objects[key].number for key in theirs}

@@ -65,7 +65,7 @@ def open_upload_bucket(
     names: SettingNames = UPLOADS,
     patience_s: float = 60.0,
 ) -> S3Bucket:
-    """A bucket on the server for uploads, or its `name`.
+    """A bucket on the server for uploads.
 
     That is DR_UPLOAD_S3_ENDPOINT_URL, else DR_UPLOAD_S3_PROFILE's in the AWS files, else Amazon's.
 
@@ -86,5 +86,4 @@ def open_upload_bucket(
 
 @lru_cache(maxsize=4)
 def _impatient(endpoint: Endpoint, name: str) -> Bucket:
-    """A new client takes longer than reading an object."""
     return S3Bucket(endpoint, name, patience_s=2.0, read_timeout_s=_LOOK_TIMEOUT_S)

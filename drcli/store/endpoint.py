@@ -34,9 +34,9 @@ class Endpoint:
         secret_key: Never printed.
         profile: In the AWS files.
         region: To sign for.
-        engine: Of a local server.
-        pid: Of it, if known.
-        data_dir: Of it.
+        engine: Of a local server, as the next two.
+        pid: If known.
+        data_dir: Its folder.
         names: Of the settings.
     """
 

@@ -29,11 +29,7 @@ REMEMBERED = 1000
 """Goals and scores need fewer."""
 
 SMOOTH = 3
-"""Completion varies by chance."""
-
 _PEAK = 40.0
-"""Percent that a policy must have reached to collapse."""
-
 _FALL = 0.6
 
 

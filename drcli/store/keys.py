@@ -107,7 +107,7 @@ def training_traces_folder(prefix: str, worker: int, workers: int) -> str:
 
 
 def training_traces(prefix: str, iteration: int, worker: int) -> list[str]:
-    """Wherever a worker's may be: the first that exists counts."""
+    """Wherever they may be: the first that exists counts."""
     places = [training_trace(prefix, iteration, worker=worker, workers=count) for count in (2, 1)]
     return list(dict.fromkeys(places))
 
@@ -263,8 +263,7 @@ def reward_errors(prefix: str, worker: int) -> str:
 def decides(key: str) -> bool:
     """Whether readers use it directly: pointers, manifests, traces, metrics, curves.
 
-    These name tensors, parts and records. Activities, logs and event files are for people; a
-    joining worker writes its own record.
+    These name tensors, parts and records; the rest is for people.
     """
     named = (".safetensors", ".ckpt.json")
     folders = ("/status/", "/logs/", "/tensorboard/", "/members/")
@@ -370,10 +369,7 @@ def rollout_manifest(prefix: str, iteration: int, worker: int) -> str:
 
 
 def rollout_key(prefix: str, key: str) -> RolloutKey | None:
-    """Parse; None for other keys.
-
-    A model `a/3` has its rollouts in deeper folders than `a`.
-    """
+    """None for other keys, as of `a/3` for a model `a`."""
     found = re.fullmatch(re.escape(rollouts_folder(prefix)) + r"(\d+)/(\d+)/([^/]+)", key)
     return RolloutKey(int(found[1]), int(found[2]), found[3]) if found else None
 

@@ -29,7 +29,6 @@ class Lost:
     Attributes:
         trained: Iterations.
         checkpoints: Like the next two, a number with first and last.
-        files: Objects with content.
         beside: An unused prefix.
     """
 

@@ -46,8 +46,6 @@ def read_shares(bucket: Bucket, prefix: str, session: str, iteration: int) -> Sh
 
 @dataclass(frozen=True)
 class Member:
-    """`silent_s` is by the reader's clock."""
-
     record: MemberRecord
     silent_s: float
 

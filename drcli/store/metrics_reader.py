@@ -12,13 +12,7 @@ _METRICS = re.compile(r"(TrainingMetrics(?:_\d+)?\.json)(\.part-\d+)?")
 
 
 class DrivenEpisode(NamedTuple):
-    """An episode of a training.
-
-    Attributes:
-        iteration: Of an evaluation, its checkpoint's.
-        evaluation: 1, else 0.
-        progress: Percent.
-    """
+    """An episode; `evaluation` is 1 or 0, `progress` percent."""
 
     iteration: int
     evaluation: int

@@ -41,7 +41,6 @@ class ModelTraces:
 
     @property
     def first(self) -> tuple[str, ...]:
-        """Goes first: then nothing looks like a whole model."""
         return tuple(info.key for info in self.objects if _rank(self.prefix, info.key) == 0)
 
     @property

@@ -45,7 +45,6 @@ def read_notes(bucket: Bucket, prefix: str) -> list[StoredNote]:
 
 
 def headline(bucket: Bucket, prefix: str, objects: Mapping[str, ObjectInfo]) -> str:
-    """The description, else the newest note; reads at most one object."""
     names = sorted(name for key in objects if (name := _name_of(prefix, key)) is not None)
     if not names:
         return ""
@@ -75,7 +74,6 @@ def remove_note(bucket: Bucket, prefix: str, note: StoredNote) -> None:
 
 
 def describe(bucket: Bucket, prefix: str, text: str, *, is_new: bool = True) -> None:
-    """Unless `is_new`, only if it has none."""
     if text.strip() and (is_new or not bucket.exists(keys.note(prefix, DESCRIPTION))):
         write_description(bucket, prefix, text)
 

@@ -38,7 +38,6 @@ _used: list[object] = []
 
 
 def keys_in_use() -> set[str]:
-    """Keys and tokens that boto3 found; sends no request."""
     found: set[str] = set()
     for credentials in _used:
         names = ("_access_key", "_secret_key", "_token", "access_key", "secret_key", "token")

@@ -54,7 +54,6 @@ def whole_records(data: bytes, read: Callable[[Any], T]) -> list[T]:
 
 
 def whole_checkpoints(bucket: Bucket, prefix: str) -> list[CheckpointName]:
-    """With weights and record, damaged or not."""
     objects = checkpoint_objects(bucket, prefix)
     return sorted(
         name
@@ -235,7 +234,6 @@ def traced_iterations(bucket: Bucket, prefix: str) -> dict[int, dict[int, str]]:
 def _traced_history(
     bucket: Bucket, prefix: str, known: Mapping[int, IterationRecord]
 ) -> list[IterationRecord]:
-    """Unknown iterations, without the learner's numbers."""
     found: list[IterationRecord] = []
     traced = traced_iterations(bucket, prefix)
     total: int | None = 0

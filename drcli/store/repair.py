@@ -192,7 +192,6 @@ class _Damage:
 
 
 def _damage(bucket: Bucket, item: _Object) -> _Damage | None:
-    """A newer format is not damaged."""
     try:
         data = bucket.get(item.key)
     except ObjectMissing:
@@ -207,7 +206,6 @@ def _damage(bucket: Bucket, item: _Object) -> _Damage | None:
 
 
 def _refuse_newer(model: Model) -> None:
-    """Raise ObjectNewer for a source of reconstruction."""
     for item in _objects(model, missing=False):
         with suppress(ObjectMissing, ObjectDamaged):
             read_record(model.bucket, item.key, item.decode, remedy="")

@@ -16,9 +16,7 @@ WRITE_EVERY_S = 10.0
 _END = ".requests.json"
 
 PUT_LIST_USD = 0.005 / 1000
-"""Also COPY, POST. S3 Standard, us-east-1, aws.amazon.com/s3/pricing, November 2026; elsewhere up
-to twice.
-"""
+"""S3 Standard in us-east-1, November 2026, aws.amazon.com/s3/pricing. Elsewhere up to twice."""
 
 GET_USD = 0.0004 / 1000
 """Also HEAD and others; deleting is free."""

@@ -34,8 +34,6 @@ QUIET_SHARE, REMEMBERED = 0.7, 5
 asks for manifests: to list a folder costs twelve times as much as to read an object."""
 
 LATE_SHARE = 0.05
-"""How late it may notice, of the shortest wait."""
-
 QUIET_STEP_S = 1.0
 REPORT_EVERY_S = 10.0
 

@@ -297,7 +297,6 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
 
 
 def _explain_denial(code: str, said: str, attempt: Attempt) -> AccessRefused:
-    """Name the permission, and where to add it."""
     found = _DENIED_ACTION.search(said)
     permission = found[1] if found else _PERMISSIONS.get(attempt.action, "s3:ListBucket")
     names, bucket = attempt.endpoint.names, f"arn:aws:s3:::{attempt.bucket}"
@@ -350,7 +349,6 @@ def _is_of_clock(error: Exception) -> bool:
 
 
 def _other_region(error: Exception) -> str | None:
-    """Empty if unknown; None for another failure."""
     code, status = _answer(error)
     malformed = code == "AuthorizationHeaderMalformed" and "region" in _said(error)
     if code not in _REGION_CODES and status != 301 and not malformed:
@@ -377,7 +375,6 @@ def error_code(error: Exception) -> str:
 
 
 def error_text(error: Exception) -> str:
-    """The server's sentence, else the exception's."""
     return (_said(error) or " ".join(str(error).split())).rstrip(".")
 
 

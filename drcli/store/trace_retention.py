@@ -1,8 +1,8 @@
 """Limits the training traces of a model: the older, the fewer stay.
 
-Deleting only the oldest would hide the training's beginning. So every second older iteration goes,
-then every second of the rest, and so on. The newest stay, and iteration 0, by which tools learn the
-episodes per iteration.
+Deleting only the oldest would hide the beginning. So every second older iteration goes, then every
+second of the rest, and so on. The newest stay, and iteration 0, by which tools learn the episodes
+per iteration.
 """
 
 import math
@@ -34,7 +34,7 @@ class Thinned:
 
 
 class TraceRetention:
-    """Deletes one model's traces; `max_bytes` for all workers, 0: keep all."""
+    """`max_bytes` is for all workers together; 0 keeps all."""
 
     def __init__(self, bucket: Bucket, prefix: str, workers: int, max_bytes: int) -> None:
         self._bucket = bucket

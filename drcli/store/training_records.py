@@ -72,7 +72,6 @@ def read_trainings(bucket: Bucket, prefix: str = "") -> tuple[list[TrainingRecor
 
 
 def read_files(bucket: Bucket, prefix: str, training: str) -> Mapping[str, str]:
-    """None of them if missing or damaged."""
     try:
         key = keys.training_files(prefix, training)
         return read_record(bucket, key, TrainingFiles.decode, remedy_of(key)).texts
@@ -81,7 +80,6 @@ def read_files(bucket: Bucket, prefix: str, training: str) -> Mapping[str, str]:
 
 
 def add_files(bucket: Bucket, prefix: str, training: str, texts: Mapping[str, str]) -> None:
-    """By fingerprint; known ones cost nothing."""
     known = read_files(bucket, prefix, training)
     fresh = {key: text for key, text in texts.items() if len(text) <= MOST_TEXT}
     if not fresh.keys() <= known.keys():

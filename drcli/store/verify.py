@@ -9,7 +9,6 @@ from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing
 from drcli.store.s3_bucket import PART_BYTES
 
 MD5_DIGITS = 32
-"""Shorter ETags, as the embedded server's, only tell of changes."""
 
 
 @dataclass(frozen=True)

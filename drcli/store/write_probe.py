@@ -11,8 +11,7 @@ from drcli.store.s3_errors import AccessRefused
 NAME = ".drcli-write-test.txt"
 """Of the test object.
 
-Always the same, so only one stays where deleting fails. Hidden, not in `model/`, with an extension:
-no importer takes it for a model's.
+Always the same, so only one stays where deleting fails. No importer takes it for a model's.
 """
 
 _CONTENT = b"Written by drcli to test whether uploads are possible. It can be deleted.\n"

@@ -64,7 +64,6 @@ class IdleWatcher:
         self._used_s = clock()
 
     def look(self) -> bool:
-        """End an idle server; True if the watch is over."""
         if not server_process.is_running(self._pid, self._mark):
             return True
         trim_log(self._folder)

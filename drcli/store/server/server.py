@@ -42,7 +42,7 @@ _OLD = ("unknown protocol", "unknown flag")
 
 
 def ensure_running(config: StorageConfig) -> Endpoint:
-    """This configuration's server; a silent local one is started.
+    """Find this configuration's server; a silent local one is started.
 
     Commands may call it at once. Keys stay, and the port unless taken.
 
