@@ -1,4 +1,4 @@
-"""How far a policy gets with each of the simulator's cars, as a worker writes it."""
+"""How far a policy gets with each of the simulator's cars."""
 
 import json
 from collections.abc import Sequence
@@ -8,7 +8,6 @@ from typing import Any
 from drcli.base.json_record import RecordError, from_json, parse_json
 
 TRIALS_FILE = "cars.json"
-"""In the folder of the job."""
 
 
 @dataclass(frozen=True)
@@ -17,8 +16,8 @@ class CarTrial:
 
     Attributes:
         car: Name of the set, a value of DR_SIM_CAR.
-        laps: How many starts completed a full lap.
-        starts: How many there were.
+        laps: Starts that completed a full lap.
+        starts: All starts.
         mean_progress: Percent of the lap.
         lap_times_s: Of the full laps, simulated seconds.
     """
@@ -37,8 +36,8 @@ class CarTrials:
     Attributes:
         world: The track.
         cars: One trial for each car.
-        best: The car that suits the model: that of the settings, unless another one completes more
-            laps than by chance.
+        best: The car that suits the model: that of the settings, unless another completes more laps
+            than by chance.
         present: The car of the settings.
     """
 
@@ -54,13 +53,12 @@ class _File:
 
 
 def encode_trials(trials: Sequence[CarTrial]) -> bytes:
-    """The file with all cars."""
     cars: list[dict[str, Any]] = [asdict(trial) for trial in trials]
     return json.dumps({"cars": cars}, allow_nan=False).encode()
 
 
 def decode_trials(data: bytes) -> list[CarTrial]:
-    """Read the file; RecordError if it is damaged."""
+    """RecordError if damaged."""
     found = from_json(_File, parse_json(data)).cars
     if not found:
         raise RecordError("it has no cars")

@@ -1,4 +1,4 @@
-"""The name of a checkpoint and its JSON record, which describe it without its weights."""
+"""The name of a checkpoint and its JSON record."""
 
 import json
 import math
@@ -18,14 +18,14 @@ CHECKPOINT_NAME = re.compile(r"(\d+)_Step-(\d+)\.ckpt")
 
 @dataclass(frozen=True, order=True)
 class CheckpointName:
-    """Number of a checkpoint, from 0, and the environment steps that it has learned from."""
+    """Number, from 0, and environment steps learned from."""
 
     number: int
     steps: int
 
     @classmethod
     def parse(cls, name: str) -> "CheckpointName | None":
-        """Read a name such as `12_Step-7824.ckpt`; None if the text is not one."""
+        """Such as `12_Step-7824.ckpt`; None if it is not one."""
         found = CHECKPOINT_NAME.fullmatch(name.strip())
         return cls(int(found[1]), int(found[2])) if found else None
 
@@ -34,7 +34,6 @@ class CheckpointName:
 
 
 def checkpoint_name(name: str) -> CheckpointName:
-    """Read a name such as `12_Step-7824.ckpt`; RecordError if the text is not one."""
     parsed = CheckpointName.parse(name)
     if parsed is None:
         raise RecordError(f"{json.dumps(name)[:60]} is not the name of a checkpoint")
@@ -46,20 +45,12 @@ class Counters:
     """What a trainer continues with, besides the weights.
 
     Attributes:
-        episodes: Training episodes learned from.
-        elapsed_s: Wall time of training, without the time it was stopped.
-        number_format: Of the weights while they are trained, such as `fp32`.
-        learned: The iteration that made the weights; None for the first ones.
-        seed: Of the run.
-        inputs: The parameter files by name, to restore them if they are lost.
-        files: `Job.files_sha256` of the start that trained it; None in version 0.1.0.
-        critic_warmup: How many updates at most still improve the critic alone; None but for a
-            policy that came without its critic.
-        rollbacks: How often the training had gone back to an older checkpoint; None for never.
-        stage: The stage of the training that the weights are for; None without a curriculum.
-        phase: The phase of a training with a teacher that drives with the weights; else None.
-        shares: Version of the `Shares` that say who drives; None where each of DR_WORKERS drives
-            the same share.
+        elapsed_s: Wall time of training, without stops.
+        number_format: While training, such as `fp32`.
+        inputs: Parameter files by name, to restore lost ones.
+        files: `Job.files_sha256` of its start.
+        critic_warmup: Updates that may still improve only the critic.
+        shares: Version of the `Shares`; None where DR_WORKERS share evenly.
     """
 
     episodes: int = 0
@@ -78,10 +69,7 @@ class Counters:
 
 @dataclass(frozen=True)
 class CheckpointRecord(JsonRecord):
-    """The record of a checkpoint; `optimizer` is None if it has no optimizer state.
-
-    `sim_time_s` counts the simulated seconds driven since the training began.
-    """
+    """`sim_time_s` counts simulated seconds since the training began."""
 
     name: str
     tensors: Fingerprint
@@ -94,7 +82,7 @@ class CheckpointRecord(JsonRecord):
 
     @classmethod
     def decode_of(cls, name: str, data: bytes) -> "CheckpointRecord":
-        """Read the record of this checkpoint; RecordError if it describes another one."""
+        """RecordError if damaged, or another checkpoint's."""
         record = cls.decode(data)
         if record.name != name:
             raise RecordError(f"it describes {record.name}")
@@ -102,16 +90,13 @@ class CheckpointRecord(JsonRecord):
 
     @property
     def number(self) -> int:
-        """Counts the checkpoints of a model, from 0."""
         return checkpoint_name(self.name).number
 
     @property
     def steps(self) -> int:
-        """Environment steps that it has learned from."""
         return checkpoint_name(self.name).steps
 
     def to_json(self) -> dict[str, Any]:
-        """The record as JSON, without unknown counters, and with null for NaN."""
         fields = super().to_json()
         counters = {name: value for name, value in fields["counters"].items() if value is not None}
         if "learned" in counters:
@@ -127,5 +112,5 @@ def _is_nan(value: Any) -> bool:
 
 
 def decode_pointer(data: bytes) -> CheckpointName:
-    """The checkpoint that `.coach_checkpoint` names in plain text; RecordError if it is damaged."""
+    """The name in `.coach_checkpoint`; RecordError if damaged."""
     return checkpoint_name(data.decode(errors="replace"))

@@ -1,4 +1,4 @@
-"""What all trainings of a working folder have used on one day: a file for each start and day."""
+"""What all trainings of a working folder used on a day."""
 
 import time
 from collections.abc import Iterator
@@ -9,18 +9,10 @@ from drcli.base.atomic_file import load_record, save_record
 from drcli.config.run_config import UnattendedConfig
 
 FOLDER = "data/budget"
-"""Below the working folder: a folder for each day, in it a file for each start."""
 
 
 @dataclass(frozen=True)
 class DaySpending:
-    """What one start has used on one day.
-
-    Attributes:
-        hours: How long it trained.
-        usd: What that cost, where the price was known.
-    """
-
     hours: float = 0.0
     usd: float = 0.0
 
@@ -30,13 +22,13 @@ class DayBudget:
     """The limits of a day for all trainings of a folder, and what is used.
 
     Attributes:
-        day: The day, as YYYY-MM-DD, in the time zone of this machine.
+        day: YYYY-MM-DD, in this machine's time zone.
         hours: Machine hours until now.
         usd: What they cost, USD, where the price was known.
         max_hours: DR_DAILY_BUDGET_HOURS; 0 for no limit.
         max_usd: DR_DAILY_BUDGET_MONEY; 0 for no limit.
-        starts: How many starts trained on that day.
-        damaged: Files of starts that cannot be read, so that their hours are missing.
+        starts: Starts that trained on that day.
+        damaged: Unreadable files, whose hours are missing.
     """
 
     day: str
@@ -49,12 +41,12 @@ class DayBudget:
 
     @property
     def limited(self) -> bool:
-        """Whether there is a limit."""
+        """Whether there is one."""
         return self.max_hours > 0.0 or self.max_usd > 0.0
 
     @property
     def used_up(self) -> str | None:
-        """Which limit is reached, as a sentence; None if none is."""
+        """The reached limit, as a sentence, or None."""
         if 0.0 < self.max_hours <= self.hours:
             return (
                 f"The budget of {self.day} is used up: all trainings of this folder together took "
@@ -69,7 +61,7 @@ class DayBudget:
 
     @property
     def remedy(self) -> str:
-        """How to go on once a limit is reached."""
+        """How to go on after that."""
         hours = 0.0 < self.max_hours <= self.hours
         name = "DR_DAILY_BUDGET_HOURS" if hours else "DR_DAILY_BUDGET_MONEY"
         return (
@@ -91,12 +83,11 @@ class DayBudget:
 
 
 def day_of(seconds: float) -> str:
-    """The day of a time in Unix seconds, in the time zone of this machine."""
     return time.strftime("%Y-%m-%d", time.localtime(seconds))
 
 
 def write_day(directory: Path, day: str, session: str, spent: DaySpending) -> None:
-    """Write what a start has used on a day; raises OSError."""
+    """Raises OSError."""
     folder = directory / FOLDER / day
     folder.mkdir(parents=True, exist_ok=True)
     save_record(folder / f"{session}.json", spent)
@@ -105,7 +96,6 @@ def write_day(directory: Path, day: str, session: str, spent: DaySpending) -> No
 def read_day(
     directory: Path, day: str, *, max_hours: float = 0.0, max_usd: float = 0.0
 ) -> DayBudget:
-    """What all trainings of a working folder have used on a day."""
     found = list(_starts(directory / FOLDER / day))
     known = [each for each in found if each is not None]
     return DayBudget(
@@ -120,7 +110,6 @@ def read_day(
 
 
 def budget_of(directory: Path, settings: UnattendedConfig, now_s: float) -> DayBudget:
-    """The budget of the day of a time, in Unix seconds."""
     return read_day(
         directory,
         day_of(now_s),

@@ -1,6 +1,6 @@
 """Metrics files of training and evaluation: one record for each episode or trial.
 
-The formats are the reference simulator's, and analysis tools read them. `iteration` is ours.
+Formats of the reference simulator; `iteration` is ours.
 """
 
 import json
@@ -20,24 +20,20 @@ from drcli.exchange.trace import (
 )
 
 FILE_VERSION = 2.0
-"""Of TrainingMetrics.json. Source: the reference simulator."""
-
 REPORT_FILE = "evaluation.json"
-"""In the folder of an evaluation: its trials, which `dr-evaluate` reads."""
+"""For `dr-evaluate`."""
 
 
 @dataclass(frozen=True)
 class EpisodeMetrics(JsonRecord):
-    """One episode in `TrainingMetrics.json`. Times are milliseconds of the simulation clock.
+    """One episode in `TrainingMetrics.json`. Times: milliseconds of simulation.
 
-    We write whole numbers, but read fractions too: other tools write them.
+    We write whole numbers, but read fractions of other tools.
 
     Attributes:
         episode: Number of the (last) training episode, from 1.
-        trial: Number of the (last) training episode within the iteration, from 1.
-        episode_status: How it ended, in the words of `STATUS_LABELS`.
-        iteration: None in files of version 0.1.0.
-        stage: Stage of the training; None without a curriculum.
+        trial: The same within the iteration.
+        episode_status: As in `STATUS_LABELS`.
     """
 
     reward_score: float
@@ -56,7 +52,6 @@ class EpisodeMetrics(JsonRecord):
     def of(
         driven: Episode | TracedEpisode, *, iteration: int, episode: int, trial: int
     ) -> "EpisodeMetrics":
-        """The record of an episode."""
         start_ms = round(driven.clock_s * 1000)
         end_ms = round((driven.clock_s + driven.duration_s) * 1000)
         return EpisodeMetrics(
@@ -73,7 +68,6 @@ class EpisodeMetrics(JsonRecord):
         )
 
     def to_json(self) -> dict[str, Any]:
-        """The record as a JSON object, without an unknown iteration or stage."""
         fields = _whole_as_int(super().to_json())
         if self.iteration is None:
             del fields["iteration"]
@@ -83,7 +77,7 @@ class EpisodeMetrics(JsonRecord):
 
 
 def _whole_as_int(fields: dict[str, Any]) -> dict[str, Any]:
-    """Numbers as metrics files have them: 12, not 12.0 as Python reads it into a float."""
+    """As in metrics files: 12, not 12.0."""
     return {
         name: int(value) if isinstance(value, float) and value.is_integer() else value
         for name, value in fields.items()
@@ -91,35 +85,28 @@ def _whole_as_int(fields: dict[str, Any]) -> dict[str, Any]:
 
 
 def completion_percentage(progress: float) -> int:
-    """Progress as metrics files have it."""
     return min(100, max(0, int(progress)))
 
 
 METRICS_HEAD = b'{"metrics": ['
-"""What is before the records in `TrainingMetrics.json`."""
-
 SEPARATOR = b", "
-"""Between two records."""
 
 
 def metrics_end(best_model_metric: str) -> bytes:
-    """What follows the records; the metric is DR_TRAIN_BEST_MODEL_METRIC."""
     end = {"version": FILE_VERSION, "best_model_metric": best_model_metric}
     return b"], " + json.dumps(end).encode().removeprefix(b"{")
 
 
 def encode_records(records: Iterable[EpisodeMetrics]) -> bytes:
-    """Some records as they are in the file."""
     return SEPARATOR.join(json.dumps(record.to_json()).encode() for record in records)
 
 
 def encode_metrics(records: Iterable[EpisodeMetrics], best_model_metric: str) -> bytes:
-    """`TrainingMetrics.json` of one worker; the metric is DR_TRAIN_BEST_MODEL_METRIC."""
     return METRICS_HEAD + encode_records(records) + metrics_end(best_model_metric)
 
 
 def decode_metrics(data: bytes) -> list[EpisodeMetrics]:
-    """The records in `TrainingMetrics.json` of any version; RecordError if one cannot be read."""
+    """`TrainingMetrics.json` of any version; RecordError if damaged."""
     file = parse_json(data)
     if not isinstance(file, dict) or not isinstance(file.get("metrics"), list):
         raise RecordError("it has no list of 'metrics'")
@@ -127,7 +114,6 @@ def decode_metrics(data: bytes) -> list[EpisodeMetrics]:
 
 
 def most_episodes(records: Sequence[EpisodeMetrics]) -> int:
-    """The least number of episodes in an iteration that fits the numbers of these episodes."""
     most = max((r.trial for r in records), default=0)
     later = ((r.episode - r.trial, r.iteration) for r in records if r.iteration)
     return max([most, *(numbered // iteration for numbered, iteration in later)])
@@ -135,18 +121,15 @@ def most_episodes(records: Sequence[EpisodeMetrics]) -> int:
 
 @dataclass(frozen=True)
 class TrialMetrics(JsonRecord):
-    """One trial, or one lap of a continuous race. Times are milliseconds of the simulation clock.
+    """One trial, or lap of a continuous race. Times: milliseconds of simulation.
 
-    The counts are violations, and `reset_count` says how many of them put the car back. The keys
-    from `penalty_in_milliseconds` on are ours; they are None in files of others and of version
-    0.1.0, and where they are not known.
+    The counts are violations; `reset_count` of them put the car back. Keys from
+    `penalty_in_milliseconds` on are ours.
 
     Attributes:
-        penalty_in_milliseconds: Waiting for penalties to end, which the elapsed time contains.
-        start_position: Where on the lap it began, as a fraction of the centre line.
-        start_offset_m: How far to the left of the centre line it began.
-        start_angle_deg: How far the car was turned to the left.
-        end_waypoint: Index of the waypoint closest to its end.
+        start_position: Fraction of the centre line.
+        start_offset_m: To the left.
+        start_angle_deg: To the left.
     """
 
     completion_percentage: float
@@ -168,7 +151,6 @@ class TrialMetrics(JsonRecord):
 
     @staticmethod
     def of(episode: Episode) -> "TrialMetrics":
-        """The record of a trial or lap."""
         start_ms = round((episode.clock_s + episode.begin_s) * 1000)
         elapsed_ms = round(episode.duration_s * 1000)
         completed = episode.progress >= 100.0
@@ -195,17 +177,14 @@ class TrialMetrics(JsonRecord):
 
     @property
     def clean(self) -> bool:
-        """Whether it is a clean lap."""
         return is_clean(vars(self), finished=self.episode_status == STATUS_LABELS["lap_complete"])
 
     def to_json(self) -> dict[str, Any]:
-        """The record as a JSON object, without what is not known."""
         fields = _whole_as_int(super().to_json())
         return {name: value for name, value in fields.items() if value is not None}
 
 
 def is_clean(trial: Mapping[str, Any], *, finished: bool) -> bool:
-    """Whether a lap of a metrics file, maybe of another program, is a clean one."""
     return is_clean_lap(finished, *(trial.get(key) for key in _FAULTS))
 
 
@@ -220,18 +199,10 @@ _FAULTS = (
 
 
 def encode_metrics_file(trials: Sequence[TrialMetrics]) -> bytes:
-    """The metrics file of one racer."""
     return json.dumps({"metrics": [trial.to_json() for trial in trials]}).encode()
 
 
 @dataclass(frozen=True)
 class EvaluationTrials(JsonRecord):
-    """What an evaluation worker reports to `dr-evaluate`.
-
-    Attributes:
-        racers: The trials of each racer.
-        notes: Sentences about what was driven otherwise than asked.
-    """
-
     racers: list[list[TrialMetrics]]
     notes: list[str]

@@ -1,4 +1,4 @@
-"""Records of running evaluations on this machine, so that another shell can stop them."""
+"""Records of running evaluations, so that another shell can stop them."""
 
 import shutil
 from dataclasses import dataclass, field
@@ -13,14 +13,12 @@ _FILE = "running.json"
 
 @dataclass(frozen=True)
 class EvaluationRecord:
-    """One evaluation while it runs, in `data/runs/<DR_RUN_ID>/evaluations/<stamp>/`.
+    """A running evaluation, in `data/runs/<DR_RUN_ID>/evaluations/<stamp>/`.
 
     Attributes:
-        stamp: The name of the evaluation, fourteen digits.
-        pid: The process that waits for its end; to stop the evaluation, stop this one.
-        pid_started: From `process_identity.started_s`, because process numbers are reused.
-        worker_pid: The process that drives.
-        others: Prefixes of all further models that drive: an opponent, or those of a table.
+        pid: Waits for the end; stop this one to stop the evaluation.
+        pid_started: From `process_identity.started_s`; process numbers are reused.
+        worker_pid: Drives.
     """
 
     run_id: int
@@ -37,21 +35,18 @@ class EvaluationRecord:
 
     @property
     def alive(self) -> bool:
-        """Whether it still runs."""
         return is_alive(self.pid, self.pid_started)
 
     def write(self, folder: Path) -> None:
-        """Write the record in one step."""
         save_record(folder / _FILE, self)
 
     @staticmethod
     def read(folder: Path) -> "EvaluationRecord | None":
-        """The record in the folder of an evaluation; None if there is none or it is damaged."""
         return load_record(EvaluationRecord, folder / _FILE)
 
 
 def claim(directory: Path, run_id: int, stamp: str) -> Path | None:
-    """Create the folder of an evaluation; None if another one has this name already."""
+    """Create the folder; None if the name is taken."""
     folder = run_folder(directory, run_id) / "evaluations" / stamp
     folder.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -62,7 +57,7 @@ def claim(directory: Path, run_id: int, stamp: str) -> Path | None:
 
 
 def running_evaluations(directory: Path, run_id: int | None = None) -> list[EvaluationRecord]:
-    """Evaluations that run in a working folder, oldest first."""
+    """Oldest first."""
     folders = directory.glob(f"data/runs/{'*' if run_id is None else run_id}/evaluations/*")
     records = (EvaluationRecord.read(folder) for folder in folders)
     return sorted(
@@ -72,7 +67,6 @@ def running_evaluations(directory: Path, run_id: int | None = None) -> list[Eval
 
 
 def sweep(directory: Path, run_id: int) -> None:
-    """Remove the folders of evaluations that were killed."""
     for folder in run_folder(directory, run_id).glob("evaluations/*"):
         record = EvaluationRecord.read(folder)
         if record is not None and not record.alive:

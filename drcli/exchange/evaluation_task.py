@@ -1,4 +1,4 @@
-"""One of several evaluations that share worker processes, and what came of it."""
+"""One of several evaluations that share worker processes, and its outcome."""
 
 from dataclasses import dataclass, field
 
@@ -13,15 +13,9 @@ class EvaluationTask:
     """A model to evaluate on a track.
 
     Attributes:
-        number: From 0, in the order of the command.
-        prefix: Model prefix.
-        metrics_prefix: Where its metrics go.
-        checkpoint: Name of the checkpoint or file.
-        world: The track.
-        stamp: Fourteen digits that name this evaluation among those of the model.
-        source: May name a file that drives instead.
-        robust: Whether to drive the grid of disturbances instead of the trials of the settings.
-        fresh_laps: How many laps from fresh starts to drive instead; 0 for none.
+        source: May name a file instead of the checkpoint.
+        robust: Drive the grid of disturbances.
+        fresh_laps: Laps from fresh starts instead; 0: none.
     """
 
     number: int
@@ -36,22 +30,12 @@ class EvaluationTask:
 
     @property
     def outcome_file(self) -> str:
-        """Name of the file with its outcome, in the folder of the job."""
         return f"outcome-{self.number}.json"
 
 
 @dataclass(frozen=True)
 class TaskOutcome(JsonRecord):
-    """What came of a task.
-
-    Attributes:
-        trials: Of the settings; empty for a robust evaluation.
-        robust: Of a robust evaluation.
-        notes: What was driven otherwise than asked.
-        reason: Why nothing could be driven; empty if it was.
-        remedy: What to do about it.
-        code: Exit code of a command that ends with this reason.
-    """
+    """What came of a task; `reason` says why nothing could be driven."""
 
     trials: list[TrialMetrics] = field(default_factory=list)
     robust: RobustResult | None = None

@@ -1,4 +1,4 @@
-"""Messages on a connection: each is preceded by its length. Nothing is unpickled."""
+"""Messages, each preceded by its length. Nothing is unpickled."""
 
 import socket
 
@@ -6,11 +6,10 @@ _LENGTH_BYTES = 4
 
 
 class WireError(Exception):
-    """The other side is not one of ours, or does not follow the protocol."""
+    """The other side breaks the protocol."""
 
 
 def framed(data: bytes) -> bytes:
-    """A message as it travels."""
     return len(data).to_bytes(_LENGTH_BYTES, "big") + data
 
 
@@ -18,8 +17,8 @@ def receive(peer: socket.socket, most_bytes: int) -> bytes:
     """The next message.
 
     Raises:
-        WireError: It is longer than allowed, or the other side has left.
-        OSError: The connection broke, or nothing came in time.
+        WireError: It is too long, or the other side left.
+        OSError: The connection broke or timed out.
     """
     length = int.from_bytes(exactly(peer, _LENGTH_BYTES), "big")
     if length > most_bytes:
@@ -28,7 +27,6 @@ def receive(peer: socket.socket, most_bytes: int) -> bytes:
 
 
 def exactly(peer: socket.socket, count: int) -> bytes:
-    """So many bytes; the errors are those of `receive`."""
     parts, missing = [], count
     while missing:
         part = peer.recv(min(missing, 1 << 16))

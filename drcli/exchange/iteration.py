@@ -1,4 +1,4 @@
-"""The record of one iteration of a training, and `history.json`, which lists all of them."""
+"""The record of one iteration, and `history.json` with all of them."""
 
 import json
 import math
@@ -13,7 +13,7 @@ from drcli.exchange.laps import Laps
 class IterationRecord(JsonRecord):
     """One iteration: what a checkpoint drove and what was learned from it.
 
-    Unknown numbers are NaN, as in a reconstructed history. The losses of PPO are NaN for SAC.
+    Unknown numbers are NaN. The losses of PPO are NaN for SAC.
 
     Attributes:
         iteration: Number of the checkpoint that was improved, from 0.
@@ -23,35 +23,35 @@ class IterationRecord(JsonRecord):
         total_steps: Steps learned from since the beginning.
         mean_reward: Mean total reward of an episode.
         mean_progress: Mean progress of an episode, percent of a lap.
-        full_laps: Episodes that ended with a completed lap.
+        full_laps: Episodes with a completed lap.
         best_lap_s: Fastest completed lap, simulated seconds; None without one.
         entropy: Mean entropy of the policy in the last epoch, nats.
         surrogate_loss: Mean policy loss of the last epoch.
         value_loss: Mean value loss of the last epoch.
         kl: Mean divergence from the policy that drove, in the last epoch.
-        steps_per_s: Steps learned from per second of wall time, driving and learning together.
+        steps_per_s: Steps learned from per second of driving and learning.
         real_time_factor: Simulated seconds per second of wall time, all cars together.
         drive_s: Wall time of the slowest worker.
         learn_s: Wall time of the update.
-        exchange_s: Wall time of the iteration spent on neither driving nor learning.
-        elapsed_s: Wall time of training so far, without the time it was stopped.
+        exchange_s: Wall time of neither driving nor learning.
+        elapsed_s: Wall time of training so far, without stops.
         evaluation_progress: Progress of each evaluation episode of the checkpoint of this number,
             percent.
-        evaluation_lap_s: Lap times of its completed evaluation laps, simulated seconds.
+        evaluation_lap_s: Times of its completed evaluation laps, simulated seconds.
         confirmation_progress: Progress of each episode that it drove again, from other starts,
             because its evaluation was good enough to end the training or to become the best.
-        confirmation_lap_s: Lap times of the completed laps of these, simulated seconds.
+        confirmation_lap_s: Times of the completed laps of these, simulated seconds.
         actor_loss: Actor loss of SAC, mean of the last part of the update; None for PPO.
         critic_loss: Mean loss of the two critics of SAC, likewise.
         alpha: Temperature of SAC, likewise.
         reward_errors: Calls of the reward function that failed and were counted.
-        discarded: Episodes that the reward function declared broken, which are not in `episodes`.
+        discarded: Episodes that the reward function declared broken, not in `episodes`.
         evaluation_steering_per_m: How often the steering changed its side in each metre of the
-            evaluation episodes; None without them.
-        stage: Stage of the training in which it was driven; empty without a curriculum.
+            evaluation; None without one.
+        stage: Stage of the training; empty without a curriculum.
         second_world: Track of the second evaluation, DR_TRAIN_EVAL_WORLD; empty without one.
         second_progress: Progress of each evaluation episode there, percent.
-        second_lap_s: Lap times of the laps that were completed there, simulated seconds.
+        second_lap_s: Times of completed laps there, simulated seconds.
         world: Track of the first worker, which evaluates; empty in histories of version 0.1.0.
         phase: Phase of a training with a teacher, else empty.
         imitation_loss: Mean difference of the student's actions from its teacher's, in the last
@@ -96,32 +96,32 @@ class IterationRecord(JsonRecord):
     imitation_loss: float | None = None
 
     def compares_with(self, other: "IterationRecord") -> bool:
-        """Whether both belong to the same stage and track, as far as the tracks are known."""
+        """Same stage and track, as far as known."""
         known = self.world and other.world
         return self.stage == other.stage and (not known or self.world == other.world)
 
     def continues(self, other: "IterationRecord") -> bool:
-        """Whether both belong to one learning curve: the same stage, track and phase."""
+        """Same stage, track and phase."""
         return self.phase == other.phase and self.compares_with(other)
 
     @property
     def is_own_driving(self) -> bool:
-        """Whether the camera policy drove all training episodes, and learns from their rewards."""
+        """The camera policy drove and learns from its rewards."""
         return self.phase in ("", "ppo")
 
     @property
     def evaluation(self) -> Laps | None:
-        """The laps of its evaluation, without those that confirmed it; None without one."""
+        """Without confirming laps."""
         return _laps(self.evaluation_progress, self.evaluation_lap_s)
 
     @property
     def confirmation(self) -> Laps | None:
-        """The laps that it drove again; None if it did not."""
+        """The laps driven again."""
         return _laps(self.confirmation_progress, self.confirmation_lap_s)
 
     @property
     def all_laps(self) -> Laps | None:
-        """All evaluation laps of its checkpoint on the training track; None without any."""
+        """On the training track."""
         first, again = self.evaluation, self.confirmation
         return first if first is None or again is None else first + again
 
@@ -143,8 +143,6 @@ EVALUATION_FIELDS = (
     "second_progress",
     "second_lap_s",
 )
-"""Fields that come after an iteration is learned from."""
-
 LEFT_OUT_IF_EMPTY = (
     "confirmation_progress",
     "confirmation_lap_s",
@@ -156,14 +154,11 @@ LEFT_OUT_IF_EMPTY = (
     "phase",
     "imitation_loss",
 )
-"""Fields that few trainings have."""
-
 SEPARATOR = b", "
-"""Between two records."""
 
 
 def encode_iteration(record: IterationRecord) -> bytes:
-    """A record as it is in `history.json`. It may contain the word NaN, as Python's JSON does."""
+    """May contain NaN, as Python's JSON does."""
     fields = asdict(record)
     for name in LEFT_OUT_IF_EMPTY:
         if not fields[name]:
@@ -172,12 +167,11 @@ def encode_iteration(record: IterationRecord) -> bytes:
 
 
 def encode_history(records: Sequence[IterationRecord]) -> bytes:
-    """The file `history.json`."""
     return HISTORY_HEAD + SEPARATOR.join(map(encode_iteration, records)) + HISTORY_END
 
 
 def decode_history(data: bytes) -> list[IterationRecord]:
-    """The iterations, oldest first; RecordError if the file is damaged."""
+    """RecordError if damaged."""
     file = parse_json(data, with_nan=True)
     if not isinstance(file, dict) or not isinstance(file.get("iterations"), list):
         raise RecordError("it has no list of 'iterations'")

@@ -1,4 +1,4 @@
-"""The job that a launcher gives its worker processes, and why each of them ended."""
+"""The job of worker processes, and why each ended."""
 
 import json
 import os
@@ -23,8 +23,6 @@ from drcli.exchange.run_outcome import RunOutcome
 from drcli.exchange.stage import Stage
 
 VERSION = 1
-"""Of the format of a job; another version of this program may use another one."""
-
 PROCESS_TUNING = {
     # Processes take turns on the same cores: a thread that spins for long while it waits for work,
     # which is OpenMP's habit, takes the core from the process that has work (measured on 2 cores:
@@ -39,11 +37,9 @@ PROCESS_TUNING = {
     # Cameras here draw by themselves; without this, to load MuJoCo looks for OpenGL: 0.2 s.
     "MUJOCO_GL": "disable",
 }
-"""Environment of the worker processes, unless the user's own says otherwise."""
+"""The user's own environment comes first."""
 
 FAST_LAPS = 5
-"""Evaluation laps that show that a checkpoint drives fast laps, and not only one."""
-
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -51,10 +47,10 @@ THREAD_VARIABLES = (
     "NUMBA_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
 )
-"""What limits the threads of the libraries that compute: torch, NumPy, SciPy, numba."""
+"""Of torch, NumPy, SciPy and numba."""
 
 LOG_ENCODING = {"PYTHONIOENCODING": "utf-8:backslashreplace"}
-"""Logs are UTF-8 in every locale; nothing that a reward function prints can end a worker."""
+"""No print of a reward function can end a worker."""
 
 
 @dataclass(frozen=True)
@@ -62,34 +58,25 @@ class Job:
     """One start of a training or an evaluation.
 
     Attributes:
-        session: Unique name of this start; rollouts of an earlier start have another one.
-        seed: All random numbers of the run are derived from it.
-        until_laps: Finish when an evaluation completes all its laps, and at least so many.
-        until_lap_time_s: Finish only when each of these laps took at most so long, simulated
-            seconds; without `until_laps`, there must be `FAST_LAPS`.
-        max_minutes: Finish after so much wall time: of this start, or of all starts together if
-            `whole_run`.
-        folder: Where workers write their `WorkerExit`.
-        launcher_pid: When this process ends, the workers end too.
-        term: Of the lease that the supervisor has taken; 0 before.
-        sources: What drives each racer of an evaluation; empty for checkpoints in PyTorch.
-        whole_run: Whether any machine may continue the run with the same command. Then time counts
-            over all starts, and SIGTERM is an interruption.
-        ends_at: Finish at this time, in Unix seconds; None for no limit.
-        begun: The record in the bucket of this start.
-        end_work: If not empty, the training is complete, and only this work at its end is left.
-        noted: What the start has to say in the journal.
-        stages: Of the training, in order; empty without a curriculum.
-        tasks: Evaluations that the worker processes of one command share.
-        training: Id of the record of the training; empty if there is none.
-        ray_workers: How many simulation workers Ray places; the settings have none then.
-        ray_trainer: Whether Ray may place the trainer, as DR_RAY_TRAINER says.
-        trainer: How often the trainer was started before, if an earlier process of it may still
-            live on another machine: only the one with the highest number may write.
-        ends_with: Number of the process whose end interrupts the training; 0 for none.
-        began_s: When this start began, on the monotonic clock of its machine; 0 elsewhere.
-        inputs: The racer's files that the start trains with, and its parameter files, by name.
-            Those of the model are the ones that its newest checkpoint was trained with.
+        session: Unique name; rollouts of another start have another one.
+        seed: All random numbers are derived from it.
+        until_laps: Finish when an evaluation completes all its laps, at least so many.
+        until_lap_time_s: Each of these (without `until_laps`: `FAST_LAPS`) must take at most so
+            long, simulated seconds.
+        max_minutes: Of this start, or of all if `whole_run`.
+        launcher_pid: The workers end with it.
+        term: Of the supervisor's lease; 0 before.
+        sources: What drives in an evaluation; empty for checkpoints in PyTorch.
+        whole_run: Any machine may continue the run; SIGTERM is an interruption.
+        ends_at: Unix seconds.
+        begun: This start's record in the bucket.
+        end_work: Only this work at the end is left.
+        ray_workers: Placed by Ray; the settings have none then.
+        trainer: Earlier starts of the trainer; of those that still live, only the highest number
+            may write.
+        ends_with: Process whose end interrupts the training; 0: none.
+        began_s: Monotonic, on its machine; 0 elsewhere.
+        inputs: The start's files by name; the model's are those of its newest checkpoint.
     """
 
     config: RunConfig
@@ -119,17 +106,14 @@ class Job:
 
     @property
     def wanted_laps(self) -> int:
-        """How many laps of an evaluation must be completed to finish; 0 if that is no goal."""
         return self.until_laps or (FAST_LAPS if self.until_lap_time_s is not None else 0)
 
     @property
     def files_sha256(self) -> str:
-        """Hash of all `inputs`, which tells whether another start had the same ones."""
         return Fingerprint.of(json.dumps(dict(self.inputs), sort_keys=True).encode()).sha256
 
     @property
     def directory(self) -> Path:
-        """The racer's working folder."""
         return self.config.directory
 
     def spawn(
@@ -140,19 +124,13 @@ class Job:
         private: bool = False,
         **options: Any,
     ) -> "subprocess.Popen[bytes]":
-        """Start a process that works on this job, which it reads with `Job.received`.
+        """Start a process that reads this job with `Job.received`.
 
-        The job travels through the standard input of the process: the racer's code may run there,
-        and it could read the environment.
-
-        Args:
-            command: Program and arguments.
-            with_secrets: Whether the process uses the bucket, and so needs the keys to it.
-            private: Whether it sends messages, and so needs their secret addresses.
-            options: Of `subprocess.Popen`; `env` adds to the environment.
+        The job goes through standard input, as the racer's code could read the environment. The
+        process gets the bucket's keys `with_secrets`, and the messages' addresses if `private`.
 
         Raises:
-            ValueError: The job has a number that the process could not read; nothing is started.
+            ValueError: The process could not read a number; nothing is started.
         """
         plain, _ = secret_environment.split(os.environ)
         secrets = secret_environment.all_secrets()
@@ -179,17 +157,13 @@ class Job:
         return process
 
     def without_addresses(self) -> "Job":
-        """The same for processes that send no messages and may run the racer's code."""
+        """For processes that may run the racer's code."""
         public = self.config.unattended.replaced(webhook_url="", smtp_url="", on_end="")
         return replace(self, config=replace(self.config, unattended=public))
 
     @staticmethod
     def received() -> "Job":
-        """Read the job of this process, once.
-
-        Raises:
-            SettingsError: The launcher is another version of this program.
-        """
+        """Once; SettingsError if the launcher is another version."""
         data = sys.stdin.buffer.read()
         with Path(os.devnull).open("rb") as nothing:
             os.dup2(nothing.fileno(), sys.stdin.fileno())
@@ -208,7 +182,7 @@ class Job:
 
     @staticmethod
     def received_or_exit() -> "Job":
-        """Read the job of this process, or explain on standard error, its log, why it ends."""
+        """As `received`; logs a failure and ends."""
         try:
             return Job.received()
         except SettingsError as error:
@@ -218,14 +192,12 @@ class Job:
 
 @dataclass(frozen=True)
 class WorkerExit:
-    """Why a worker process ended, for its supervisor.
+    """Why a worker process ended.
 
     Attributes:
-        code: Exit code for the command.
-        final: Whether a new process would end the same way.
-        silent: Whether the bucket's server did not answer.
-        memory: Whether memory ran out.
-        lost: Whether its machine is gone, which is not its own fault.
+        final: A new process would end the same way.
+        silent: The bucket did not answer.
+        lost: Its machine is gone.
     """
 
     message: str
@@ -238,26 +210,21 @@ class WorkerExit:
 
     @staticmethod
     def of(error: DrError) -> "WorkerExit":
-        """The record of an explained failure."""
         silent = isinstance(error, NoAnswer)
         return WorkerExit(str(error), error.remedy, error.code, error.final, silent)
 
     def write(self, folder: Path, name: str) -> None:
-        """Write it for the worker of this name, unless the disk is full: the log says it too."""
+        """Not on a full disk: the log says it too."""
         with suppress(OSError):
             save_record(_exit_file(folder, name), self)
 
     @staticmethod
     def read(folder: Path, name: str) -> "WorkerExit | None":
-        """The record of the worker of this name; None if it does not exist or is damaged."""
         return load_record(WorkerExit, _exit_file(folder, name))
 
     @staticmethod
     def delete(folder: Path, name: str) -> None:
-        """Delete the record of an earlier process of this name; the next one has room for it.
-
-        The disk may be full when that process ends, and for that reason.
-        """
+        """Room for the next, which may end because of a full disk."""
         path = _exit_file(folder, name)
         path.unlink(missing_ok=True)
         with suppress(OSError):

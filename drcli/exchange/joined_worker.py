@@ -1,4 +1,4 @@
-"""What a training and the simulation workers that join it from elsewhere tell each other."""
+"""What a training and the workers that join it exchange."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,13 +9,12 @@ from drcli.base.json_record import JsonRecord, RecordError
 
 @dataclass(frozen=True)
 class JoinRecord(JsonRecord):
-    """What a simulation worker needs to join a training: written at each start of the training.
+    """What a worker needs to join; written by each start.
 
     Attributes:
-        session: Of that start.
-        versions: Of drcli and of the libraries whose versions decide what a car does, by name.
-        tracks: SHA-256 of the route files of all worlds, by DR_WORLD_NAME.
-        job: The `Job` of the training, without secrets.
+        versions: Of what decides how a car drives.
+        tracks: SHA-256 of route files, by DR_WORLD_NAME.
+        job: The `Job`, without secrets.
     """
 
     session: str
@@ -26,22 +25,15 @@ class JoinRecord(JsonRecord):
 
 @dataclass(frozen=True)
 class MemberRecord(JsonRecord):
-    """A simulation worker that has joined a training, which renews this record as long as it lives.
+    """A joined simulation worker, which keeps renewing this.
 
-    Nobody compares its clock with another one: whoever reads the record sees that it changes.
+    Readers compare no clocks: they see that it changes.
 
     Attributes:
-        member: Unique name of the worker, which it keeps when its process is started again.
-        session: The start of the training that it works for.
-        host: Name of its machine, for people.
-        pid: Its process there.
-        beat: Counts the renewals.
-        ready: Whether it has prepared everything that it needs to drive.
-        checkpoint: Number of the newest checkpoint that it has seen; -1 before the first.
-        drives: The iteration that it drives now; -1 while it drives none.
-        steps: How many steps of it have begun, of all its cars together.
-        drive_s: For how long it drives it.
-        failure: Why it has ended, if it has failed.
+        member: Unique name, kept in restarts.
+        checkpoint: Newest seen; -1 before.
+        drives: Present iteration; -1 for none.
+        steps: Begun in it, of all its cars.
     """
 
     member: str
@@ -59,14 +51,7 @@ class MemberRecord(JsonRecord):
 
 @dataclass(frozen=True)
 class WorkerShare:
-    """The training episodes of one worker in an iteration.
-
-    Attributes:
-        worker: Its number.
-        member: Its name if it has joined; empty for a worker of the training's own machine.
-        first: Number of its first episode, counted from the beginning of the training.
-        count: How many episodes.
-    """
+    """One worker's episodes in an iteration; `first` counts since the training began."""
 
     worker: int
     member: str
@@ -80,14 +65,14 @@ class WorkerShare:
 
 @dataclass(frozen=True)
 class Shares:
-    """Who drives which episodes, from one iteration until the next `Shares`.
+    """Who drives which episodes, until the next `Shares`.
 
     Attributes:
         version: Counts them.
-        checkpoint: Number of the checkpoint with which they were published.
-        iteration: The first iteration that they are for: one that nobody drives without knowing
-            that checkpoint. The numbers of the episodes count from there.
-        workers: By number. The first one also evaluates.
+        checkpoint: Published with them.
+        iteration: The first that nobody drives without knowing that checkpoint; episodes count
+            from there.
+        workers: The first also evaluates.
     """
 
     version: int
@@ -96,25 +81,17 @@ class Shares:
     workers: tuple[WorkerShare, ...] = ()
 
     def of(self, worker: int) -> WorkerShare | None:
-        """The share of this worker; None if it has none."""
         return next((share for share in self.workers if share.worker == worker), None)
 
 
 @dataclass(frozen=True)
 class SharesRecord(JsonRecord):
-    """The newest shares of a training, of which the trainer is the only writer.
-
-    Attributes:
-        session: Of the training.
-        numbers: The number of each joined worker, by its name.
-        newest: The last few shares, the newest last.
-    """
+    """The newest few shares; only the trainer writes them."""
 
     session: str
     numbers: Mapping[str, int] = field(default_factory=dict)
     newest: tuple[Shares, ...] = ()
 
     def at(self, iteration: int) -> Shares | None:
-        """Who drives an iteration; None if that is not known."""
         fits = [shares for shares in self.newest if shares.iteration <= iteration]
         return fits[-1] if fits else None

@@ -7,19 +7,12 @@ from typing import Any, Literal
 from drcli.base.json_record import JsonRecord
 
 Kind = Literal["start", "notice", "fault", "recovery", "stage", "upload", "message", "end"]
-"""What an event is. `fault` and `recovery`: something broke, and was put right."""
+"""`fault`: something broke; `recovery`: was put right."""
 
 
 @dataclass(frozen=True)
 class JournalEntry(JsonRecord):
-    """One event.
-
-    Attributes:
-        at: Unix seconds by the clock of the machine.
-        kind: What it is.
-        text: A sentence for people.
-        facts: For programs.
-    """
+    """`at` is Unix seconds, `text` for people, `facts` for programs."""
 
     at: float
     kind: Kind
@@ -27,5 +20,4 @@ class JournalEntry(JsonRecord):
     facts: Mapping[str, Any] = field(default_factory=dict)
 
     def encode_line(self) -> bytes:
-        """The event as a line of JSON."""
         return self.encode() + b"\n"

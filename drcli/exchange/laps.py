@@ -1,8 +1,7 @@
-"""What a sample of laps says about a checkpoint: how many are clean, and how fast they are.
+"""What a sample of laps says about a checkpoint.
 
-A *clean lap* is completed without a violation, a reset and a penalty. Evaluations during a training
-end an episode at the first violation, so each completed lap of them is clean. A *finished lap* is
-completed too, but the car may have been put back on the track, which the reference counts.
+A *clean lap* is completed without violation, reset or penalty, as is each completed lap of an
+evaluation during training. A *finished lap* is completed, maybe with resets.
 """
 
 import math
@@ -11,59 +10,46 @@ from dataclasses import dataclass
 from statistics import median
 
 Z_95 = 1.959964
-"""Standard score of a two-sided interval of 95 %."""
-
 CONFIRMING_LAPS = 40
-"""Laps from starts not driven before that decide whether a checkpoint is as good as it seems."""
+"""From new starts: is a checkpoint as good as it seems?"""
 
 CONFIRMING_CLEAN = 38
-"""How many of these must be clean to reach a goal."""
 
 
 @dataclass(frozen=True)
 class Laps:
-    """A sample of laps of one checkpoint.
-
-    Attributes:
-        driven: Number of laps, clean or not.
-        clean_s: Times of the clean ones, simulated seconds.
-    """
+    """Laps of one checkpoint; `clean_s` are simulated seconds."""
 
     driven: int
     clean_s: Sequence[float]
 
     @property
     def clean(self) -> int:
-        """Number of clean laps."""
         return len(self.clean_s)
 
     @property
     def median_s(self) -> float | None:
-        """Median time of the clean laps; None without one."""
         return median(self.clean_s) if self.clean_s else None
 
     @property
     def p90_s(self) -> float | None:
-        """The time that nine of ten clean laps do not exceed; None without a clean lap."""
+        """Nine of ten clean laps do not exceed it."""
         return sorted(self.clean_s)[math.ceil(0.9 * self.clean) - 1] if self.clean_s else None
 
     @property
     def fastest_s(self) -> float | None:
-        """Time of the fastest clean lap; None without one."""
         return min(self.clean_s, default=None)
 
     @property
     def slowest_s(self) -> float | None:
-        """Time of the slowest clean lap; None without one."""
         return max(self.clean_s, default=None)
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Between which shares of clean laps the true one is, with a confidence of 95 %."""
+        """Of the true share of clean laps, 95 % confidence."""
         return share_interval(self.clean, self.driven)
 
     def within(self, most_s: float | None) -> "Laps":
-        """The same sample if a lap slower than `most_s` does not count as clean."""
         if most_s is None:
             return self
         return Laps(self.driven, [lap_s for lap_s in self.clean_s if lap_s <= most_s])
@@ -82,25 +68,12 @@ class Laps:
 
 
 def is_clean_lap(finished: bool, *faults: float | None) -> bool:
-    """Whether a lap is clean: it is finished, and none of these happened to it.
-
-    Args:
-        finished: Whether it was completed.
-        faults: Counts of violations and resets, and its penalty; None for what nobody recorded.
-    """
+    """Finished without `faults`: violations, resets, penalty (None: not recorded)."""
     return finished and not any(faults)
 
 
 def laps_summary(laps: Laps, *, resets: int, finished: int, best: str) -> str:
-    """Such as "2 of 3 laps clean (1 reset), 3 finished, best 7.73 s".
-
-    Args:
-        laps: The sample.
-        resets: How often the car was put back in all of its laps.
-        finished: How many of them were completed, clean or not.
-        best: Time of the fastest clean lap; without one, that of the fastest finished lap with its
-            resets, as `lap_time` tells it; empty without either.
-    """
+    """Such as "2 of 3 laps clean (1 reset), 3 finished, best 7.73 s"."""
     words = f"{laps.clean} of {laps.driven} {'lap' if laps.driven == 1 else 'laps'} clean"
     if resets:
         words += f" ({counted_resets(resets)})"
@@ -119,11 +92,7 @@ def lap_time(
 ) -> str:
     """Such as "7.80 s", or "12.80 s = 7.80 driven + 5.00 penalty, 1 reset".
 
-    Args:
-        lap_s: Simulated seconds, penalties included.
-        penalty_s: The penalties among them; None if nobody recorded them.
-        resets: How often the car was put back on the track.
-        clock: Writes times otherwise than in seconds, such as "0:12.800".
+    `lap_s` includes penalties.
     """
     words = f"{lap_s:.2f} s" if clock is None else clock(lap_s)
     if penalty_s:
@@ -134,18 +103,13 @@ def lap_time(
 
 
 def counted_resets(count: int) -> str:
-    """Such as "1 reset"."""
     return f"{count} reset{'s' * (count != 1)}"
 
 
 def paired_p(differences: Iterable[int]) -> float:
-    """Probability of so large a sum of differences, or a larger one, if each sign were a coin flip.
+    """Probability of so large a sum of differences, or larger, if each sign were a coin flip.
 
-    This is the exact permutation test for pairs, two-sided. For differences of -1, 0 and 1 it is
-    McNemar's exact test.
-
-    Args:
-        differences: One for each pair, in units that make them whole numbers.
+    The exact two-sided permutation test for pairs of whole numbers; for -1, 0 and 1, McNemar's.
     """
     import numpy as np  # here, to keep commands fast
 
@@ -165,12 +129,7 @@ def paired_p(differences: Iterable[int]) -> float:
 def share_interval(count: int, of: int, z: float = Z_95) -> tuple[float, float]:
     """Wilson's score interval of a share, within [0, 1].
 
-    Unlike the usual interval, it is right for few trials and for shares next to 0 and 1.
-
-    Args:
-        count: Successes.
-        of: Trials, at least one.
-        z: Standard score of the confidence.
+    Unlike the usual one, right for few trials and shares near 0 and 1.
     """
     share, square = count / of, z * z / of
     middle = share + square / 2.0

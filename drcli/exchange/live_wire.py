@@ -1,7 +1,7 @@
 """How live pictures travel between a worker and a viewer: proof of the key, then messages.
 
-`multiprocessing.connection` is not used: its listener waits without limit for a visitor that says
-nothing, and a sender waits without limit for a reader that does not read. Nothing is unpickled.
+Not `multiprocessing.connection`: its listener waits forever for a silent visitor, its sender for a
+reader that does not read. Nothing is unpickled.
 """
 
 import hashlib
@@ -15,21 +15,17 @@ from drcli.exchange.live_record import PROTOCOL
 HOST = "127.0.0.1"
 
 MOST_MESSAGE_BYTES = 4 << 20
-"""Of what a worker sends."""
-
 MOST_REQUEST_BYTES = 4096
-"""Of what a viewer sends."""
-
 _GREETING = b"drcli-live-%d\n" % PROTOCOL
 _NONCE_BYTES = 32
 
 
 def admit(peer: socket.socket, key: bytes) -> None:
-    """Let a viewer in that knows the key, and prove to it that this side knows it too.
+    """Let a viewer in that knows the key, and prove to know it too.
 
     Raises:
-        WireError: It does not know the key.
-        OSError: It left, or took longer than the timeout of the socket.
+        WireError: It does not know it.
+        OSError: It left or timed out.
     """
     own = secrets.token_bytes(_NONCE_BYTES)
     peer.sendall(_GREETING + own)
@@ -40,11 +36,11 @@ def admit(peer: socket.socket, key: bytes) -> None:
 
 
 def enter(peer: socket.socket, key: bytes) -> None:
-    """Prove to a worker that this side knows the key, and check that it is that worker.
+    """Check that a worker knows the key, and prove to know it too.
 
     Raises:
         WireError: It is another program, or refuses the key.
-        OSError: It left, or took longer than the timeout of the socket.
+        OSError: It left or timed out.
     """
     if exactly(peer, len(_GREETING)) != _GREETING:
         raise WireError("another program listens there")
@@ -56,10 +52,10 @@ def enter(peer: socket.socket, key: bytes) -> None:
 
 
 def send(peer: socket.socket, data: bytes) -> None:
-    """Send a message; OSError if the other side left or does not read in time."""
+    """OSError if the other side left or does not read in time."""
     peer.sendall(framed(data))
 
 
 def _proof(key: bytes, side: bytes, of_worker: bytes, of_viewer: bytes) -> bytes:
-    """The proof of one side: it depends on both random numbers, so none can be used again."""
+    """Depends on both random numbers, so it cannot be reused."""
     return hmac.digest(key, side + of_worker + of_viewer, hashlib.sha256)

@@ -1,7 +1,4 @@
-"""The milestones of a training: `milestones.json`, which the trainer writes beside the checkpoints.
-
-A milestone is the checkpoint that did something first or best in an evaluation during the training.
-"""
+"""The milestones of a training: checkpoints that did something first or best."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,26 +8,13 @@ from drcli.base.json_record import JsonRecord
 from drcli.exchange.checkpoint import CheckpointName, checkpoint_name
 
 MilestoneKind = Literal["first-lap", "three-laps", "best-lap"]
-"""The first completed lap, the first evaluation with three of them, and the fastest lap."""
-
 KINDS: tuple[MilestoneKind, ...] = get_args(MilestoneKind)
 
 THREE = 3
-"""Laps in one evaluation for the second kind."""
 
 
 @dataclass(frozen=True)
 class Milestone:
-    """A checkpoint and its evaluation.
-
-    Attributes:
-        checkpoint: Its name.
-        laps: Completed laps of the evaluation.
-        episodes: Episodes of the evaluation.
-        progress: Their mean, percent of a lap.
-        best_lap_s: Fastest completed lap, simulated seconds.
-    """
-
     checkpoint: str
     laps: int
     episodes: int
@@ -42,21 +26,12 @@ class Milestone:
 
     @property
     def name(self) -> CheckpointName:
-        """The name in its two parts."""
         return checkpoint_name(self.checkpoint)
 
 
 @dataclass(frozen=True)
 class Milestones(JsonRecord):
-    """The milestones until now.
-
-    Attributes:
-        first_lap: The first checkpoint that completed a lap; None before one did.
-        three_laps: The first that completed three laps in one evaluation.
-        best_lap: The one with the fastest lap; of equal laps, the first. In a training with stages,
-            that of the present stage: laps of different tracks cannot be compared.
-        spaced: Names of the checkpoints that are kept because of DR_TRAIN_KEEP_EVERY.
-    """
+    """`best_lap` is of the present stage only, as tracks differ."""
 
     first_lap: Milestone | None = None
     three_laps: Milestone | None = None
@@ -68,7 +43,6 @@ class Milestones(JsonRecord):
             checkpoint_name(name)
 
     def of_kind(self, kind: MilestoneKind) -> Milestone | None:
-        """The milestone of this kind; None if it was not reached."""
         found = {
             "first-lap": self.first_lap,
             "three-laps": self.three_laps,
@@ -77,7 +51,6 @@ class Milestones(JsonRecord):
         return found[kind]
 
     def reached(self) -> Iterator[tuple[MilestoneKind, Milestone]]:
-        """All that were reached, in the order of `KINDS`."""
         for kind in KINDS:
             milestone = self.of_kind(kind)
             if milestone is not None:
@@ -86,13 +59,7 @@ class Milestones(JsonRecord):
     def with_evaluation(
         self, checkpoint: str, progress: Sequence[float], lap_s: Sequence[float]
     ) -> "Milestones":
-        """The milestones after an evaluation; the order of evaluations does not matter.
-
-        Args:
-            checkpoint: Name of the checkpoint that drove.
-            progress: Percent of the lap, for each episode.
-            lap_s: Lap times of its completed laps, simulated seconds.
-        """
+        """Evaluations may come in any order (percent, simulated seconds)."""
         if not lap_s or not progress:
             return self
         mean = sum(progress) / len(progress)
@@ -106,13 +73,13 @@ class Milestones(JsonRecord):
         )
 
     def of_stage(self, first: int) -> "Milestones":
-        """Without a fastest lap from before the stage that begins with this checkpoint's number."""
+        """Without a fastest lap from before the stage's first checkpoint."""
         if self.best_lap is None or self.best_lap.name.number >= first:
             return self
         return replace(self, best_lap=None)
 
     def until(self, newest: CheckpointName) -> "Milestones":
-        """Without those of later checkpoints: a training that went back makes them again."""
+        """Without later ones: a training that went back makes them again."""
 
         def kept(milestone: Milestone | None) -> Milestone | None:
             return milestone if milestone is not None and _is_before(milestone.name) else None

@@ -1,4 +1,4 @@
-"""What drives a racer of an evaluation, and which engine runs it."""
+"""What drives a racer of an evaluation, and which engine."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,15 +10,12 @@ Runtime = Literal["torch", "pb", "onnx", "openvino", "tflite"]
 
 @dataclass(frozen=True)
 class PolicySource:
-    """A checkpoint of a model in the bucket, or a file on the machine that drives.
+    """A checkpoint of a model in the bucket, or a file here.
 
     Attributes:
-        runtime: What runs it. A checkpoint is converted for it; None is PyTorch for a checkpoint
-            and a file's own engine.
-        file: Absolute path of a policy's file; None for a checkpoint.
-        metadata: Absolute path of its model_metadata.json; None if that lies beside the file or
-            inside of it.
-        sha256: Of the file when it was checked, so that no other one drives; empty before.
+        runtime: None: PyTorch, or a file's own engine.
+        metadata: model_metadata.json; None if beside or inside the file.
+        sha256: Of the checked file, so that no other drives.
     """
 
     runtime: Runtime | None = None

@@ -1,4 +1,4 @@
-"""What a trace does not tell about an evaluation, so that it can be filmed later."""
+"""What a trace does not tell about an evaluation, to film it later."""
 
 from dataclasses import dataclass, field
 
@@ -10,9 +10,8 @@ class RecordedObjects(JsonRecord):
     """What stood and drove around the car in one episode of a trace.
 
     Attributes:
-        episode: Number of the episode in the trace.
-        poses: x and y in metres and yaw in radians of each object, for each row of the episode; a
-            single row if nothing moved.
+        poses: x and y in metres, yaw in radians, by row of the episode and object; a single row if
+            nothing moved.
     """
 
     episode: int
@@ -21,22 +20,7 @@ class RecordedObjects(JsonRecord):
 
 @dataclass(frozen=True)
 class RaceRecording(JsonRecord):
-    """The race of a trace. It lies beside the trace of an evaluation.
-
-    Attributes:
-        world: The track, as DR_WORLD_NAME names it.
-        reverse: Whether it was driven against the direction of its name.
-        race_type: As DR_RACE_TYPE.
-        model: Prefix of the model, or the file, that drove.
-        checkpoint: Name of its checkpoint; empty for a file.
-        racer: As DR_RACER_NAME.
-        color: As DR_CAR_COLOR.
-        shapes: What the objects are, by the names of `drsim.race.solids.SHAPES`.
-        episodes: Where they were; empty without objects.
-        other_color: Of the other car in a race of two models; empty without one.
-        off_track_penalty_s: As DR_EVAL_OFF_TRACK_PENALTY, simulated seconds; None if unknown.
-        collision_penalty_s: As DR_EVAL_COLLISION_PENALTY, likewise.
-    """
+    """What a film needs besides a trace; `shapes` are of `drsim.race.solids.SHAPES`."""
 
     world: str
     reverse: bool

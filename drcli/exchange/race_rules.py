@@ -1,4 +1,4 @@
-"""The rules of a race: one object in the bucket, written by whoever organises it."""
+"""The rules of a race, written by its organiser."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -6,13 +6,8 @@ from typing import Literal
 from drcli.base.json_record import JsonRecord, RecordError
 
 RaceKind = Literal["TIME_TRIAL", "OBJECT_AVOIDANCE", "HEAD_TO_BOT", "HEAD_TO_MODEL"]
-"""As DR_RACE_TYPE; in HEAD_TO_MODEL the submissions race each other in pairs."""
-
 Ranking = Literal["best-lap", "best-average", "total-time"]
-"""What a leaderboard compares."""
-
 Pairing = Literal["round-robin", "bracket"]
-"""Who meets whom in HEAD_TO_MODEL: everybody everybody once, or the winners only."""
 
 
 @dataclass(frozen=True)
@@ -26,19 +21,18 @@ class RaceRules(JsonRecord):
         reverse: Whether it is driven against the direction of its name.
         race_type: As DR_RACE_TYPE.
         ranking: What decides: best-lap, best-average or total-time; pairs are decided by points.
-        max_laps: Laps that each submission drives.
-        min_laps: Complete laps that it needs to be ranked; in a row for best-average, all of them
-            for total-time.
-        average_laps: Number of consecutive complete laps of which the best average is the mean.
+        max_laps: Laps of each submission.
+        min_laps: Complete laps needed to be ranked; in a row for best-average, all for total-time.
+        average_laps: Consecutive complete laps whose mean counts for best-average.
         off_track_penalty_s: Added to the lap time whenever the car leaves the track, seconds.
         collision_penalty_s: The same for a collision, seconds.
         max_submissions: Submissions of one racer that count; 0 for any number.
-        opens_at: When submissions are first taken; None if they are at once.
+        opens_at: When submissions are first taken; None if at once.
         closes_at: When no more are taken; None if it stays open.
         seed: Of all random numbers, the same for every submission.
         pairing: Who meets whom in HEAD_TO_MODEL.
-        sensors: The only sensors that a model may use; empty for any.
-        settings: What else the laps are driven with, as texts by DR_ name: objects, disturbances.
+        sensors: The only allowed sensors; empty for any.
+        settings: Other settings of the laps, as texts by DR_ name: objects, disturbances.
         changes: How often the organiser has changed these rules.
     """
 

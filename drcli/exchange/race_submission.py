@@ -10,15 +10,7 @@ from drcli.exchange.trace import STATUS_LABELS
 
 @dataclass(frozen=True)
 class RaceSubmission(JsonRecord):
-    """A checkpoint that a racer submitted. Its racer writes it once, after the model was copied.
-
-    Attributes:
-        racer: Who submitted it.
-        model: Prefix of the model that it was copied from.
-        checkpoint: Name of the checkpoint.
-        submitted_at: When, Unix seconds.
-        host: The machine from which it came.
-    """
+    """A submitted checkpoint, written by its racer after the model was copied."""
 
     racer: str
     model: str
@@ -33,11 +25,11 @@ class RaceSubmission(JsonRecord):
 
 @dataclass(frozen=True)
 class QueueOrder(JsonRecord):
-    """Where the organiser has put a submission, and how often it was restarted.
+    """Where the organiser has put a submission.
 
     Attributes:
-        place: The queue is in the order of these numbers; microseconds of its submission at first.
-        restarts: How often it is to be driven again; older results no longer count.
+        place: At first microseconds.
+        restarts: Results before the last one do not count.
     """
 
     place: int
@@ -50,12 +42,7 @@ class DrivenLap:
 
     Attributes:
         lap_s: Simulated seconds, penalties included.
-        progress: Percent of the lap.
-        status: How it ended, such as "Lap complete".
-        off_track: How often the car left the track.
-        crashes: How often it crashed.
-        resets: How often it was put back on the track.
-        penalty_s: Penalties in the time; None if nobody recorded them.
+        penalty_s: None if not recorded.
         immobilized: How often the car stood still for too long.
         reversed: How often it drove in the wrong direction.
     """
@@ -72,27 +59,18 @@ class DrivenLap:
 
     @property
     def complete(self) -> bool:
-        """Whether the lap was completed, with or without resets, as the reference counts it."""
+        """With or without resets, as the reference counts."""
         return self.status == STATUS_LABELS["lap_complete"]
 
     @property
     def clean(self) -> bool:
-        """Whether it is a clean lap."""
         violations = self.off_track, self.crashes, self.immobilized, self.reversed
         return is_clean_lap(self.complete, *violations, self.resets, self.penalty_s)
 
 
 @dataclass(frozen=True)
 class DrivenCar:
-    """What one car of an evaluation drove.
-
-    Attributes:
-        submission: Whose car it is.
-        laps: In the order in which they were driven.
-        simtrace: Key of the trace in the bucket.
-        metrics: Key of the metrics in the bucket.
-        video: Key of the video in the bucket; empty without one.
-    """
+    """What one car of an evaluation drove; keys in the bucket."""
 
     submission: str
     laps: list[DrivenLap]
@@ -103,18 +81,12 @@ class DrivenCar:
 
 @dataclass(frozen=True)
 class RaceResult(JsonRecord):
-    """What became of the evaluation of a submission, or of a pair. The queue writes it.
+    """The evaluation of a submission or pair, written by the queue.
 
     Attributes:
-        state: What happened last.
-        session: The run of the queue that drove it.
-        restarts: Of its submissions together when it began.
-        began_at: When it began, Unix seconds.
-        ended_at: When it ended; None while it runs.
-        cars: What each car drove; empty unless it is done.
-        message: Why it failed.
-        remedy: What to do about that.
-        notes: What is worth knowing, such as why there is no video.
+        session: The run of the queue.
+        restarts: Of its submissions when it began.
+        notes: Such as why there is no video.
     """
 
     state: Literal["running", "done", "failed"]
@@ -134,10 +106,6 @@ class RaceResult(JsonRecord):
 
 @dataclass(frozen=True)
 class BracketDraw(JsonRecord):
-    """The order in which submissions enter a bracket, drawn when its first pair is driven.
-
-    Attributes:
-        seeds: Submissions; the first meets the last.
-    """
+    """The first meets the last."""
 
     seeds: list[str]

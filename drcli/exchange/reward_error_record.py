@@ -1,4 +1,4 @@
-"""What a simulation worker counts of a reward function that fails or declares episodes broken."""
+"""What a worker counts of a failing reward function."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from drcli.base.json_record import JsonRecord
 
 MOST_ERRORS = 20
-"""How many distinct errors a worker describes; of further ones only the calls count."""
 
 
 @dataclass(frozen=True)
@@ -14,15 +13,15 @@ class RewardErrorEntry:
     """One distinct error of a reward function.
 
     Attributes:
-        kind: As in `drsim.errors.RewardError`; `discard` for an episode that was declared broken.
-        exception: Name of the exception's class; empty where a value was wrong.
+        kind: As in `drsim.errors.RewardError`; `discard` for an episode declared broken.
+        exception: Class of the exception; empty where a value was wrong.
         reason: What went wrong in the first such call, such as "KeyError: 'sped'".
         line: Line in the racer's file, if known.
         source: The text of that line.
         params: The parameters of the first such call, in short form.
         count: How many calls failed like this.
-        first_iteration: Number of the iteration of the first such call.
-        last_iteration: Number of the iteration of the newest such call.
+        first_iteration: Iteration of the first such call.
+        last_iteration: Iteration of the newest such call.
     """
 
     kind: str
@@ -37,16 +36,16 @@ class RewardErrorEntry:
 
     @property
     def key(self) -> tuple[str, str, int | None]:
-        """What distinguishes errors: one that differs in numbers only is the same."""
+        """Errors that differ in numbers only are the same."""
         return self.kind, self.exception, self.line
 
     @property
     def text(self) -> str:
-        """The error with its place, as in "line 12: KeyError: 'sped'"."""
+        """As in "line 12: KeyError: 'sped'"."""
         return f"line {self.line}: {self.reason}" if self.line else self.reason
 
     def joined(self, other: "RewardErrorEntry") -> "RewardErrorEntry":
-        """This error together with more calls that failed like it."""
+        """With more such calls."""
         return replace(
             self,
             count=self.count + other.count,
@@ -62,8 +61,8 @@ class RewardCounts:
     Attributes:
         calls: Calls of the reward function.
         failed: How many of them failed.
-        discarded: Episodes that the function declared broken.
-        errors: The distinct errors, those of discarded episodes among them, oldest first.
+        discarded: Episodes declared broken.
+        errors: The distinct errors, with those of discarded episodes, oldest first.
     """
 
     calls: int = 0
@@ -72,7 +71,7 @@ class RewardCounts:
     errors: list[RewardErrorEntry] = field(default_factory=list)
 
     def joined(self, other: "RewardCounts") -> "RewardCounts":
-        """These numbers together with later ones."""
+        """With later ones."""
         errors = {entry.key: entry for entry in self.errors}
         for entry in other.errors:
             known = errors.get(entry.key)
@@ -89,11 +88,11 @@ class RewardCounts:
 
     @property
     def share(self) -> float:
-        """Share of the calls that failed, 0 to 1."""
+        """Of failed calls, 0 to 1."""
         return self.failed / self.calls if self.calls else 0.0
 
     def failures(self) -> str:
-        """How many calls failed, as a sentence without its full stop."""
+        """How many calls failed, without a full stop."""
         share = f"{100.0 * self.share:.2g} %"
         return (
             f"{self.failed:,} of {self.calls:,} calls of the reward function failed ({share}); "
@@ -102,7 +101,6 @@ class RewardCounts:
 
 
 def sum_of(counts: Iterable[RewardCounts]) -> RewardCounts:
-    """The numbers of several workers together."""
     total = RewardCounts()
     for each in counts:
         total = total.joined(each)
@@ -111,15 +109,10 @@ def sum_of(counts: Iterable[RewardCounts]) -> RewardCounts:
 
 @dataclass(frozen=True)
 class RewardErrorRecord(JsonRecord):
-    """What one worker has counted; only this worker writes it.
+    """What one worker has counted; only it writes this.
 
-    The newest iteration is separate: after an interruption it is driven again, and counted again.
-
-    Attributes:
-        worker: Number of the simulation worker.
-        iteration: The newest iteration with calls; -1 before the first.
-        before: Of all earlier iterations.
-        newest: Of the newest iteration.
+    The newest iteration (-1 before the first) is separate: after an interruption it is driven and
+    counted again.
     """
 
     worker: int
@@ -129,14 +122,12 @@ class RewardErrorRecord(JsonRecord):
 
     @property
     def total(self) -> RewardCounts:
-        """Of all iterations."""
         return self.before.joined(self.newest)
 
     def begun(self, iteration: int) -> "RewardErrorRecord":
-        """The record at the begin of an iteration.
+        """The record at the begin of an iteration; the newest, driven once more, counts once.
 
-        The newest iteration that is driven once more counts once. Iterations that are driven again
-        because the training went back further count twice: their calls were other calls.
+        Others, driven again after a rollback, count twice: their calls were other calls.
         """
         before = self.before if iteration == self.iteration else self.total
         return replace(self, iteration=iteration, before=before, newest=RewardCounts())

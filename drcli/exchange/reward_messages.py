@@ -1,7 +1,7 @@
 """What travels between a worker and the process that calls its reward functions.
 
-The worker's own messages are in `marshal`, the fastest encoding that Python has. The answers come
-from a process that runs a racer's code, so they are numbers and JSON, which is checked.
+The worker sends `marshal`, Python's fastest encoding. Answers come from a racer's code, so they are
+numbers and checked JSON.
 """
 
 import marshal
@@ -13,29 +13,18 @@ from typing import Any
 from drcli.base.json_record import JsonRecord, RecordError
 
 MOST_BYTES = 1 << 28
-"""Of a message."""
-
 _COUNT = struct.Struct("<I")
 
 
 @dataclass(frozen=True)
 class Load(JsonRecord):
-    """The first message: the file, and for how many cars to load it."""
-
     file: str
     cars: int
 
 
 @dataclass(frozen=True)
 class Calls:
-    """Calls to make.
-
-    Attributes:
-        cars: The car of each.
-        params: The parameters of each, without its waypoints.
-        deadline_s: How long one may take.
-        waypoints: By `is_reversed`, as far as they were not told before.
-    """
+    """`deadline_s` is for one call; `waypoints`, by `is_reversed`, only if not told before."""
 
     cars: list[int]
     params: list[dict[str, Any]]
@@ -43,25 +32,16 @@ class Calls:
     waypoints: dict[bool, list[Any]]
 
     def encode(self) -> bytes:
-        """The message."""
         return marshal.dumps((self.cars, self.params, self.deadline_s, self.waypoints))
 
     @staticmethod
     def decode(data: bytes) -> "Calls":
-        """Read a message of the worker."""
         return Calls(*marshal.loads(data))
 
 
 @dataclass(frozen=True)
 class CallFailure(JsonRecord):
-    """The failure of a call, or of loading the file; `RewardError` says what the fields mean.
-
-    Attributes:
-        call: Number of the call in the message.
-        params: The parameters of that call, as JSON.
-        cause: Name of the exception behind it; empty without one.
-        out_of_memory: Whether memory was short.
-    """
+    """The failure of a call, or of loading the file; fields as in `RewardError`."""
 
     call: int
     message: str
@@ -84,15 +64,7 @@ class _Facts(JsonRecord):
 
 @dataclass(frozen=True)
 class Answer:
-    """What came of a message.
-
-    Attributes:
-        rewards: Of each call.
-        seconds: How long each took.
-        failures: Those that failed, in their order.
-        free: What the process may still reach, once it has loaded the file.
-        pid: Its number, then.
-    """
+    """`free` is what the process may still reach, once it has loaded the file."""
 
     rewards: list[float] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
@@ -101,7 +73,6 @@ class Answer:
     pid: int | None = None
 
     def encode(self) -> bytes:
-        """The message."""
         numbers = array("d", self.rewards + self.seconds).tobytes()
         told = self.failures or self.pid
         facts = _Facts(self.failures, self.free, self.pid).encode() if told else b""
@@ -109,11 +80,7 @@ class Answer:
 
     @staticmethod
     def decode(data: bytes, calls: int) -> "Answer":
-        """Read the answer to so many calls.
-
-        Raises:
-            RecordError: The racer's code has written it, or has damaged it.
-        """
+        """RecordError if the racer's code wrote or damaged it."""
         numbers = array("d")
         end = _COUNT.size + 2 * calls * numbers.itemsize
         if len(data) < end or _COUNT.unpack_from(data)[0] != calls:

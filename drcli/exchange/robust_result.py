@@ -1,4 +1,4 @@
-"""What a robust evaluation found: how a model drives under each disturbance, and one number."""
+"""How a model drives under each disturbance, and one number."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,6 @@ from statistics import fmean
 from drcli.base.json_record import JsonRecord
 
 NOMINAL_AXIS = "none"
-"""Axis of the trials without any disturbance."""
 
 
 @dataclass(frozen=True)
@@ -17,11 +16,11 @@ class RobustCell(JsonRecord):
     Attributes:
         axis: What is disturbed, such as "latency".
         level: How far, such as "0.1 s".
-        trials: How many laps were tried, each from another start.
-        completed: How many were completed without leaving the track or crashing.
+        trials: Laps tried, each from another start.
+        completed: Laps completed without leaving the track or crashing.
         progress: Mean percent of the lap before the first violation.
-        lap_s: Mean time of the completed laps, simulated seconds; None without one.
-        ended_by: How most of the other trials ended, such as "Off track"; empty if there are none.
+        lap_s: Mean time of completed laps, simulated seconds; None without one.
+        ended_by: How most other trials ended, such as "Off track"; empty without others.
     """
 
     axis: str
@@ -41,7 +40,7 @@ class RobustResult(JsonRecord):
         prefix: Model prefix in the bucket.
         checkpoint: Name of the checkpoint or file that drove.
         world: The track.
-        seed: Of everything random; the same seed gives the same trials.
+        seed: The same seed gives the same trials.
         cells: Axis by axis, from the nominal trials on.
         seconds: How long the driving took.
     """
@@ -55,7 +54,7 @@ class RobustResult(JsonRecord):
 
     @property
     def axis_scores(self) -> dict[str, float]:
-        """Mean progress of each axis over its levels, percent."""
+        """Mean progress over the levels, percent."""
         axes = dict.fromkeys(cell.axis for cell in self.cells)
         return {
             axis: round(fmean(cell.progress for cell in self.cells if cell.axis == axis), 2)
@@ -64,12 +63,12 @@ class RobustResult(JsonRecord):
 
     @property
     def robust_score(self) -> float:
-        """0 to 100: the mean of the scores of all axes, each of which counts the same."""
+        """0 to 100: mean of the axes' scores."""
         return robust_score(self.cells)
 
     @property
     def broken_by(self) -> list[str]:
-        """Levels under which at most half as many laps are completed as without disturbance."""
+        """Levels with at most half as many completed laps as without disturbance."""
         nominal = [cell for cell in self.cells if cell.axis == NOMINAL_AXIS]
         share = fmean(cell.completed / cell.trials for cell in nominal) if nominal else 0.0
         return [
@@ -80,7 +79,7 @@ class RobustResult(JsonRecord):
 
 
 def robust_score(cells: Sequence[RobustCell]) -> float:
-    """The mean over the axes of the mean progress over the levels of an axis, 0 to 100."""
+    """Mean over axes of mean progress over levels, 0 to 100."""
     axes: dict[str, list[float]] = {}
     for cell in cells:
         axes.setdefault(cell.axis, []).append(cell.progress)

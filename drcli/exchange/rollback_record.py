@@ -1,4 +1,4 @@
-"""How often a training went back to an older checkpoint with a smaller learning rate, and why."""
+"""How often and why a training went back to an older checkpoint."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,8 +8,6 @@ from drcli.base.json_record import JsonRecord
 from drcli.exchange.checkpoint import CheckpointName, CheckpointRecord, checkpoint_name
 
 RATE_FACTOR = 1.0 / 3.0
-"""The learning rate after a rollback, as a share of that before."""
-
 Reason = Literal["nan", "collapse"]
 
 
@@ -19,14 +17,14 @@ class Rollback:
 
     Attributes:
         at: Unix seconds.
-        reason: A loss or weight that is NaN or infinite, or a policy that has become far worse.
+        reason: A loss or weight that is NaN or infinite, or a policy that is far worse.
         text: What was wrong, a sentence without its full stop.
         left: Name of the checkpoint that was the newest.
         target: Name of the checkpoint from which the training goes on.
         lr: `lr` of hyperparameters.json at that time.
         factor: The learning rate since then, as a share of `lr`.
-        elapsed_s: Wall time of training until then, with the iterations that were given up.
-        session: The start of the training that went back.
+        elapsed_s: Wall time of training until then, with the given up iterations.
+        session: The start that went back.
     """
 
     at: float
@@ -45,7 +43,7 @@ class Rollback:
 
     @property
     def sentence(self) -> str:
-        """What happened, for people."""
+        """For people."""
         left, target = checkpoint_name(self.left), checkpoint_name(self.target)
         if left.number == target.number:
             back = f"The update of checkpoint {target.number} is repeated"
@@ -54,7 +52,7 @@ class Rollback:
         return f"{self.text}. {back} with a learning rate of {self.lr * self.factor:.3g}."
 
     def facts(self) -> Mapping[str, object]:
-        """What the journal tells programs."""
+        """For programs, in the journal."""
         return {
             "reason": self.reason,
             "left": self.left,
@@ -67,45 +65,36 @@ class Rollback:
 class Rollbacks(JsonRecord):
     """All rollbacks of a model, oldest first. Only its trainer writes them.
 
-    A rollback happens when it is written here. The rest follows from it, and a trainer that starts
-    in between completes it: whatever a checkpoint or rollout was made of says how many rollbacks
-    there were then, so nothing of the time that was given up is mistaken for new.
+    A rollback happens when it is written here; a trainer that starts in between completes it.
+    Checkpoints and rollouts count the rollbacks before them, so nothing given up seems new.
     """
 
     entries: list[Rollback] = field(default_factory=list)
 
     @property
     def count(self) -> int:
-        """How many."""
         return len(self.entries)
 
     @property
     def elapsed_s(self) -> float:
-        """Wall time of training until the last one."""
         return self.entries[-1].elapsed_s if self.entries else 0.0
 
     def factor(self, lr: float) -> float:
-        """The learning rate as a share of `lr`; 1 once somebody has changed `lr` since."""
+        """Of `lr`; 1 once somebody changed it."""
         last = self.entries[-1] if self.entries else None
         return 1.0 if last is None or last.lr != lr else last.factor
 
     def pending(self, newest: CheckpointRecord) -> CheckpointName | None:
-        """Where to go on instead of the newest checkpoint, if that belongs to what was given up."""
+        """Where to go on, if the newest checkpoint was given up."""
         if not self.entries or (newest.counters.rollbacks or 0) >= self.count:
             return None
         target = checkpoint_name(self.entries[-1].target)
         return target if newest.number > target.number else None
 
     def allows(self, checkpoint: int, rollbacks: int) -> bool:
-        """Whether the work of a checkpoint still counts.
-
-        Args:
-            checkpoint: Its number.
-            rollbacks: How many rollbacks there were when it was published.
-        """
+        """Whether a checkpoint, published after so many, still counts."""
         later = self.entries[max(0, rollbacks) :]
         return all(checkpoint <= checkpoint_name(each.target).number for each in later)
 
 
 NO_ROLLBACKS = Rollbacks()
-"""Of a model that never went back."""

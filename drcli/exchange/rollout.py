@@ -1,10 +1,8 @@
 """The format of a rollout: driven episodes as bytes, and back.
 
-A rollout is a safetensors file with a tensor for each column. Camera frames are zstd level 1
-without any prediction. Measured on one core: frames of the computed camera, whose ground has a
-grain, shrink to 38 % at 160 MB/s and unpack at 400 MB/s. On the way through the local bucket and
-back this takes a fifth more processor time than plain bytes would; through any other bucket, a
-third of the bytes is worth that.
+A safetensors file with a tensor for each column. Frames are zstd level 1: on one core, those of the
+computed camera shrink to 38 % at 160 MB/s and unpack at 400 MB/s. With the local bucket this costs
+a fifth more processor time than plain bytes.
 """
 
 import contextlib
@@ -24,7 +22,7 @@ from drcli.base.json_record import RecordError
 from drcli.learn.rollout_buffer import Rollout
 
 SCHEMA = "2"
-"""Increased when readers of the old format would misread the new one."""
+"""Changes when old readers would misread the format."""
 
 _ZSTD_LEVEL = 1
 
@@ -37,8 +35,6 @@ _STEP = {
     "states": ("extra.states", np.float32),
     "learned": ("extra.learned", np.bool_),
 }
-"""Columns with a row for each step, besides the frames: name in the file, and type."""
-
 _EPISODE = {
     "lengths": ("episode_lengths", np.int64),
     "last_values": ("extra.last_values", np.float64),
@@ -48,30 +44,22 @@ _EPISODE = {
     "completed": ("extra.completed", np.bool_),
     "duration_s": ("extra.duration_s", np.float64),
 }
-"""Columns with a row for each episode: name in the file, and type."""
-
 LARGEST_FRAMES_BYTES = 1 << 20
-"""Limit for the frames of one step. Two cameras of 160 x 120 take 38,400."""
+"""Of one step; two cameras take 38,400."""
 
 _LARGEST_HEADER_BYTES = 1 << 20
 
 _OUTCOMES = ("numbers", "progress", "completed", "duration_s")
-"""Columns that the learner does not take."""
 
 
 @dataclass(frozen=True)
 class Episodes:
-    """Whole episodes, one after the other: what the learner takes, and how each of them ended.
+    """T steps in E episodes, and how each ended.
 
-    Args:
-        rollout: T steps in E episodes.
-        numbers: Which episodes these are. Shape (E,).
-        progress: Percent of the lap at the end of each. Shape (E,).
-        completed: Which ended with a completed lap. Shape (E,).
-        duration_s: Simulated seconds of each. Shape (E,).
+    Arrays have the shape (E,); `progress` is percent, `duration_s` simulated.
 
     Raises:
-        ValueError: Lengths or types do not fit.
+        ValueError: Arrays do not fit.
     """
 
     rollout: Rollout
@@ -100,22 +88,18 @@ class Episodes:
             raise ValueError(f"episodes of {self.rollout.lengths.sum()} steps, {steps} frames")
 
     def column(self, name: str) -> NDArray[Any]:
-        """A column by its name, whether the learner takes it or not."""
         column: NDArray[Any] = getattr(self if name in _OUTCOMES else self.rollout, name)
         return column
 
     @property
     def steps(self) -> int:
-        """Of all episodes together."""
         return self.rollout.steps
 
     @property
     def count(self) -> int:
-        """Number of episodes."""
         return len(self.numbers)
 
     def chosen(self, which: NDArray[np.int64]) -> "Episodes":
-        """A copy of some of the episodes, by their indices. Shape (k,)."""
         ends = np.cumsum(self.rollout.lengths)
         begins = ends - self.rollout.lengths
         rows = np.concatenate([np.arange(begins[i], ends[i]) for i in which])
@@ -125,7 +109,6 @@ class Episodes:
 
 
 def encode_episodes(episodes: Episodes) -> bytes:
-    """Episodes as bytes; the arrays may be used again afterwards."""
     frames = np.ascontiguousarray(episodes.rollout.frames)
     plain = frames.data.cast("B") if frames.size else b""
     packed = zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(plain)
@@ -137,17 +120,12 @@ def encode_episodes(episodes: Episodes) -> bytes:
 
 
 def decode_episodes(parts: Iterable[bytes], steps: int) -> Episodes:
-    """The episodes of several objects, one after the other.
+    """The episodes of several objects, with so many `steps` together.
 
-    The frames unpack into their place in one array, object by object, so that only one object needs
-    to be in memory at a time.
-
-    Args:
-        parts: At least one, from `encode_episodes`.
-        steps: Of all of them together.
+    Frames unpack into one array, so only one object is in memory.
 
     Raises:
-        RecordError: An object is damaged or not like the first, or the number of steps is wrong.
+        RecordError: An object is damaged or does not fit.
     """
     with _explained():
         frames = np.empty(0, np.uint8)
@@ -175,8 +153,6 @@ def _episodes(columns: dict[str, NDArray[Any]]) -> Episodes:
 
 @dataclass(frozen=True)
 class _Packed:
-    """An object whose frames are still compressed."""
-
     columns: dict[str, NDArray[Any]]
     frames: NDArray[np.uint8]
     frames_shape: tuple[int, ...]
@@ -199,7 +175,7 @@ class _Packed:
         return found
 
     def refuse_false_claims(self) -> None:
-        """Compare header and bytes before memory is reserved; ValueError if they differ."""
+        """ValueError if header and bytes differ, before memory is reserved."""
         rows = self.columns["rewards"].shape
         if rows != (self.steps,):
             raise ValueError(f"its header claims {self.steps} steps, its rewards are {rows}")
@@ -226,7 +202,6 @@ class _Packed:
 
 @contextlib.contextmanager
 def _explained() -> Iterator[None]:
-    """Turn every error of damaged bytes into a RecordError."""
     try:
         yield
     except (
@@ -239,7 +214,6 @@ def _explained() -> Iterator[None]:
 
 
 def _header(data: bytes) -> dict[str, str]:
-    """The text entries of a safetensors file, which its loader does not return."""
     length = int.from_bytes(data[:8], "little")
     if length > min(len(data) - 8, _LARGEST_HEADER_BYTES):
         raise ValueError(f"its header claims {length} bytes")

@@ -1,4 +1,4 @@
-"""What the newest start of a run came to: the next start reads it, on whichever machine."""
+"""What the newest start of a run came to, for the next one."""
 
 from dataclasses import dataclass
 
@@ -8,25 +8,13 @@ from drcli.exchange.run_record import State
 
 @dataclass(frozen=True)
 class RunOutcome(JsonRecord):
-    """The newest start of a run. It is written when the start begins, and again at its end.
-
-    A start whose machine vanished leaves the record of its beginning, in state "running".
+    """The newest start of a run, written at its begin and end; "running" if its machine vanished.
 
     Attributes:
-        session: Unique name of the start.
-        host: Name of its machine, for people.
-        began_at: Unix seconds of the very first start of the run.
-        started_at: Unix seconds of this start.
-        state: "running" until the start has ended.
-        goals: A sentence with everything that ends the training. A finished run with other goals
-            than these may go on.
-        code: Exit code.
-        message: Why it ended.
-        remedy: What to do then.
-        ended_at: Unix seconds of the end.
-        stays_ended: Whether only an explicit `--resume` continues it: a person stopped it, or the
-            settings say so.
-        left: Work at the end of a finished training that is still to be done, by name.
+        began_at: Of the very first start.
+        goals: With others, a finished run may go on.
+        stays_ended: Only `--resume` continues it.
+        left: Work at the end that is still to do.
     """
 
     session: str
@@ -44,5 +32,4 @@ class RunOutcome(JsonRecord):
 
     @property
     def ended(self) -> bool:
-        """Whether the start has recorded its end."""
         return self.state != "running"

@@ -1,4 +1,4 @@
-"""The record of a run on this machine: its supervisor, its workers and its state."""
+"""The record of a run on this machine."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -19,16 +19,13 @@ _WAITING = "waiting-*.json"
 State = Literal[
     "none", "starting", "running", "finished", "stopped", "interrupted", "failed", "lost"
 ]
-"""State of a run. "interrupted": its machine went away; "lost": its supervisor ended without
-writing why."""
+""""interrupted": its machine went away; "lost": its supervisor left no reason."""
 
 LIVE_STATES: tuple[State, ...] = ("starting", "running")
 
 
 @dataclass(frozen=True)
 class WorkerRecord:
-    """A worker process, as its supervisor sees it."""
-
     name: str
     pid: int | None
     restarts: int
@@ -36,10 +33,10 @@ class WorkerRecord:
 
 @dataclass(frozen=True)
 class StorageRecord:
-    """The settings of the bucket of a run, by the names that version 0.1.0 wrote.
+    """A run's bucket, by the names of version 0.1.0.
 
     Attributes:
-        s3_data_dir: Relative to the working folder if it is inside, so that both can be moved.
+        s3_data_dir: Relative if inside the working folder, so that both can move.
     """
 
     cloud: Cloud
@@ -52,7 +49,6 @@ class StorageRecord:
 
     @staticmethod
     def of(config: StorageConfig, directory: Path) -> "StorageRecord":
-        """The record of the settings of a run."""
         folder = config.data_dir
         if folder.is_relative_to(directory):
             folder = folder.relative_to(directory)
@@ -67,7 +63,7 @@ class StorageRecord:
         )
 
     def config(self, now: StorageConfig, directory: Path) -> StorageConfig:
-        """The settings at the start; port and idle time of the server are those of now."""
+        """At the start, but with the server's port and idle time of now."""
         return replace(
             now,
             cloud=self.cloud,
@@ -82,15 +78,11 @@ class StorageRecord:
 
 @dataclass(frozen=True)
 class RunRecord:
-    """One start of a training, kept in `data/runs/<DR_RUN_ID>/run.json`.
+    """One start of a training, in `data/runs/<DR_RUN_ID>/run.json`.
 
     Attributes:
-        pid_started: From `process_identity.started_s`, because process numbers are reused.
-        exit_code: Of the supervisor, when it has ended.
-        storage: Of its bucket; None in the record of an early version.
-        priority: DR_PRIORITY at its start.
-        threads: DR_THREADS at its start; 0 for all cores.
-        ending: Whether the supervisor is ending its workers.
+        pid_started: From `process_identity.started_s`; process numbers are reused.
+        storage: None in early versions.
     """
 
     run_id: int
@@ -113,32 +105,26 @@ class RunRecord:
     ending: bool = False
 
     def storage_at_start(self, now: StorageConfig, directory: Path) -> StorageConfig:
-        """The settings of the run's bucket, which may differ from those of now."""
         return now if self.storage is None else self.storage.config(now, directory)
 
     @property
     def alive(self) -> bool:
-        """Whether the supervisor still runs."""
         return self.state in LIVE_STATES and is_alive(self.pid, self.pid_started)
 
     def write(self, folder: Path) -> None:
-        """Replace the record in one step."""
         save_record(folder / _FILE, self)
 
     @staticmethod
     def is_in(folder: Path) -> bool:
-        """Whether there is a record, damaged or not."""
         return (folder / _FILE).exists()
 
     @staticmethod
     def read(folder: Path) -> "RunRecord | None":
-        """The record of the last start; None if there is none or it is damaged."""
         return load_record(RunRecord, folder / _FILE)
 
     def ended(
         self, state: State, exit_code: int, message: str, remedy: str, now: float
     ) -> "RunRecord":
-        """The record of a run that is over."""
         return replace(
             self,
             state=state,
@@ -151,36 +137,32 @@ class RunRecord:
 
 
 def run_folder(directory: Path, run_id: int) -> Path:
-    """Folder of a run's records on this machine."""
     return directory / "data" / "runs" / str(run_id)
 
 
 @dataclass(frozen=True)
 class StopRequest:
-    """Says that a person stops a start of a training: its SIGTERM is no scheduler's."""
+    """A person stops this start: its SIGTERM is not a scheduler's."""
 
     session: str
 
     def write(self, folder: Path) -> None:
-        """Write it, unless the disk is full: the start then takes SIGTERM for a scheduler's."""
+        """Not on a full disk: SIGTERM is then a scheduler's."""
         with suppress(OSError):
             save_record(folder / _STOP_FILE, self)
 
     @staticmethod
     def is_for(session: str, folder: Path) -> bool:
-        """Whether this start was asked to stop."""
         request = load_record(StopRequest, folder / _STOP_FILE)
         return request is not None and request.session == session
 
 
 @dataclass(frozen=True)
 class WaitingStart:
-    """A process that a stop command ends although it is no run.
+    """A process that a stop command ends although it is not a run.
 
     Attributes:
-        pid_started: From `process_identity.started_s`.
-        kind: "wait" for a start that waits until another one no longer trains the model, "worker"
-            for one that drives for another machine, "sweep" for one that runs several trainings.
+        kind: Waits for another start, drives for another machine, or runs a sweep.
     """
 
     pid: int
@@ -191,7 +173,6 @@ class WaitingStart:
 
     @contextmanager
     def shown(self, folder: Path) -> Iterator[None]:
-        """Let other commands see it while the `with` block runs."""
         path = folder / _WAITING.replace("*", str(self.pid))
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
@@ -204,6 +185,5 @@ class WaitingStart:
 
     @staticmethod
     def all(folder: Path) -> "list[WaitingStart]":
-        """Those that wait on this machine for a DR_RUN_ID."""
         found = (load_record(WaitingStart, path) for path in sorted(folder.glob(_WAITING)))
         return [one for one in found if one is not None and is_alive(one.pid, one.pid_started)]

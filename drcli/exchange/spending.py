@@ -1,4 +1,4 @@
-"""What a training has cost: of one start in the bucket, and of all starts on this machine."""
+"""What the starts of a training have cost."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,16 +11,6 @@ _FILE = "spending.json"
 
 @dataclass(frozen=True)
 class StartSpending(JsonRecord):
-    """One start, on one machine. It is written again every few minutes, until its end.
-
-    Attributes:
-        session: Of the start.
-        host: Name of the machine, for people.
-        hours: How long it trained.
-        usd: What that cost; None if the price was not known.
-        usd_per_hour: The last known price.
-    """
-
     session: str
     host: str
     hours: float
@@ -30,20 +20,20 @@ class StartSpending(JsonRecord):
 
 @dataclass(frozen=True)
 class Spending:
-    """All starts of a training until now, as its supervisor last knew it.
+    """All starts of a training, as its supervisor last knew it.
 
     Attributes:
         session: Of the newest start.
         starts: How many there were.
         hours: Machine hours of all of them together.
         usd: What these cost; None if no price is known.
-        unpriced_hours: Hours of those whose price is not known.
-        usd_per_hour: Present price; None if it is not known.
+        unpriced_hours: Hours without a known price.
+        usd_per_hour: Present price; None if not known.
         price_of: Where that comes from, for people.
         max_usd: DR_MAX_COST; 0 for no limit.
         own_hours: Machine hours of the newest start.
         max_minutes: Limit of its time; None for none.
-        damaged: Objects of earlier starts that cannot be read, so that their cost is missing.
+        damaged: Unreadable objects of earlier starts, whose cost is missing.
     """
 
     session: str
@@ -59,10 +49,10 @@ class Spending:
     damaged: list[str] = field(default_factory=list)
 
     def write(self, folder: Path) -> None:
-        """Write it into the folder of the run; raises OSError."""
+        """Raises OSError."""
         save_record(folder / _FILE, self)
 
     @staticmethod
     def read(folder: Path) -> "Spending | None":
-        """What the supervisor of a run has written; None if there is nothing readable."""
+        """None if missing or unreadable."""
         return load_record(Spending, folder / _FILE)

@@ -1,4 +1,4 @@
-"""The stages of a training: what each drives and learns, its goal, and which one a model is in."""
+"""The stages of a training, and which one a model is in."""
 
 from dataclasses import dataclass
 
@@ -7,21 +7,17 @@ from drcli.config.run_config import RaceConfig
 
 @dataclass(frozen=True)
 class StageGoal:
-    """When a stage ends: all targets together are reached, or one of the limits.
+    """When a stage ends: all targets are reached, or one limit. None: not asked for.
 
-    Targets are judged by the evaluations of one checkpoint; those of `mean_reward` by training
-    episodes. A value of None is not asked for.
+    Evaluations of one checkpoint decide; for `mean_reward`, the last 100 training episodes.
 
     Attributes:
-        laps: Target: all evaluation laps of a checkpoint are completed, so many at least.
-        lap_time: Target: all its laps are completed, in so many simulated seconds on average.
-        progress: Target: mean progress of its evaluation, percent.
-        evaluations: How many evaluations in a row must reach these targets.
-        mean_reward: Target: mean reward of the stage's last 100 training episodes.
-        steps: Limit: steps of the stage.
-        episodes: Limit: training episodes of the stage.
-        iterations: Limit: iterations of the stage.
-        minutes: Limit: minutes of training in the stage, without the time it was stopped.
+        laps: Target: all evaluation laps completed, at least so many.
+        lap_time: Target: all completed, mean in simulated seconds.
+        progress: Target: mean, percent.
+        evaluations: How many in a row must reach these.
+        steps: Limit, as all others.
+        minutes: Without stops.
     """
 
     laps: int | None = None
@@ -36,17 +32,14 @@ class StageGoal:
 
     @property
     def evaluated(self) -> bool:
-        """Whether evaluations decide."""
         return any(each is not None for each in (self.laps, self.lap_time, self.progress))
 
     @property
     def empty(self) -> bool:
-        """Whether the stage ends only with the training."""
         limits = (self.mean_reward, self.steps, self.episodes, self.iterations, self.minutes)
         return not self.evaluated and all(each is None for each in limits)
 
     def __str__(self) -> str:
-        """Everything that ends the stage, to be read after "ends"."""
         targets, limits = [], []
         if self.laps is not None:
             targets.append(f"all evaluation laps are completed, at least {self.laps}")
@@ -72,14 +65,12 @@ class StageGoal:
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage, with everything that its processes need.
+    """One stage.
 
     Attributes:
-        name: Unique in its curriculum; a resumed training finds its stage by it.
-        races: For the first worker, and for all others that have a race of their own.
-        reward: Source of the reward function.
-        reward_name: What its author calls that file.
-        hyperparameters: `hyperparameters.json` with all values of the stage.
+        name: A resumed training finds its stage by it.
+        races: Of the first worker and of others with their own.
+        reward: Source text.
     """
 
     name: str
@@ -90,7 +81,6 @@ class Stage:
     goal: StageGoal
 
     def race(self, worker: int = 0) -> RaceConfig:
-        """What a simulation worker drives, counted from 0."""
         return self.races[worker if worker < len(self.races) else 0]
 
 
@@ -103,7 +93,7 @@ class StageMark:
         number: Its place in the curriculum, from 1.
         count: How many stages there are.
         world: Its track.
-        goal: Its end, as a phrase for people.
+        goal: Its end, for people.
         iteration: Number of its first checkpoint.
         steps: Steps learned from before it.
         episodes: Training episodes before it.

@@ -1,4 +1,4 @@
-"""What a sweep keeps in the bucket: its trainings, how far each has come, and the best."""
+"""What a sweep keeps in the bucket."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,17 +9,11 @@ from drcli.base.json_record import JsonRecord
 TrialState = Literal[
     "waiting", "running", "paused", "finished", "stopped early", "stopped", "failed"
 ]
-"""State of a training of a sweep. "paused": another one has its turn; "stopped early": others were
-better; "stopped": a person stopped it."""
+""""paused": another has its turn; "stopped early": others were better."""
 
 Metric = Literal["lap_time", "progress", "reward"]
-"""What decides which training is best."""
-
 Resource = Literal["minutes", "steps", "episodes", "iterations"]
-"""What the budget of a training counts."""
-
 OVER: tuple[TrialState, ...] = ("finished", "stopped early", "stopped", "failed")
-"""States in which the sweep does nothing more for a training."""
 
 
 @dataclass(frozen=True)
@@ -27,12 +21,9 @@ class TrialScore:
     """How well the car of a training drives.
 
     Attributes:
-        checkpoint: Number of the checkpoint whose evaluation this is; None without one.
-        laps: Completed evaluation laps.
-        episodes: Evaluation episodes; 0 if it was not evaluated yet.
-        progress: Mean progress of the evaluation, percent; without one, of the best iteration.
-        lap_s: Median time of the clean laps, simulated seconds; None without one.
-        reward: Mean reward of an episode in the best iteration.
+        progress: Of the evaluation, else of the best iteration, percent.
+        lap_s: Median of clean laps, simulated seconds.
+        reward: In the best iteration.
     """
 
     checkpoint: int | None = None
@@ -48,18 +39,12 @@ class TrialRecord:
     """One training of a sweep.
 
     Attributes:
-        name: Of its experiment and of its first model.
-        prefix: Of the model that it trains now, in the bucket.
-        run_id: Its DR_RUN_ID.
-        varied: What distinguishes it from the others.
-        hyperparameters: Those that differ from the file, once a population has changed them.
-        source: Model whose weights it began with, in a population; empty for its own.
-        amount: How much of the budget it has used.
-        earlier: How much of that was used by the models that it trained before this one.
-        starts: How often it was started again after a fault.
-        message: Why it ended.
-        remedy: What to do then.
-        score: Null before its first iteration.
+        prefix: Of its present model.
+        hyperparameters: Changed by a population.
+        source: In a population, whose weights it began with.
+        amount: Used budget.
+        earlier: Used by its earlier models.
+        starts: Restarts after faults.
     """
 
     name: str
@@ -78,24 +63,12 @@ class TrialRecord:
 
     @property
     def is_over(self) -> bool:
-        """Whether the sweep does nothing more for it."""
         return self.state in OVER
 
 
 @dataclass(frozen=True)
 class SweepRecord(JsonRecord):
-    """A sweep. The command that runs it writes this after each change.
-
-    Attributes:
-        name: Of the sweep.
-        metric: What decides which training is best: lap_time, progress or reward.
-        resource: What the budget counts: minutes, steps, episodes or iterations.
-        most: How much of it each training gets.
-        began_at: When it began, Unix seconds.
-        checks: How often the trainings were compared so far.
-        ended_at: When all were over, Unix seconds; None before.
-        best: Name of the best training; empty before the first result.
-    """
+    """Written after each change by its command; `most` is each training's budget."""
 
     name: str
     metric: Metric

@@ -1,4 +1,4 @@
-"""Driven episodes as rows: writes and reads the simtrace CSV, and writes SIM_TRACE_LOG lines.
+"""Driven episodes as rows: simtrace CSV and SIM_TRACE_LOG lines.
 
 Analysis tools define both formats: names, order, decimals and spelling.
 """
@@ -12,10 +12,7 @@ from typing import Literal
 from drcli.exchange.trace_rows import COLUMNS, LOG_MARK, TraceRow, read_rows
 
 CSV_HEADER = ",".join([*COLUMNS, "reward_ms"])
-"""First line of a simtrace.
-
-Only the last column is ours; traces of the reference and of our earlier versions lack it.
-"""
+"""Only the last column is ours."""
 
 STATUS_LABELS = {
     "lap_complete": "Lap complete",
@@ -30,17 +27,13 @@ STATUS_LABELS = {
     "time_up": "Time Up",
     "discarded": "Discarded",
 }
-"""How metrics files spell the status of a trace."""
-
 VIOLATIONS = ("crashed", "immobilized", "off_track", "reversed")
-"""Status of the step in which a car broke a rule: it is put back, or the episode ends."""
-
 STEP_S = 1.0 / 15.0
 """Simulated time of one step, seconds.
 
-A row is stamped at the end of its step, and the first row, `prepare`, is the step of the reset. So
-an episode lasts from a step before its first row to its last row: that is the elapsed time of the
-reference's metrics. In a race without a stop, a later lap begins at the last row of the one before.
+Rows are stamped at the end of their step; the first, `prepare`, is the step of the reset. So an
+episode begins a step before its first row, as in the reference's metrics. In a race without a stop,
+a later lap begins at the last row of the one before.
 """
 
 Phase = Literal["training", "evaluation"]
@@ -51,22 +44,16 @@ class Row:
     """One step of one car.
 
     Attributes:
-        steps: From 1, the `prepare` step.
-        x: Of the point 0.14 m ahead of the car's origin, metres.
-        y: Of the same point, metres.
-        yaw_deg: Heading, degrees in [-180, 180].
-        steering_deg: Requested steering, degrees, left positive.
-        speed_mps: Requested speed.
-        action: Index in the action list, or "[steering speed]".
-        done: Whether the episode ended here.
-        progress: Percent of the lap.
-        closest_waypoint: Index.
+        steps: From 1, `prepare`.
+        x: Of the point 0.14 m ahead of the origin, metres; so is `y`.
+        yaw_deg: In [-180, 180].
+        steering_deg: Requested, left positive.
+        speed_mps: Requested.
+        action: Index, or "[steering speed]".
         status: A key of `STATUS_LABELS`.
-        pause_s: Rest of a penalty, seconds.
-        time_s: Simulated seconds since the episode's reset.
-        crashes: Crashes into an object in the episode so far.
-        reward_ms: Wall time of the call of the reward function, milliseconds; 0 where there was no
-            call. Not compared: equal drives differ in what was measured.
+        pause_s: Rest of a penalty.
+        time_s: Simulated, since the reset.
+        reward_ms: Wall time of the reward function, so not compared.
     """
 
     steps: int
@@ -93,10 +80,8 @@ class Episode:
     """A whole episode, from `prepare` to its end.
 
     Attributes:
-        number: From 0 since the worker started; trials begin at 0 again.
-        rows: All steps.
-        clock_s: Simulation clock at its reset, as if episodes were driven one after another.
-        begin_s: Row time at which it begins: 0 except for later laps of a continuous race.
+        number: From 0; trials begin at 0 again.
+        clock_s: Simulation clock at its reset, as if episodes followed one another.
     """
 
     number: int
@@ -107,45 +92,36 @@ class Episode:
 
     @property
     def reward(self) -> float:
-        """Sum of the rewards."""
         return sum(row.reward for row in self.rows)
 
     @property
     def progress(self) -> float:
-        """Percent of the lap at the last step."""
         return self.rows[-1].progress
 
     @property
     def status(self) -> str:
-        """How it ended: a key of `STATUS_LABELS`."""
         return self.rows[-1].status
 
     @property
     def completed(self) -> bool:
-        """Whether it ended with a completed lap."""
         return self.status == "lap_complete"
 
     @property
     def discarded(self) -> bool:
-        """Whether the reward function declared it broken: nobody learns from it."""
+        """Declared broken by the reward function: not learned from."""
         return self.status == "discarded"
 
     @property
     def duration_s(self) -> float:
-        """Simulated seconds from reset to end; the lap time, if the lap was completed."""
         return self.rows[-1].time_s - self.begin_s
 
     @property
     def steps(self) -> int:
-        """Steps in which the policy drove: all but the first."""
         return len(self.rows) - 1
 
 
 def steering_changes(episodes: Iterable[Episode]) -> tuple[int, float]:
-    """How often the steering of some episodes changed its side, and the metres that they drove.
-
-    Straight ahead is no side: left, straight, right is one change.
-    """
+    """Changes of the steering's side (straight is not one), and metres."""
     changes, metres = 0, 0.0
     for episode in episodes:
         side = 0.0
@@ -158,15 +134,7 @@ def steering_changes(episodes: Iterable[Episode]) -> tuple[int, float]:
 
 
 def schedule(episodes: Iterable[Episode], clock_s: float) -> float:
-    """Set `clock_s` of episodes that were driven in parallel, as if they followed each other.
-
-    Args:
-        episodes: In the order of their numbers.
-        clock_s: Simulation clock before the first.
-
-    Returns:
-        Simulation clock after the last.
-    """
+    """Set `clock_s` of parallel episodes as if one followed the other."""
     for episode in episodes:
         episode.clock_s = clock_s
         clock_s += episode.duration_s + STEP_S
@@ -178,11 +146,8 @@ def csv_text(
 ) -> str:
     """A simtrace file.
 
-    Args:
-        episodes: In the order of their numbers.
-        track_length_m: Length of the centre line.
-        wall_clock: Unix seconds when driving began and ended. Cars drive in parallel, so the rows
-            share this time equally: analysis tools then compute the right real-time factor.
+    Cars drive in parallel, so the rows share the `wall_clock` (Unix seconds) equally: analysis
+    tools then compute the right real-time factor.
     """
     rows = [(episode, row) for episode in episodes for row in episode.rows]
     begin, end = wall_clock
@@ -220,7 +185,6 @@ def _fields(episode: Episode, row: Row, track_length_m: float, wall_clock: float
 
 
 def log_lines(episode: Episode, track_length_m: float, wall_clock: float) -> str:
-    """The episode as SIM_TRACE_LOG lines, which log-guru and other parsers read."""
     return "\n".join(
         f"{LOG_MARK}{episode.number},{row.steps},{row.x:.4f},{row.y:.4f},{row.yaw_deg:.4f},"
         f"{row.steering_deg:.2f},{row.speed_mps:.2f},{row.action},{row.reward:.4f},{row.done},"
@@ -232,19 +196,14 @@ def log_lines(episode: Episode, track_length_m: float, wall_clock: float) -> str
 
 
 def _progress(row: Row) -> str:
-    """Never 0.0000 at the end of an episode, because log-guru divides by it."""
+    """Never 0.0000 at the end of an episode: log-guru divides by it."""
     text = f"{row.progress:.4f}"
     return "0.0001" if row.done and float(text) == 0.0 else text
 
 
 @dataclass(frozen=True)
 class TracedEpisode:
-    """One episode of a simtrace file, as in `Episode`.
-
-    Attributes:
-        wall_s: Unix seconds of its first and last row.
-        phase: Only training episodes are traced by iteration.
-    """
+    """As `Episode`, from a simtrace; `wall_s` is Unix time of its first and last row."""
 
     number: int
     steps: int
@@ -258,7 +217,6 @@ class TracedEpisode:
 
 
 def read_csv(data: bytes) -> list[TracedEpisode]:
-    """The episodes of a simtrace file, in its order; damaged rows are left out."""
     episodes: dict[int, list[TraceRow]] = {}
     for row in read_rows(data).rows:
         if math.isfinite(row.reward + row.wall_s) and row.status in STATUS_LABELS:

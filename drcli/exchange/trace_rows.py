@@ -1,15 +1,12 @@
 """Reads the rows of a trace, whoever wrote it: a simtrace CSV, or the trace lines of a log.
 
-The same columns have been written in many ways since 2019, and edited with other programs:
+A CSV names its columns; a log line has those of `COLUMNS` after `SIM_TRACE_LOG:`, maybe after a
+time or inside JSON. Simulators of 2019 end with `tstamp`, write radians, and number a reset's step
+0. Later ones append status, penalty, crashes, then wall clock. A continuous action is `[steering
+speed]`, or a Python list, bare or in quotes.
 
-- A CSV names its columns in the first line. A line of a log has them in the order of `COLUMNS`
-  after `SIM_TRACE_LOG:`, with or without a time before it, in plain text or inside of JSON.
-- Simulators of 2019 end with `tstamp` and write angles in radians; the step of a reset has the
-  number 0. Later ones append the status, then the penalty, then the crashes, then the wall clock.
-- A continuous action is `[steering speed]`, or a Python list with a comma, bare or in quotes.
-
-Sources: the simulators' own format strings, and deepracer-utils, which takes the crashes of a line
-with 18 fields for its wall clock.
+Sources: the simulators' format strings, and deepracer-utils, which takes the crashes of a line with
+18 fields for its wall clock.
 """
 
 import csv
@@ -25,17 +22,13 @@ COLUMNS = (
     *("all_wheels_on_track", "progress", "closest_waypoint", "track_len", "tstamp"),
     *("episode_status", "pause_duration", "obstacle_crash_counter", "wall_clock"),
 )
-"""Of the reference simulator, version 6, in their order."""
+"""Of the reference simulator, version 6."""
 
 LOG_MARK = "SIM_TRACE_LOG:"
-"""Begins a row in a log."""
-
 _FIELDS_OF_2019 = 15
 _FIELDS_WITHOUT_CLOCK = 18
 
 _QUOTE = r'(?:\\?")?'
-"""Inside of JSON, it has a backslash."""
-
 _LIST = re.compile(rf"{_QUOTE}\[([^\]]*)\]{_QUOTE}")
 _IN_LOG = re.compile(rf"{LOG_MARK}((?:{_QUOTE}\[[^\]]*\]{_QUOTE}|[-+\w., ])*)")
 
@@ -44,37 +37,32 @@ _FLAGS = {"true": True, "1": True, "1.0": True, "false": False, "0": False, "0.0
 _LARGEST = {"tstamp": 1e12, "episode": 1e9}
 
 _YEAR_2001_S = 1e9
-"""A wall clock shows more, and no car crashes so often."""
+"""More is a wall clock, not a number of crashes."""
 
 _MOST_RAD = (3.2, 1.0)
-"""Of a heading and of steering. Angles of a drive that are all below are not degrees."""
+"""Heading and steering, if all angles are radians."""
 
 
 def largest(column: str) -> float:
-    """The magnitude from which on a number in a column of a trace is damage.
+    """The magnitude from which a number in a column is damage.
 
-    No place, angle, speed, step or waypoint of a car comes near a million. Times may be those of a
-    wall clock, and episodes are counted over a whole training. A reward may be anything.
+    No place, angle, speed, step or waypoint comes near a million.
     """
     return _LARGEST.get(column, 1e6)
 
 
 class TraceRow(NamedTuple):
-    """A step. NaN, None, -1 and empty texts stand for columns that the file does not have.
+    """A step. NaN, None, -1 and empty texts: the file has no such column.
 
     Attributes:
-        line: Its number in the file, from 1.
-        x: Of the point 0.14 m ahead of the car's origin, metres; so is `y`.
-        yaw_deg: Heading in [-180, 180] degrees.
-        steering_deg: Requested steering, left positive.
-        action: Index in the action list, or "[steering speed]".
-        reward: NaN also where the file has no finite number.
-        progress: Percent of the lap.
-        time_s: Seconds since some start.
-        status: In small letters; where the file does not tell, what the row itself shows.
-        pause_s: Rest of a penalty; NaN if unknown.
-        wall_s: Unix time; NaN if unknown.
-        more: Cells of the columns that the reference does not have.
+        x: Of the point 0.14 m ahead of the origin, metres; so is `y`.
+        yaw_deg: In [-180, 180].
+        steering_deg: Requested, left positive.
+        action: Index, or "[steering speed]".
+        status: Lowercase; else what the row shows.
+        pause_s: Rest of a penalty.
+        wall_s: Unix time.
+        more: Columns that the reference lacks.
     """
 
     line: int
@@ -101,21 +89,13 @@ class TraceRow(NamedTuple):
 
 @dataclass
 class TraceRows:
-    """The rows of a file.
-
-    Attributes:
-        names: Its columns; none of a file that is empty.
-        rows: Those that can be read, in their order.
-        damaged: Numbers of the lines that cannot.
-    """
-
     names: tuple[str, ...] = ()
     rows: list[TraceRow] = field(default_factory=list)
     damaged: list[int] = field(default_factory=list)
 
 
 def read_rows(data: bytes) -> TraceRows:
-    """Read a simtrace CSV, or a log. Damaged lines are left out, whatever the damage."""
+    """Leaves out lines with any damage."""
     text = _text(data)
     lines = text.splitlines()
     in_log = LOG_MARK in text
@@ -139,7 +119,7 @@ def read_rows(data: bytes) -> TraceRows:
 
 
 def _text(data: bytes) -> str:
-    """The text of a file; Windows' shells write logs in UTF-16."""
+    """Windows' shells write logs in UTF-16."""
     utf_16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
     return data.decode("utf-16" if utf_16 else "utf-8-sig", "replace").replace("\0", "")
 
@@ -157,7 +137,7 @@ def _in_table(lines: Sequence[str], unfinished: int) -> Iterator[tuple[int, list
 
 
 def _fields(line: str) -> list[str] | None:
-    """The fields of a line, an action with its blank; None if its quotes have no end."""
+    """An action keeps its blank; None if its quotes have no end."""
     if "[" in line:
         line = _LIST.sub(lambda found: f"[{' '.join(found[1].replace(',', ' ').split())}]", line)
     if '"' not in line:
@@ -171,7 +151,6 @@ def _fields(line: str) -> list[str] | None:
 def _cells(
     fields: Sequence[str] | None, names: Sequence[str], *, in_log: bool
 ) -> dict[str, str] | None:
-    """The fields by their columns; None if there are too few, or too many for a CSV."""
     if fields is None or len(fields) < (_FIELDS_OF_2019 if in_log else len(names)):
         return None
     if not in_log and len(fields) > len(names):
@@ -183,7 +162,6 @@ def _cells(
 
 
 def _row(line: int, cells: Mapping[str, str]) -> TraceRow | None:
-    """A line as numbers; None if one that the file should have is missing."""
     action = cells.get("action", "")
     steering, speed = cells.get("steer", ""), cells.get("throttle", "")
     pair = action.strip("[]").split()
@@ -222,11 +200,6 @@ def _row(line: int, cells: Mapping[str, str]) -> TraceRow | None:
 
 
 def _number(cells: Mapping[str, str], name: str) -> float:
-    """The number in a column; NaN if the file has no such column.
-
-    Raises:
-        ValueError: It is damaged.
-    """
     if name not in cells:
         return math.nan
     value = float(cells[name])
@@ -245,7 +218,6 @@ def _whole(cells: Mapping[str, str], name: str, otherwise: int) -> int:
 
 
 def number_or_nan(text: str) -> float:
-    """The finite number that a text is, or NaN."""
     try:
         value = float(text)
     except ValueError:
@@ -254,7 +226,7 @@ def number_or_nan(text: str) -> float:
 
 
 def _told(rows: Sequence[TraceRow], has_column: bool) -> Iterator[TraceRow]:
-    """The rows with a status where the simulator wrote none, and with all angles in degrees."""
+    """With a status where none was written, and angles in degrees."""
     old = [row for row in rows if not row.status]
     most_yaw, most_steering = _MOST_RAD
     in_radians = not has_column and all(
@@ -275,7 +247,6 @@ def _told(rows: Sequence[TraceRow], has_column: bool) -> Iterator[TraceRow]:
 
 
 def _status(row: TraceRow, *, prepares: bool) -> str:
-    """What a row itself shows of how the episode goes on."""
     if row.done:
         ended = "immobilized" if row.on_track else "off_track"
         return "lap_complete" if row.progress >= 100.0 else ended

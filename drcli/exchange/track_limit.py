@@ -1,4 +1,4 @@
-"""How far a lap is from the fastest one of its car on its track: one lookup, one wording."""
+"""How far a lap is from the fastest one of its car on its track."""
 
 import json
 import re
@@ -21,8 +21,6 @@ FEWEST_WINDOWS, MOST_WINDOWS = 6, 20
 """Parts of a lap among which the places are that cost most time, each at least so long."""
 
 LEAST_LOST_S = 0.05
-"""A place that costs less is not told."""
-
 STEP_S = 1.0 / 15.0
 
 _OWN_CAR = {
@@ -32,24 +30,16 @@ _OWN_CAR = {
     "car_max_speed": 4.0,
     "car_battery": 1.0,
 }
-"""Settings of a car of one's own, whose limit is another one."""
 
 
 @dataclass(frozen=True)
 class TrackLimit:
-    """The lap that others are compared with.
-
-    Attributes:
-        lap_s: Its time.
-        name: What it is called: `LIMIT`, `BEST_KNOWN` or `COMPUTED`.
-    """
-
     lap_s: float
     name: str
 
     @classmethod
     def of(cls, stored: StoredLimit) -> "TrackLimit":
-        """The computed lap if the car drove it; else the fastest that the car drove, if any."""
+        """The computed lap if driven; else the fastest driven."""
         if stored.validated:
             return cls(stored.computed_s, LIMIT)
         if stored.driven_s is not None:
@@ -64,15 +54,6 @@ class TrackLimit:
 
 @dataclass(frozen=True)
 class LostPlace:
-    """A part of the lap that costs time.
-
-    Attributes:
-        first_waypoint: Closest to its begin.
-        last_waypoint: Closest to its end.
-        own_s: How long the car took.
-        line_s: How long the fastest line takes.
-    """
-
     first_waypoint: int
     last_waypoint: int
     own_s: float
@@ -80,7 +61,6 @@ class LostPlace:
 
     @property
     def lost_s(self) -> float:
-        """How much longer the car took."""
         return self.own_s - self.line_s
 
     def __str__(self) -> str:
@@ -92,8 +72,6 @@ class LostPlace:
 
 
 class LapRow(NamedTuple):
-    """A step of a lap: percent of the lap from its start on, and the closest waypoint."""
-
     progress: float
     waypoint: int
 
@@ -107,14 +85,12 @@ def above_limit(lap_s: float, limit: TrackLimit) -> str:
 
 
 def limit_text(lap_s: float | None, stored: StoredLimit | None) -> str:
-    """The same for a lap and a limit that may both be missing; empty then."""
     if lap_s is None or stored is None:
         return ""
     return above_limit(lap_s, TrackLimit.of(stored))
 
 
 def limit_of_race(race: RaceConfig, *, reverse: bool) -> StoredLimit | None:
-    """The limit on the track of a race; None if none is known, or the car is one of one's own."""
     if any(getattr(race, name) != usual for name, usual in _OWN_CAR.items()):
         return None
     return limit_of(
@@ -125,15 +101,7 @@ def limit_of_race(race: RaceConfig, *, reverse: bool) -> StoredLimit | None:
 def limit_of(
     world: str, tracks_folder: Path, directory: Path, *, reverse: bool, car: str
 ) -> StoredLimit | None:
-    """The limit of a car on a track: that which the racer computed, or the shipped one.
-
-    Args:
-        world: Name of the track or of its file.
-        tracks_folder: The racer's folder of tracks.
-        directory: The working folder.
-        reverse: Drive against the direction of the track.
-        car: Name of the car's set.
-    """
+    """The racer's computed limit, else the shipped one."""
     try:
         route = route_of(world, tracks_folder, directory)
         if route is None:
@@ -150,24 +118,16 @@ def limit_of(
 
 
 def computed_limits(directory: Path) -> Path:
-    """The file with the limits that the racer computed."""
     return directory / "data" / "cache" / "limits.npz"
 
 
 class Route(NamedTuple):
-    """The file that defines a track, and whether the track is turned against its rows."""
-
     file: Path
     turned: bool
 
 
 def route_of(world: str, tracks_folder: Path, directory: Path) -> Route | None:
-    """The route of a track by name or file, as the simulation finds it; None without one.
-
-    Raises:
-        OSError: The file cannot be read.
-        ValueError: It is not a route.
-    """
+    """By name or file; OSError if unreadable, ValueError if it is not a route."""
     if (file := _file_of(world, tracks_folder, directory)) is not None:
         return Route(file, turned=False)
     way = re.search(r"_(c?)cw\Z", Path(world).stem)
@@ -215,14 +175,10 @@ def _fingerprint(file: Path, changed: int, size: int) -> str:
 
 
 def lost_places(rows: Sequence[LapRow], start: float, line: StoredLimit) -> list[LostPlace]:
-    """The three parts of a lap that cost most time against a line, the worst first.
+    """The three parts of a lap that cost most time against a line, worst first.
 
-    The first part is left out: there, a car that starts from rest gathers speed.
-
-    Args:
-        rows: The steps of a completed lap, in order, 1/15 s apart.
-        start: Where on the lap it began, as a fraction of the centre line.
-        line: The fastest line, from waypoint 0 in the driving direction of the lap.
+    Without the first part, as a car from rest gathers speed. Rows are 1/15 s apart; `line` runs
+    from waypoint 0 in the lap's direction.
     """
     count = len(line.clock_ms)
     windows = min(MOST_WINDOWS, max(FEWEST_WINDOWS, count // WINDOW_STATIONS))
@@ -250,7 +206,6 @@ def lost_places(rows: Sequence[LapRow], start: float, line: StoredLimit) -> list
 
 
 def _at(driven: Sequence[tuple[float, int]], progress: float) -> float:
-    """The step at which a progress was reached, read between steps."""
     after = min(bisect_left(driven, (progress, -1)), len(driven) - 1)
     (low, step), (high, later) = driven[max(after - 1, 0)], driven[after]
     share = (progress - low) / (high - low) if high > low else 1.0
@@ -258,7 +213,6 @@ def _at(driven: Sequence[tuple[float, int]], progress: float) -> float:
 
 
 def _line_time_s(line: StoredLimit, fraction: float) -> float:
-    """Time of the line at a fraction of the lap, which may be more than a lap."""
     count = len(line.clock_ms)
     lap, place = divmod(fraction * count, count)
     station = min(int(place), count - 1)

@@ -1,4 +1,4 @@
-"""The record of a training in the bucket, which stays when its model is deleted."""
+"""The record of a training in the bucket, which outlives its model."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,11 +10,9 @@ from drcli.exchange.training_start import GitState, Pretrained
 TrainingState = Literal[
     "running", "finished", "stopped", "interrupted", "failed", "lost", "unknown"
 ]
-"""How a training stands, or how its newest start ended. "lost": it ended without writing why;
-"unknown": nobody has recorded it."""
+""""lost": it left no reason; "unknown": nobody recorded it."""
 
 MOST_STARTS = 60
-"""Starts of a training that its record describes: the first, and the newest ones."""
 
 
 @dataclass(frozen=True)
@@ -25,19 +23,19 @@ class RecordedStart:
         session: Unique name; empty if unknown.
         host: Name of its machine.
         started_at: Unix seconds; 0 if unknown.
-        ended_at: Unix seconds; None if it has not ended, or nobody knows when.
+        ended_at: Unix seconds; None if it has not ended, or unknown.
         state: How it ended.
         message: Why it ended.
         resumes: The checkpoint that it continued from; None for a new model.
         seed: Of its random numbers.
         settings: DR_ settings that differ from their defaults; None if unknown.
-        worker_settings: What the file of each other worker changes, for the second worker first.
+        worker_settings: What the file of each other worker changes, from the second worker on.
         versions: Of Python and important packages.
         git: State of the working folder and of our own package.
         machine: Platform, processor, cores.
-        files: Fingerprint (SHA-256) of each of its files; their texts are in `TrainingFiles`.
+        files: SHA-256 of each of its files; their texts are in `TrainingFiles`.
         hours: How long it trained; None if unknown.
-        usd: What that cost; None if the price is not known.
+        usd: What that cost; None if not known.
     """
 
     session: str = ""
@@ -66,11 +64,11 @@ class TrainingResults:
         iterations: Finished iterations.
         episodes: Training episodes.
         steps: Steps learned from.
-        elapsed_s: Wall time of training, without the time it was stopped.
-        mean_reward: Of the episodes of the last iteration; None without one.
+        elapsed_s: Wall time of training, without stops.
+        mean_reward: Of the last iteration's episodes; None without one.
         mean_progress: Likewise, percent of a lap.
         full_laps: Completed laps of training episodes.
-        evaluated_laps: Completed laps of evaluations during the training, all of them clean.
+        evaluated_laps: Completed laps of evaluations during the training, all clean.
         best_lap_s: Fastest of these on the track, simulated seconds.
         best_training_lap_s: Fastest lap of a training episode on the track.
         best_progress: Highest mean progress of an evaluation on the track, percent.
@@ -80,8 +78,8 @@ class TrainingResults:
         evaluations: Stand-alone evaluations.
         trials: Their trials.
         best_trial_lap_s: Fastest of their finished laps on any track, penalties included.
-        clean_trial_lap_s: Fastest of their clean laps by track, whose name is empty where nobody
-            recorded it; None in records of version 0.1.0, which did not ask.
+        clean_trial_lap_s: Fastest of their clean laps by track, whose name is empty if unknown;
+            None in records of version 0.1.0.
     """
 
     iterations: int = 0
@@ -105,18 +103,18 @@ class TrainingResults:
 
     @property
     def read_evaluations(self) -> int:
-        """How many stand-alone evaluations need not be read again."""
+        """Stand-alone evaluations that need not be read again."""
         return 0 if self.clean_trial_lap_s is None else self.evaluations
 
     def clean_lap_s(self, world: str) -> float | None:
-        """The fastest clean lap of an evaluation on the track of the training; None without one."""
+        """The fastest clean lap of an evaluation on the training's track."""
         laps = (self.best_lap_s, (self.clean_trial_lap_s or {}).get(world or "?"))
         return min((lap_s for lap_s in laps if lap_s is not None), default=None)
 
 
 @dataclass(frozen=True)
 class TrainingRecord(JsonRecord):
-    """A training, from the first start of a model until the model is deleted or begun anew.
+    """A training, from a model's first start until the model is deleted or begun anew.
 
     Attributes:
         id: Eight hexadecimal digits.
@@ -126,11 +124,11 @@ class TrainingRecord(JsonRecord):
         state: Of the newest start.
         message: Why that ended.
         ended_at: When it ended, Unix seconds.
-        number_of_starts: How many there were; `starts` has the first and the newest ones.
+        number_of_starts: All starts; `starts` has the first and the newest ones.
         starts: Oldest first.
         results: What it has come to.
         hours: Machine hours of all starts; None if unknown.
-        usd: What these cost; None if no price is known.
+        usd: What these cost; None if not known.
         parent: The weights that it began with; None for fresh ones.
         parent_training: Id of the training that they come from; empty if unknown.
         description: DR_MODEL_DESCRIPTION.
@@ -145,7 +143,7 @@ class TrainingRecord(JsonRecord):
         metric: DR_TRAIN_BEST_MODEL_METRIC, whose values are the scores.
         stages: Stages of its curriculum; 0 without one.
         gone_at: When the model was deleted or begun anew, Unix seconds; None if it was not.
-        derived: Whether this was worked out from the model, because nobody wrote a record.
+        derived: Whether this was worked out from the model, as nobody wrote a record.
     """
 
     id: str
@@ -188,6 +186,4 @@ class TrainingRecord(JsonRecord):
 
 @dataclass(frozen=True)
 class TrainingFiles(JsonRecord):
-    """The files of all starts of a training, by fingerprint: each different text once."""
-
     texts: Mapping[str, str] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""How a training was started: `ip/run.json`, which the next start reads."""
+"""How a training was started: `ip/run.json`."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -8,8 +8,6 @@ from drcli.base.json_record import JsonRecord
 
 @dataclass(frozen=True)
 class GitState:
-    """The commit that is checked out, and whether a tracked file was changed since then."""
-
     commit: str
     dirty: bool
 
@@ -20,9 +18,9 @@ class Pretrained:
 
     Attributes:
         prefix: Their model.
-        checkpoint: Which of its checkpoints: last, best, the word of a milestone, or a number.
+        checkpoint: Which one: last, best, the word of a milestone, or a number.
         name: That checkpoint, such as `12_Step-7824.ckpt`.
-        metric: Mean score of its evaluation there; None if it was not evaluated.
+        metric: Mean score of its evaluation; None without one.
         sha256: Fingerprint of the weights.
     """
 
@@ -38,17 +36,11 @@ class TrainingStart(JsonRecord):
     """One start of a training. The first versions wrote the seed only.
 
     Attributes:
-        started_at: Time in UTC, ISO 8601.
-        settings: DR_ settings that differ from their defaults; None if unknown.
-        cars: DR_SIM_CAR of the first worker, and of all others that have a race of their own;
-            empty if unknown.
-        versions: Python and important packages; None for a package that is not installed.
-        git: State of the racer's `working_folder` and of our own `package`; None outside git.
-        machine: `platform`, `processor`, number of `cores`, and `threads` if OMP_NUM_THREADS
-            limits them.
-        pretrained: None if the model began with new weights.
-        earlier: The starts that this one resumes, oldest first.
-        training: Id of the record of the training; empty before there were records.
+        settings: DR_ settings that differ from their defaults.
+        cars: DR_SIM_CAR of the first worker, and of others with their own race.
+        versions: None if not installed.
+        git: Of the `working_folder` and our own `package`; None outside git.
+        machine: `platform`, `processor`, `cores`, `threads` if OMP_NUM_THREADS is set.
     """
 
     seed: int
@@ -63,7 +55,6 @@ class TrainingStart(JsonRecord):
     training: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """The record as JSON: only the latest start lists the earlier ones."""
         fields = super().to_json()
         for start in fields["earlier"]:
             del start["earlier"]

@@ -1,4 +1,4 @@
-"""Chooses discrete actions: an even grid, the few that a lap needs, or those that were used."""
+"""Chooses discrete actions: a grid, those that a lap needs, or those used."""
 
 import math
 from collections import Counter
@@ -10,11 +10,10 @@ from drcli.modelfiles.action_space import MANY_ACTIONS, USUAL, Pair
 
 STEERING_UNIT_DEG = 5.0
 SPEED_UNIT_MPS = 0.25
-"""Differences that count alike, and what "close" means: an action that is off by no more than this
-hardly changes the lap."""
+"""A smaller difference hardly changes the lap: it is close."""
 
 CLOSE_SHARE = 0.95
-"""Share of the steps that must have a close action, where the number of actions is not given."""
+"""Of the steps with a close action, if the number is not given."""
 
 _MOST_ROUNDS = 100
 _ROUND_DEG, _ROUND_MPS = 0.5, 0.05
@@ -36,17 +35,7 @@ class ChosenAction:
 
 
 def grid(angles: int, speeds: int, *, max_angle: float, max_speed: float) -> list[ChosenAction]:
-    """Every angle with every speed, as the generator of the DeepRacer console makes them.
-
-    Angles lie evenly from the greatest to the right to the greatest to the left, one angle is
-    straight ahead; speeds are equal parts of the greatest. For each angle, all speeds, rising.
-
-    Args:
-        angles: How many angles, at least 1.
-        speeds: How many speeds, at least 1.
-        max_angle: Degrees, more than 0.
-        max_speed: m/s, more than 0.
-    """
+    """Every angle with every speed (degrees, m/s), as the DeepRacer console generates them."""
     if angles == 1:
         degrees = [0.0]
     else:
@@ -56,7 +45,7 @@ def grid(angles: int, speeds: int, *, max_angle: float, max_speed: float) -> lis
 
 
 def smoothed(pairs: Sequence[Pair], steps: int) -> list[Pair]:
-    """Each request as the mean of those around it, `steps` in all: what the wheels make of them."""
+    """Means over `steps`: what the wheels make of the requests."""
     half = (steps - 1) // 2
     means = []
     for k in range(len(pairs)):
@@ -68,17 +57,11 @@ def smoothed(pairs: Sequence[Pair], steps: int) -> list[Pair]:
 
 
 def needed(pairs: Sequence[Pair], count: int | None) -> list[ChosenAction]:
-    """The few actions that stand for the requests of a lap with the smallest squared error.
+    """The few actions that stand for a lap's requests with the smallest squared error.
 
-    k-means: each request counts for its nearest action, and each action moves to the mean of its
-    requests until nothing changes. It begins with the mean of all and then, again and again, with
-    the request that is furthest from all actions, so the result is always the same. Differences
-    are measured in `STEERING_UNIT_DEG` and `SPEED_UNIT_MPS`.
-
-    Args:
-        pairs: Requests, at least one.
-        count: How many actions; None for the least number with which `CLOSE_SHARE` of the requests
-            have an action within one unit of steering and of speed.
+    k-means in units of `STEERING_UNIT_DEG` and `SPEED_UNIT_MPS`. It begins with the mean and adds
+    the request furthest from all actions, so it is deterministic. `count` None: to reach
+    `CLOSE_SHARE`.
     """
     points = [(angle / STEERING_UNIT_DEG, speed / SPEED_UNIT_MPS) for angle, speed in pairs]
     if count is not None:
@@ -91,14 +74,12 @@ def needed(pairs: Sequence[Pair], count: int | None) -> list[ChosenAction]:
 
 
 def used(pairs: Sequence[Pair], *, angles: int, speeds: int, least: float) -> list[ChosenAction]:
-    """The actions that were used: cells of a histogram of the requests.
+    """Cells of a histogram of the requests.
 
-    Requests of at most `angles * speeds` different values are counted as they are. Others are
-    counted in even cells from the least to the greatest request; an action is the mean of its
-    cell. Cells with less than the share `least` of the requests are left out.
+    At most `angles * speeds` different requests count as they are, others as means of even cells.
 
     Raises:
-        SettingsError: No cell has that share.
+        SettingsError: No cell has the share `least`.
     """
     counts = Counter(pairs)
     if len(counts) > angles * speeds:
@@ -123,7 +104,7 @@ def used(pairs: Sequence[Pair], *, angles: int, speeds: int, least: float) -> li
 
 
 def close_share(pairs: Sequence[Pair], actions: Sequence[ChosenAction]) -> float:
-    """Share of the requests with an action within one unit of steering and of speed, 0 .. 1."""
+    """Within one unit of steering and of speed, 0 .. 1."""
     close = sum(
         any(
             abs(angle - action.steering_angle) <= STEERING_UNIT_DEG
@@ -151,7 +132,6 @@ def _centers(points: Sequence[Pair], count: int) -> list[Pair]:
 
 
 def _actions(points: Sequence[Pair], centers: Sequence[Pair]) -> list[ChosenAction]:
-    """Centres as actions with rounded numbers and their shares; equal ones are one."""
     counts = Counter(_nearest(point, centers) for point in points)
     shares: Counter[Pair] = Counter()
     for number, (angle, speed) in enumerate(centers):
@@ -172,7 +152,6 @@ def _rounded(angle_deg: float, speed_mps: float) -> Pair:
 
 
 def _short(value: float) -> float:
-    """At most two decimals, and no negative zero."""
     return round(value, 2) + 0.0
 
 

@@ -1,4 +1,4 @@
-"""The actions of a model in model_metadata.json: a list of them, or ranges."""
+"""The actions in model_metadata.json: a list or ranges."""
 
 from collections.abc import Iterator
 from typing import Annotated, Any, NamedTuple
@@ -9,29 +9,21 @@ from drcli.base.problems import BadValue, Problem
 from drcli.modelfiles.json_file import JsonFile, KeyPath, Number, as_written, dotted
 
 MANY_ACTIONS = 30
-"""More discrete actions than this learn slowly; the DeepRacer console allows no more."""
+"""More learn slowly; the DeepRacer console allows no more."""
 
 Pair = tuple[float, float]
-"""Steering in degrees, positive to the left, and speed in m/s."""
+"""Steering in degrees, left positive, and speed in m/s."""
 
 USUAL = {"steering_angle": (-30.0, 30.0), "speed": (0.1, 4.0)}
-"""Degrees and m/s; the car cuts other values to these. Source: the reference car."""
+"""The car cuts others to these. Source: the reference car."""
 
 ACTION = {"steering_angle": 15, "speed": 1.0}
 RANGES = {"steering_angle": {"low": -30, "high": 30}, "speed": {"low": 1, "high": 2}}
-"""Examples for remedies."""
-
 _Quantity = Annotated[Number, Field(ge=-1000, le=1000)]
 
 
 class ActionSpace(NamedTuple):
-    """The actions of a model.
-
-    Attributes:
-        values: The discrete actions, in the order of the policy's outputs; empty if continuous.
-        low: Least steering and speed; None if discrete.
-        high: Greatest steering and speed; None if discrete.
-    """
+    """`values` (discrete) are in the order of the policy's outputs."""
 
     values: tuple[Pair, ...] = ()
     low: Pair | None = None
@@ -39,18 +31,14 @@ class ActionSpace(NamedTuple):
 
     @property
     def continuous(self) -> bool:
-        """Whether any steering and speed between `low` and `high` is an action."""
         return self.low is not None
 
     @property
     def num_actions(self) -> int:
-        """Number of discrete actions, or of continuous quantities: steering and speed."""
         return 2 if self.continuous else len(self.values)
 
 
 class Action(BaseModel):
-    """One action of a list."""
-
     model_config = ConfigDict(extra="allow")
 
     steering_angle: _Quantity
@@ -59,8 +47,6 @@ class Action(BaseModel):
 
 
 class Range(BaseModel):
-    """The values that a continuous quantity may have."""
-
     model_config = ConfigDict(extra="allow")
 
     low: _Quantity
@@ -77,8 +63,6 @@ class Range(BaseModel):
 
 
 class Ranges(BaseModel):
-    """Continuous actions."""
-
     model_config = ConfigDict(extra="allow")
 
     steering_angle: Range
@@ -86,7 +70,6 @@ class Ranges(BaseModel):
 
 
 def list_problems(file: JsonFile, actions: list[Action]) -> Iterator[Problem]:
-    """Problems with a list of actions."""
     yield from _wrong_indices(file, [action.index for action in actions])
     first: dict[Pair, int] = {}
     for number, action in enumerate(actions):
@@ -105,7 +88,6 @@ def list_problems(file: JsonFile, actions: list[Action]) -> Iterator[Problem]:
 
 
 def range_problems(file: JsonFile, ranges: Ranges) -> Iterator[Problem]:
-    """Warnings about ranges of actions."""
     for key in USUAL:
         for end in ("low", "high"):
             value = getattr(getattr(ranges, key), end)
@@ -122,7 +104,7 @@ def _beyond_the_car(file: JsonFile, path: KeyPath, value: float, key: str) -> It
 
 
 def _wrong_indices(file: JsonFile, written: list[Any]) -> Iterator[Problem]:
-    """Indices that differ from the positions; only a warning if they are in another order."""
+    """Only a warning if they are in another order."""
     numbers = [n for n in written if isinstance(n, int) and not isinstance(n, bool)]
     if sorted(numbers) == list(range(len(written))):
         if numbers != sorted(numbers):

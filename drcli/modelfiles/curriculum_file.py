@@ -1,4 +1,4 @@
-"""curriculum.yaml: the stages of a training, read and checked as far as the file alone tells."""
+"""curriculum.yaml: the stages of a training, checked as far as it alone tells."""
 
 import json
 import re
@@ -22,7 +22,7 @@ from drcli.modelfiles.json_file import (
 from drcli.modelfiles.yaml_file import read_yaml_object
 
 RULE = "V-60"
-"""Every problem of the file breaks this rule, except wrong hyperparameters in it."""
+"""Broken by all problems but wrong hyperparameters."""
 
 MOST_STAGES = 100
 _REMEDY = "Compare it with the one that `dr-init --curriculum` writes."
@@ -37,7 +37,7 @@ OF_THE_MODEL = (
     "sensor",
     "training_algorithm",
 )
-"""What people may want to change from stage to stage, but the weights fit only one of each."""
+"""The weights fit only one of each."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -106,7 +106,7 @@ class _Goal(BaseModel):
 
 
 class StageEntry(BaseModel):
-    """One stage as the file has it; whatever is left out is as in run.env and custom_files/."""
+    """As written; the rest is as in run.env and custom_files/."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -120,7 +120,6 @@ class StageEntry(BaseModel):
 
     @property
     def stage_goal(self) -> StageGoal:
-        """When the stage ends."""
         return StageGoal(**self.goal.model_dump())
 
 
@@ -143,28 +142,16 @@ EXAMPLES = {
     "iterations": 30,
     "minutes": 20,
 }
-"""Values for remedies."""
 
 
 @dataclass(frozen=True)
 class CurriculumFile:
-    """The content of the file.
-
-    Attributes:
-        file: Its name and lines, for problems that only other files show.
-        stages: In order.
-    """
-
     file: JsonFile
     stages: tuple[StageEntry, ...]
 
     @staticmethod
     def from_bytes(data: bytes, name: str = "curriculum.yaml") -> "CurriculumFile":
-        """Read the content of a file that messages call by a name.
-
-        Raises:
-            ProblemsError: It is not YAML, a key is unknown, or a value is wrong or not allowed.
-        """
+        """Raises ProblemsError if not YAML, or a key or value is wrong."""
         file = read_yaml_object(data, name, RULE, "stages", _REMEDY)
         problems = list(_unknown_keys(file))
         try:
@@ -177,12 +164,11 @@ class CurriculumFile:
         return CurriculumFile(file, tuple(read.stages))
 
     def problem(self, index: int, key: str, message: str, remedy: str) -> Problem:
-        """A problem with a key of a stage, counted from 0; parts of the key follow dots."""
+        """Stages count from 0; parts of a key follow dots."""
         return self.file.problem(RULE, ("stages", index, *key.split(".")), message, remedy)
 
 
 def _contradictions(file: JsonFile, stages: list[StageEntry]) -> Iterator[Problem]:
-    """Stages that fit on their own but not together."""
     if len(stages) > MOST_STAGES:
         what = f"stages has {len(stages)} entries; at most {MOST_STAGES} are allowed."
         yield file.problem(RULE, ("stages",), what, "Put some of them together.")
@@ -211,7 +197,6 @@ _KEYS: Mapping[str, tuple[str, ...]] = {
 
 
 def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
-    """A problem for each key that has no meaning, or a meaning elsewhere."""
     places: list[tuple[KeyPath, str, Any]] = [((), "", file.values)]
     stages = file.values.get("stages")
     for index, stage in enumerate(stages if isinstance(stages, list) else ()):
@@ -236,6 +221,5 @@ def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
 
 
 def merged_hyperparameters(whole: bytes, changes: Mapping[str, Any]) -> bytes:
-    """A hyperparameters.json with other values for some keys; that file must be readable."""
     values = json.loads(whole.decode("utf-8-sig"))
     return json.dumps({**values, **changes}, indent=2).encode()

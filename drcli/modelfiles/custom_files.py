@@ -17,13 +17,11 @@ FILE_RULES = {
     keys.MODEL_METADATA_FILE: "V-03",
     keys.HYPERPARAMETERS_FILE: "V-04",
 }
-"""The rule that is broken when the file is missing or cannot be read."""
+"""Broken if a file is missing or unreadable."""
 
 
 @dataclass(frozen=True)
 class InputFile:
-    """One of the racer's files, and where it was found."""
-
     name: str
     data: bytes
     origin: str
@@ -31,18 +29,15 @@ class InputFile:
 
 @dataclass(frozen=True)
 class Inputs:
-    """The files that a training starts from."""
-
     reward: InputFile
     hyperparameters: InputFile
     metadata: InputFile
 
 
 def find(config: CustomFilesConfig, bucket: Bucket | None) -> dict[str, InputFile]:
-    """Find the three files: in `custom_files/`, else in the bucket, else the example files.
+    """The three files: in `custom_files/`, else in the bucket, else the examples.
 
-    The examples are only used if there is no file at all: a single missing file is a mistake. The
-    bucket is None if it cannot be read.
+    No examples for a single missing file, which is a mistake. `bucket` is None if unreadable.
 
     Raises:
         ProblemsError: A file in `custom_files/` cannot be read.
@@ -62,17 +57,12 @@ def find(config: CustomFilesConfig, bucket: Bucket | None) -> dict[str, InputFil
 
 
 def local_file(folder: Path, name: str) -> InputFile | None:
-    """One of the files in `custom_files/`; None if it does not exist.
-
-    Raises:
-        ProblemsError: It cannot be read.
-    """
+    """None if missing; ProblemsError if unreadable."""
     data = _content(folder / name)
     return None if data is None else InputFile(name, data, str(folder / name))
 
 
 def places(config: CustomFilesConfig) -> dict[str, str]:
-    """Keys of the three files in the bucket, by file name."""
     return {
         keys.REWARD_FUNCTION_FILE: config.reward_key,
         keys.HYPERPARAMETERS_FILE: config.hyperparameters_key,
@@ -83,7 +73,6 @@ def places(config: CustomFilesConfig) -> dict[str, str]:
 def missing_files(
     found: Mapping[str, InputFile], config: CustomFilesConfig, bucket: str
 ) -> list[Problem]:
-    """A problem for each of the three files that does not exist."""
     local = config.folder
     problems = []
     for name, key in places(config).items():
@@ -95,14 +84,13 @@ def missing_files(
 
 
 def upload_custom_files(config: CustomFilesConfig, bucket: Bucket, inputs: Inputs) -> None:
-    """Copy the racer's local files into the bucket, for a start without them."""
     for file in (inputs.reward, inputs.hyperparameters, inputs.metadata):
         if Path(file.origin).parent == config.folder:
             bucket.put(places(config)[file.name], file.data)
 
 
 def texts_of(inputs: Inputs) -> dict[str, str]:
-    """The files by name, as `Job.inputs` has them."""
+    """As `Job.inputs` has them."""
     files = (inputs.reward, inputs.hyperparameters, inputs.metadata)
     return {file.name: file.data.decode("utf-8-sig") for file in files}
 
@@ -110,7 +98,7 @@ def texts_of(inputs: Inputs) -> dict[str, str]:
 def write_model_files(
     bucket: Bucket, prefix: str, files: Mapping[str, str], *, only_missing: bool = False
 ) -> None:
-    """Make the files of a start, `Job.inputs`, those of the model; equal ones stay as they are."""
+    """Write `Job.inputs`, unless equal."""
     own = {
         keys.REWARD_FUNCTION_FILE: keys.reward_function(prefix),
         keys.HYPERPARAMETERS_FILE: keys.hyperparameters(prefix),
@@ -123,7 +111,6 @@ def write_model_files(
 
 
 def _content(path: Path) -> bytes | None:
-    """The content of a file; None where it does not exist."""
     try:
         return path.read_bytes() if path.is_file() else None
     except OSError as e:

@@ -1,4 +1,4 @@
-"""Actions that were driven: read from simtrace files and logs, ours and DeepRacer-for-Cloud's."""
+"""Driven actions, from simtraces and logs."""
 
 import itertools
 import math
@@ -10,7 +10,7 @@ from drcli.exchange.trace_rows import LOG_MARK, TraceRow, read_rows
 from drcli.modelfiles.action_space import USUAL, Pair
 
 _STANDING = ("prepare", "pause", "manual_pause", "park")
-"""Status of rows in which the car ignores its action."""
+"""The car ignores its action."""
 
 _STEP_S = 1.0 / 15.0
 _LONGEST_STEP_S = 2.0
@@ -21,11 +21,9 @@ class DrivenStep:
     """One step that was driven.
 
     Attributes:
-        episode: Number of the episode in its file.
-        pair: Requested steering in degrees, left positive, and speed in m/s, as the car cuts them.
-        progress: Percent of the lap.
-        time_s: Simulated seconds since some start; NaN where the file does not tell.
-        status: What the trace says of the step, in small letters.
+        pair: Requested, within the car's limits.
+        time_s: Since some start; may be NaN.
+        status: In small letters.
     """
 
     episode: int
@@ -37,14 +35,7 @@ class DrivenStep:
 
 @dataclass(frozen=True)
 class DrivenLap:
-    """A complete lap without leaving the track.
-
-    Attributes:
-        file: The file that it was found in.
-        episode: Number of its episode there.
-        seconds: How long it took.
-        pairs: What was requested in each step.
-    """
+    """Without leaving the track."""
 
     file: str
     episode: int
@@ -54,23 +45,13 @@ class DrivenLap:
 
 @dataclass(frozen=True)
 class DrivenFile:
-    """A file of driven steps.
-
-    Attributes:
-        skipped: Lines that could not be read.
-    """
-
     name: str
     steps: tuple[DrivenStep, ...]
     skipped: int
 
 
 def read_steps(data: bytes, name: str) -> DrivenFile:
-    """Read a simtrace, or the trace lines of a log. Lines that cannot be read are skipped.
-
-    Raises:
-        SettingsError: There is no step in it.
-    """
+    """Skips unreadable lines; SettingsError without any step."""
     found = read_rows(data)
     driven = [row for row in found.rows if math.isfinite(_sum(row))]
     steps = [_step(row) for row in driven if row.status not in _STANDING]
@@ -86,13 +67,11 @@ def read_steps(data: bytes, name: str) -> DrivenFile:
 
 
 def complete_laps(files: Iterable[DrivenFile]) -> list[DrivenLap]:
-    """All complete laps, the fastest first."""
     laps = [lap for file in files for part in _laps(file.steps) if (lap := _lap(file, part))]
     return sorted(laps, key=lambda lap: lap.seconds)
 
 
 def _sum(row: TraceRow) -> float:
-    """Of what a step needs; not finite if something is missing."""
     return row.steering_deg + row.speed_mps + row.progress
 
 
@@ -103,7 +82,7 @@ def _step(row: TraceRow) -> DrivenStep:
 
 
 def _laps(steps: tuple[DrivenStep, ...]) -> Iterator[list[DrivenStep]]:
-    """Steps of one lap each, complete or not: a race of several laps has them in one episode."""
+    """A race of several laps has them in one episode."""
     part: list[DrivenStep] = []
     for step in steps:
         last = part[-1] if part else step
@@ -118,7 +97,6 @@ def _laps(steps: tuple[DrivenStep, ...]) -> Iterator[list[DrivenStep]]:
 
 
 def _lap(file: DrivenFile, part: list[DrivenStep]) -> DrivenLap | None:
-    """The lap that the steps make, if it is complete."""
     if len(part) < 10 or part[0].progress > 5.0:
         return None
     end = part[-1]

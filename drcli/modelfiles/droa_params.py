@@ -1,8 +1,4 @@
-"""training_params.yaml as DeepRacer on AWS reads it: typed values, its tracks, a direction.
-
-Its importer takes the track and the car from this file. It compares values with their types: the
-text 'true' is not true.
-"""
+"""training_params.yaml as DeepRacer on AWS reads it: typed, so the text 'true' is not true."""
 
 import re
 from collections.abc import Mapping
@@ -37,8 +33,7 @@ DROA_TRACKS: Mapping[str, tuple[Direction, ...]] = {
     **dict.fromkeys(_CLOCKWISE_ONLY.split(), (CLOCKWISE,)),
     **dict.fromkeys(_COUNTER_CLOCKWISE_ONLY.split(), (COUNTER_CLOCKWISE,)),
 }
-"""The 62 tracks, with the directions in which each can be driven. Source: deepracer-on-aws,
-libs/config, tracks.json of November 2026."""
+"""With directions. Source: deepracer-on-aws, libs/config, tracks.json, November 2026."""
 
 _SUFFIX = re.compile(r"_(cw|ccw)$")
 
@@ -55,7 +50,7 @@ _TRUTH = {"true": True, "false": False}
 
 
 def split_world(name: str) -> tuple[str, Direction | None]:
-    """A track without `_cw` or `_ccw`, and the direction that this ending names."""
+    """Without `_cw` or `_ccw`, and the direction that it names."""
     match = _SUFFIX.search(name)
     if match is None:
         return name, None
@@ -63,15 +58,10 @@ def split_world(name: str) -> tuple[str, Direction | None]:
 
 
 def droa_parameters(data: bytes, route: Direction | None) -> bytes:
-    """Change a parameter file of ours or of DeepRacer-for-Cloud to what DeepRacer on AWS reads.
+    """Change a parameter file of ours or DeepRacer-for-Cloud's for DeepRacer on AWS.
 
-    Numbers, True and False become values instead of texts. The track loses `_cw` or `_ccw`, and
-    TRACK_DIRECTION_CLOCKWISE is added: as in the name of the track, else as its route runs;
-    REVERSE_DIR turns it around. Paths and buckets stay; the importer does not read them.
-
-    Args:
-        data: training_params.yaml.
-        route: How the route of the track runs; None if unknown.
+    Texts become numbers and truth values. TRACK_DIRECTION_CLOCKWISE comes from the track's `_cw` or
+    `_ccw`, which is cut, else from `route`; REVERSE_DIR turns it around.
 
     Raises:
         ValueError: The data is not such a file, or nothing says the direction.
@@ -96,14 +86,7 @@ def droa_parameters(data: bytes, route: Direction | None) -> bytes:
 
 
 def read_parameters(data: bytes) -> dict[str, Any]:
-    """The values of a parameter file, with the types of YAML.
-
-    Only `true` and `false` are truth values, as in YAML 1.2, which the importer reads: `yes` and
-    `on` are texts there.
-
-    Raises:
-        ValueError: It is not such a file.
-    """
+    """By YAML 1.2, as there: `yes` and `on` are texts. Raises ValueError."""
     try:
         node = yaml.compose(data.decode("utf-8-sig"), Loader=yaml.SafeLoader)
         if node is None:
@@ -130,7 +113,6 @@ def read_parameters(data: bytes) -> dict[str, Any]:
 
 
 def _typed(name: str, value: Any) -> Any:
-    """A value that was written as text, with its type."""
     if not isinstance(value, str):
         return value
     text = value.strip()

@@ -1,16 +1,14 @@
-"""Shells and colours of cars that DeepRacer on AWS knows."""
+"""Shells and colours of cars in DeepRacer on AWS."""
 
 DEEPRACER_SHELL = "deepracer"
-"""The shell whose colour is a setting of its own, CAR_COLOR."""
+"""Its colour is a setting, CAR_COLOR."""
 
 DEEPRACER_COLORS = frozenset({"BLACK", "BLUE", "GREY", "ORANGE", "PURPLE", "RED", "WHITE"})
-"""Its colours. Source: deepracer-on-aws, libs/lambda, simulation.ts, as for the lists below."""
+"""Source, also of the lists below: deepracer-on-aws, libs/lambda, simulation.ts."""
 
 COLORS = DEEPRACER_COLORS | frozenset(
     {"BROWN", "GOLDEN", "GOLDENPINK", "GREEN", "PINK", "SKY_BLUE", "TEAL", "YELLOW"}
 )
-"""All colours of any shell."""
-
 _SHELLS = """
 deepracer f1_2021 f1_amazon_van_purple_with_wheel f1_amazon_van_white_with_wheel
 f1_august_bike_01_with_wheel f1_august_bike_02_with_wheel f1_baja_truck_03 f1_baja_truck_05
@@ -27,4 +25,4 @@ f1_september_bug_01_with_wheel f1_september_bug_02_with_wheel f1_snail fl_hotrod
 """
 
 SHELLS = frozenset(_SHELLS.split())
-"""Values of BODY_SHELL_TYPE; all but the first imply a colour."""
+"""BODY_SHELL_TYPE; all but the first imply a colour."""

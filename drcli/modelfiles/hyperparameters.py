@@ -31,10 +31,10 @@ _Loss = Annotated[
 _Schedule = Annotated[Schedule, choice(Schedule)]
 
 USUAL_SCORES = (350.0, 100_000.0)
-"""`term_cond_avg_score` in the example files: nobody expects an effect of these values."""
+"""Of `term_cond_avg_score` in example files: nobody expects an effect."""
 
 FEW_ITERATIONS = 100
-"""A lower `term_cond_max_episodes` probably means episodes, not iterations."""
+"""A lower `term_cond_max_episodes` probably means episodes."""
 
 PASSED_THROUGH = (
     "preset_s3_key",
@@ -45,7 +45,7 @@ PASSED_THROUGH = (
     "profiler_s3_bucket",
     "profiler_s3_prefix",
 )
-"""Keys for the reference's trainer process, which do nothing here."""
+"""Only for the reference's trainer process."""
 
 RULES = {
     "batch_size": "V-40",
@@ -59,11 +59,11 @@ RULES = {
     "term_cond_max_episodes": "V-44",
     "exploration_type": "V-34",
 }
-"""Keys with a rule of their own. V-46 is about all others, V-04 about unknown ones."""
+"""V-46 is about all others, V-04 about unknown keys."""
 
 
 class Hyperparameters(BaseModel):
-    """All hyperparameters; those missing in the file have the reference trainer's defaults."""
+    """Defaults are those of the reference trainer."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -103,33 +103,24 @@ class Hyperparameters(BaseModel):
     sac_learning_starts: Whole = Field(1_000, ge=1)
 
     problems: tuple[Problem, ...] = Field(default=(), exclude=True)
-    """Warnings about values that are allowed but unusual."""
 
     @staticmethod
     def from_bytes(data: bytes, name: str = "hyperparameters.json") -> "Hyperparameters":
-        """Read the content of a file that messages call by a name.
-
-        Raises:
-            ProblemsError: A key is unknown or misspelt, or a value is of the wrong type or out of
-                range.
-        """
+        """Raises ProblemsError for an unknown key or a wrong value."""
         return _read(read_json_object(data, name, "V-04"))
 
     @property
     def huber(self) -> bool:
-        """Whether the value loss is Huber's, not the mean squared error."""
         return self.loss_type == "huber"
 
     @property
     def taught(self) -> bool:
-        """Whether a teacher that sees the track comes first."""
         return self.training_method == "teacher"
 
     def canonical_json(self, training_algorithm: str = "clipped_ppo") -> str:
-        """All values, in the layout of the copy that is stored with a model.
+        """The copy that is stored with a model.
 
-        Two spaces of indent, sorted keys, and only the keys of the algorithm: 13 for clipped_ppo,
-        12 for sac, and those beyond the reference that differ from its behaviour.
+        Has the algorithm's keys (13 of clipped_ppo, 12 of sac), and ours with an effect.
         """
         foreign = {"sac_alpha"}
         if training_algorithm == "sac":
@@ -139,7 +130,7 @@ class Hyperparameters(BaseModel):
         return json.dumps(values, indent=2, sort_keys=True)
 
     def conflict(self, algorithm: str, *, continuous: bool) -> str | None:
-        """Why this does not fit the algorithm and actions of a model; None when it does."""
+        """Why it does not fit a model, or None."""
         if self.taught and algorithm == "sac":
             return (
                 "training_method=teacher goes on with clipped_ppo, but model_metadata.json has "
@@ -161,14 +152,11 @@ class Hyperparameters(BaseModel):
 
 
 KEYS = tuple(name for name in Hyperparameters.model_fields if name != "problems")
-"""Every key of the file."""
-
 REFERENCE_KEYS = KEYS[: KEYS.index("clip_range")]
 OWN_KEYS = KEYS[KEYS.index("clip_range") :]
-"""The keys that the reference knows too, and those beyond it."""
+"""Those that the reference does not know."""
 
 EXAMPLES = Hyperparameters.model_validate({}).model_dump(exclude_none=True)
-"""Values for remedies."""
 
 
 def _read(file: JsonFile) -> Hyperparameters:
@@ -195,7 +183,6 @@ def _rule_of(path: KeyPath) -> str:
 
 
 def _unknown(file: JsonFile, key: str, written: Any) -> Problem:
-    """A problem with a key that is not used here."""
     if key in PASSED_THROUGH:
         what = f"{key} is for the reference's trainer and does nothing here."
         return file.problem("V-04", (key,), what, "Keep or remove the line.", "warning")
@@ -206,7 +193,6 @@ def _unknown(file: JsonFile, key: str, written: Any) -> Problem:
 
 
 def _unusual(v: Hyperparameters) -> Iterator[tuple[str, str, str]]:
-    """Keys with values that the DeepRacer console does not offer, each with reason and remedy."""
     if v.batch_size == 34:
         yield "batch_size", "is used as it is; 32 is probably meant", "Write 32."
     elif v.batch_size not in (32, 64, 128, 256, 512):

@@ -1,4 +1,4 @@
-"""Reads a racer's JSON file, and says in plain English what is wrong in which line."""
+"""Reads a racer's JSON file, and says what is wrong in which line."""
 
 import json
 import re
@@ -13,10 +13,8 @@ from drcli.base.problems import BadValue, Problem, ProblemsError, Severity, clos
 from drcli.base.text_file import decode
 
 KeyPath = tuple[str | int, ...]
-"""Keys and indices that lead from the whole file to a value."""
-
 LARGEST_BYTES = 1024 * 1024
-"""A larger file was named by mistake."""
+"""A larger file is a mistake."""
 
 LARGEST_NUMBER = 1e15
 
@@ -32,15 +30,13 @@ _SYNTAX = {
     "Unterminated string starting at": "a text in quotes is not complete",
     "Extra data": "there is something after the end",
 }
-"""What Python's JSON reader reports, in plain English."""
+"""In plain English."""
 
 _TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
 
 
 @dataclass(frozen=True)
 class JsonFile:
-    """A file that holds one JSON object, with the line of each value inside by its path."""
-
     name: str
     values: dict[str, Any]
     lines: Mapping[KeyPath, int]
@@ -48,7 +44,7 @@ class JsonFile:
     def problem(
         self, rule: str, path: KeyPath, message: str, remedy: str, severity: Severity = "error"
     ) -> Problem:
-        """A problem in the line of a value, or of the closest thing around it that exists."""
+        """In the line of the value, or of the closest thing around."""
         key = dotted(path)
         while path and path not in self.lines:
             path = path[:-1]
@@ -57,10 +53,10 @@ class JsonFile:
 
 
 def read_json_object(data: bytes, name: str, rule: str) -> JsonFile:
-    """Read a file that must hold one JSON object, in UTF-8 with or without a byte order mark.
+    """Read an object in UTF-8, maybe with a byte order mark.
 
     Raises:
-        ProblemsError: It is too large, not text, not JSON, not an object, or holds a key twice.
+        ProblemsError: It is too large, not text, not JSON, not an object, or has a key twice.
     """
 
     def problem(line: int | None, message: str, remedy: str = _REMEDY) -> ProblemsError:
@@ -96,10 +92,7 @@ def problems_of(
     rule_of: Callable[[KeyPath], str],
     examples: Mapping[str, Any],
 ) -> list[Problem]:
-    """The errors that pydantic found in a file's values, as problems with the rules of their paths.
-
-    Remedies name the examples, which are good values by key.
-    """
+    """From pydantic, with rules by path; remedies name the examples."""
     found = []
     for details in error.errors(include_url=False):
         path, written = details["loc"], details["input"]
@@ -111,7 +104,6 @@ def problems_of(
 
 
 def _explained(details: ErrorDetails, examples: Mapping[str, Any]) -> tuple[str, str]:
-    """The reason and the remedy of one error of pydantic's."""
     path, context = details["loc"], details.get("ctx", {})
     key = next(part for part in reversed(path) if isinstance(part, str))
     example = ""
@@ -151,17 +143,12 @@ def _number(written: Any) -> Any:
 
 
 Number = Annotated[float, BeforeValidator(_number)]
-"""A number without quotes."""
-
 Whole = Annotated[int, BeforeValidator(_number)]
-"""A whole number without quotes; 64.0 is one too."""
+"""64.0 counts."""
 
 
 def choice(literal: Any, spellings: Mapping[str, str] | None = None) -> BeforeValidator:
-    """Reads one of the words of a `Literal`, in any letter case.
-
-    `spellings` has other spellings in small letters, and the words that they stand for.
-    """
+    """A word of a `Literal` in any case, or another of its `spellings`."""
     words: tuple[str, ...] = get_args(literal)
     by_fold = {word.casefold(): word for word in words} | dict(spellings or {})
 
@@ -175,22 +162,16 @@ def choice(literal: Any, spellings: Mapping[str, str] | None = None) -> BeforeVa
 
 
 def as_written(value: Any) -> str:
-    """A value as a sentence shows it, in the letters of its author."""
     return shown(json.dumps(value, ensure_ascii=False))
 
 
 def dotted(path: KeyPath) -> str:
-    """A path as a racer would write it: `action_space[2].speed`."""
+    """As a racer writes it: `action_space[2].speed`."""
     parts = (f"[{part}]" if isinstance(part, int) else f".{shown(part)}" for part in path)
     return "".join(parts).removeprefix(".")
 
 
 def _lines(text: str) -> tuple[dict[KeyPath, int], list[tuple[int, str]]]:
-    """The line of each value in a JSON text, by its path.
-
-    Returns:
-        The lines, and the faults that Python's JSON reader accepts, each with its line.
-    """
     lines: dict[KeyPath, int] = {}
     faults: list[tuple[int, str]] = []
     path: list[str | int | None] = []  # None where a key of an object comes next

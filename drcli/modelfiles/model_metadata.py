@@ -35,12 +35,12 @@ Network = Literal[
     "DEEP_CONVOLUTIONAL_NETWORK_DEEP",
     "COMPACT_CONVOLUTIONAL_NETWORK",
 ]
-"""The reference's three, and a small one of our own that learns faster."""
+"""Includes a small one that learns faster."""
 Algorithm = Literal["clipped_ppo", "sac"]
 SpaceType = Literal["discrete", "continuous"]
 
 SINGLE_CAMERAS = ("FRONT_FACING_CAMERA", "observation", "LEFT_CAMERA")
-"""Three names of one grey picture."""
+"""All name the same grey picture."""
 CAMERAS = (*SINGLE_CAMERAS, "STEREO_CAMERAS")
 LIDARS = ("LIDAR", "SECTOR_LIDAR", "DISCRETIZED_SECTOR_LIDAR")
 
@@ -48,8 +48,6 @@ _LIDAR = {"num_sectors": 8, "num_values_per_sector": 8, "clipping_dist": 2.0}
 _LIDAR_EXAMPLES: dict[str, Any] = {"lidar_config": _LIDAR, **_LIDAR}
 _LIST_EXAMPLES: dict[str, Any] = {"action_space": [ACTION], **ACTION}
 _RANGE_EXAMPLES: dict[str, Any] = {"action_space": RANGES, **RANGES, "low": 1, "high": 2}
-"""Values for remedies, by key."""
-
 RULES = {
     "action_space": "V-30",
     "sensor": "V-33",
@@ -59,7 +57,7 @@ RULES = {
     "neural_network": "V-36",
     "action_space_type": "V-36",
 }
-"""The keys of the file, and the rules about them; V-31 is about ranges of actions."""
+"""V-31 is about ranges of actions."""
 
 
 def _version(written: Any) -> str:
@@ -89,7 +87,7 @@ def _sensors(written: Any) -> tuple[str, ...]:
 
 
 class LidarConfig(BaseModel):
-    """`lidar_config`: how DISCRETIZED_SECTOR_LIDAR divides the rays."""
+    """How DISCRETIZED_SECTOR_LIDAR divides the rays."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -107,7 +105,7 @@ class LidarConfig(BaseModel):
 
 
 class _File(BaseModel):
-    """The keys that both kinds of action spaces have; defaults are the reference simulator's."""
+    """Defaults are the reference simulator's."""
 
     action_space_type: Annotated[SpaceType, choice(SpaceType)] = "discrete"
     training_algorithm: Annotated[Algorithm, choice(Algorithm)] = "clipped_ppo"
@@ -127,12 +125,12 @@ class _Continuous(_File):
 
 @dataclass(frozen=True)
 class ModelMetadata:
-    """What a model is made of; missing keys have the reference simulator's defaults.
+    """What a model is made of.
 
     Attributes:
-        version: Version of the car, `1` to `6`, as text.
-        action_space_json: The file's `action_space`, as it is written there.
-        problems: Warnings about what is allowed but odd.
+        version: Of the car, `1` to `6`.
+        action_space_json: As written.
+        problems: Warnings.
     """
 
     action_space: ActionSpace
@@ -146,28 +144,22 @@ class ModelMetadata:
 
     @staticmethod
     def from_bytes(data: bytes, name: str = "model_metadata.json") -> "ModelMetadata":
-        """Read the content of a file that messages call by a name.
-
-        Raises:
-            ProblemsError: A value is missing, unknown or does not fit the others.
-        """
+        """Raises ProblemsError if a value is missing, unknown or does not fit."""
         return _read(read_json_object(data, name, "V-03"))
 
     @property
     def eyes(self) -> int:
-        """Pictures that the camera takes at the same time."""
         return 2 if "STEREO_CAMERAS" in self.sensor else 1
 
     @property
     def scan_dims(self) -> int:
-        """Values that the lidar gives, 0 without one. Source: the reference simulator's filters."""
+        """Source: the reference simulator's filters."""
         discretized = self.lidar.num_sectors * self.lidar.num_values_per_sector
         values = {"LIDAR": 64, "SECTOR_LIDAR": 8, "DISCRETIZED_SECTOR_LIDAR": discretized}
         return sum(values.get(name, 0) for name in self.sensor)
 
     @property
     def action_space_type(self) -> SpaceType:
-        """`discrete` or `continuous`."""
         return "continuous" if self.action_space.continuous else "discrete"
 
 
@@ -210,7 +202,6 @@ def _read(file: JsonFile) -> ModelMetadata:
 
 
 def _other_type(file: JsonFile) -> Iterator[Problem]:
-    """A problem if the action space is not of the type that the file says."""
     space = file.values.get("action_space")
     kind, name = ("continuous", "ranges") if isinstance(space, dict) else ("discrete", "a list")
     stated = str(file.values.get("action_space_type", "discrete")).strip().casefold()
@@ -221,7 +212,6 @@ def _other_type(file: JsonFile) -> Iterator[Problem]:
 
 
 def _contradictions(file: JsonFile, read: _Discrete | _Continuous) -> Iterator[Problem]:
-    """Values that do not fit each other."""
     if read.training_algorithm == "sac" and isinstance(read, _Discrete):
         what = 'training_algorithm="sac" needs continuous actions.'
         remedy = (
@@ -236,7 +226,7 @@ def _contradictions(file: JsonFile, read: _Discrete | _Continuous) -> Iterator[P
 
 
 def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
-    """Keys that nothing reads; one like a known key is probably misspelt."""
+    """One like a known key is probably misspelt."""
     for key, written in file.values.items():
         if key in RULES:
             continue
@@ -250,7 +240,6 @@ def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
 
 
 def _unused_keys(file: JsonFile, value: Any, path: KeyPath) -> Iterator[Problem]:
-    """Warnings about keys inside of values that nothing reads."""
     if isinstance(value, list):
         for number, item in enumerate(value):
             yield from _unused_keys(file, item, (*path, number))

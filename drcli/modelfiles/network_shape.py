@@ -1,4 +1,4 @@
-"""Checks whether the weights of one model fit another."""
+"""Checks whether one model's weights fit another."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -15,23 +15,17 @@ from drcli.store.checkpoints import CheckpointStore
 
 @dataclass(frozen=True)
 class Design:
-    """The two parameter files of a model, and where each was read."""
+    """Two parameter files, and where each was read."""
 
     metadata: ModelMetadata
     parameters: Hyperparameters
     metadata_origin: str
     parameters_origin: str
     files: Mapping[str, bytes] = field(default_factory=dict)
-    """Their content by name, where they were read from a model."""
 
     @staticmethod
     def of_checkpoint(bucket: Bucket, prefix: str, name: str) -> "Design":
-        """What a checkpoint was trained with: `own_files` has the same.
-
-        Raises:
-            ObjectMissing: A file of the model does not exist.
-            ProblemsError: A file is wrong.
-        """
+        """By `own_files`; raises ObjectMissing or ProblemsError."""
         try:
             record = CheckpointStore(bucket, prefix).record(name)
         except (ObjectMissing, ObjectDamaged):
@@ -40,7 +34,7 @@ class Design:
 
     @staticmethod
     def of_record(bucket: Bucket, prefix: str, record: CheckpointRecord) -> "Design":
-        """What the checkpoint with this record was trained with; raises as `of_checkpoint`."""
+        """Raises as `of_checkpoint`."""
         source = f"in {bucket.name}/{keys.checkpoint_record(prefix, record.name)}"
         return Design.of_model(bucket, prefix, record.counters.inputs, source)
 
@@ -51,14 +45,9 @@ class Design:
         inputs: Mapping[str, str] | None = None,
         source: str = "of this start",
     ) -> "Design":
-        """What a start trains with: its `Job.inputs`, and the model's file for one that it lacks.
+        """What a start trains with: its `Job.inputs`, else the model's files.
 
-        What an existing checkpoint does with its outputs, `of_checkpoint` knows. `source` says in
-        messages where `inputs` are.
-
-        Raises:
-            ObjectMissing: A file of the model does not exist.
-            ProblemsError: A file is wrong.
+        An existing checkpoint may differ, see `of_checkpoint`. Raises as that.
         """
         files, origins = {}, []
         for name, key in model_files(prefix).items():
@@ -76,11 +65,10 @@ class Design:
 
     @property
     def texts(self) -> dict[str, str]:
-        """The content of the files by name, as the record of a checkpoint keeps it."""
+        """As in a checkpoint's record."""
         return {name: data.decode("utf-8-sig") for name, data in self.files.items()}
 
     def conflicts(self) -> list[Problem]:
-        """Values of the two files that do not fit each other."""
         conflict = self.parameters.conflict(
             self.metadata.training_algorithm, continuous=self.metadata.action_space.continuous
         )
@@ -96,7 +84,6 @@ class Design:
 
 
 def model_files(prefix: str) -> dict[str, str]:
-    """Keys of the parameter files of a model by their names."""
     return {
         keys.MODEL_METADATA_FILE: keys.model_metadata(prefix),
         keys.HYPERPARAMETERS_FILE: keys.hyperparameters(prefix),
@@ -104,11 +91,7 @@ def model_files(prefix: str) -> dict[str, str]:
 
 
 def own_files(bucket: Bucket, prefix: str, checkpoint: str) -> dict[str, bytes]:
-    """The parameter files by name that a checkpoint was trained with, without missing ones.
-
-    Its own record has them. Where it has not, as for TensorFlow's and old checkpoints, those of the
-    model count.
-    """
+    """From a checkpoint's record; for TensorFlow's and old ones, the model's."""
     inputs: Mapping[str, str] = {}
     with suppress(ObjectMissing, ObjectDamaged):
         inputs = CheckpointStore(bucket, prefix).record(checkpoint).counters.inputs
@@ -123,10 +106,7 @@ def own_files(bucket: Bucket, prefix: str, checkpoint: str) -> dict[str, bytes]:
 
 
 def weight_problems(trained: Design, wanted: Design, model: str) -> list[Problem]:
-    """Why the weights of one model do not fit another; a warning if only the actions changed.
-
-    Messages call the trained model by the name `model`.
-    """
+    """A warning if only the actions changed; `model` names the trained one."""
     old, new = trained.metadata, wanted.metadata
     where = wanted.metadata_origin
     before, now = trained.parameters, wanted.parameters
@@ -168,7 +148,7 @@ def _difference(where: str, key: str, before: str, now: str, model: str) -> Prob
 
 
 def _sensors(metadata: ModelMetadata) -> str:
-    """The inputs of the network; several names mean the same grey picture."""
+    """Several names mean the same grey picture."""
     names = ["FRONT_FACING_CAMERA" if s in SINGLE_CAMERAS else s for s in metadata.sensor]
     seen = sorted(names, key=lambda name: name in LIDARS)
     if "DISCRETIZED_SECTOR_LIDAR" in seen:

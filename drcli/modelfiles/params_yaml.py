@@ -1,7 +1,4 @@
-"""training_params.yaml and evaluation_params.yaml, as the reference's launcher writes them.
-
-We do not read them back: upload and import tools, and people, expect them in the bucket.
-"""
+"""training_params.yaml and evaluation_params.yaml, for tools and people; we never read them."""
 
 from typing import Any
 
@@ -12,7 +9,6 @@ from drcli.store import keys
 
 
 def training_parameters(settings: Settings) -> bytes:
-    """The file below the model prefix that describes a training."""
     s = settings
     values = {
         "JOB_TYPE": "TRAINING",
@@ -46,13 +42,7 @@ def training_parameters(settings: Settings) -> bytes:
 def moved_training_parameters(
     data: bytes, bucket: str, prefix: str, world: str | None = None
 ) -> bytes:
-    """The file that `training_parameters` wrote, changed for a copy of the model elsewhere.
-
-    It names the track `world` instead of its own if one is given.
-
-    Raises:
-        ValueError: The data is not such a file.
-    """
+    """For a copy elsewhere; ValueError if it is not such a file."""
     try:
         values = yaml.safe_load(data)
     except (yaml.YAMLError, RecursionError) as e:
@@ -79,10 +69,6 @@ def moved_training_parameters(
 def evaluation_parameters(
     settings: Settings, simtrace_prefix: str, metrics_key: str, opponent_metrics_key: str
 ) -> bytes:
-    """The file below the model prefix that describes a stand-alone evaluation.
-
-    The metrics of an opponent go to `opponent_metrics_key`.
-    """
     s = settings
     racers: dict[str, list[str]] = {
         "MODEL_S3_BUCKET": [s.bucket],
@@ -141,7 +127,7 @@ def _common(s: Settings) -> dict[str, Any]:
 
 
 def _traffic(s: Settings) -> dict[str, Any]:
-    """Obstacles and bots; the reference takes them from the file whatever the race type is."""
+    """The reference takes it from the file for every race type."""
     if s.race_type == "OBJECT_AVOIDANCE":
         positions = [f"{fraction:g},{lane:g}" for fraction, lane in s.oa_object_positions]
         return {
@@ -168,6 +154,6 @@ def _traffic(s: Settings) -> dict[str, Any]:
 
 
 def _dump(values: dict[str, Any]) -> bytes:
-    """One document, sorted keys, every scalar single-quoted: readers of the reference expect it."""
+    """Sorted keys, all scalars single-quoted, for the reference's readers."""
     text = yaml.safe_dump(values, default_style="'", explicit_start=True, sort_keys=True)
     return text.encode()

@@ -1,4 +1,4 @@
-"""Writes training_method into a hyperparameters.json, and finds the method that is kept."""
+"""Writes training_method into a hyperparameters.json."""
 
 import re
 from collections.abc import Mapping
@@ -20,15 +20,13 @@ _WRITTEN = re.compile(rf'"{_KEY}"\s*:\s*("[^"\n]*"|[^,}}\s]+)')
 
 
 def method_of(teacher: bool) -> TrainingMethod:
-    """The value of the key for `--teacher` and `--no-teacher`."""
     return "teacher" if teacher else "camera"
 
 
 def with_method(data: bytes, method: TrainingMethod, *, own_line: bool = False) -> bytes:
-    """A hyperparameters.json with that training method; what is no object stays as it is.
+    """The file with that method, unless it is not an object.
 
-    Everything else stays in its line, so that messages name the right one; with `own_line`, a key
-    that is new gets a line, as in files that people read.
+    All else stays in its line, which messages name.
     """
     text = data.decode("utf-8-sig", "surrogateescape")
     written = f'"{_KEY}": "{method}"'
@@ -44,11 +42,7 @@ def with_method(data: bytes, method: TrainingMethod, *, own_line: bool = False) 
 
 
 def plan_with_method(plan: FolderPlan, teacher: bool) -> FolderPlan:
-    """A new folder whose model trains with a teacher, or without one.
-
-    Raises:
-        SettingsError: It has no hyperparameters.json, or trains with sac.
-    """
+    """Raises SettingsError without hyperparameters.json, or with sac."""
     at = {PurePosixPath(file.name).name: file for file in plan.files}
     file, metadata = at.get(keys.HYPERPARAMETERS_FILE), at.get(keys.MODEL_METADATA_FILE)
     if file is None:
@@ -67,7 +61,6 @@ def plan_with_method(plan: FolderPlan, teacher: bool) -> FolderPlan:
 
 
 def is_sac(metadata: bytes) -> bool:
-    """Whether a model_metadata.json says that the model trains with SAC."""
     with suppress(ProblemsError):
         return ModelMetadata.from_bytes(metadata).training_algorithm == "sac"
     return False
@@ -76,13 +69,7 @@ def is_sac(metadata: bytes) -> bool:
 def chosen_method(
     files: Mapping[str, InputFile], method: TrainingMethod | None, kept: TrainingMethod | None
 ) -> dict[str, InputFile]:
-    """The files of a start by name, with the training method that counts.
-
-    Args:
-        files: As they were found.
-        method: Of an option of the start; None if there is none.
-        kept: Of the model that is trained on; it counts where the file has no such key.
-    """
+    """An option's `method`, else the file's, else that `kept` by the model."""
     file = files.get(keys.HYPERPARAMETERS_FILE)
     wanted = method or kept
     if file is None or wanted is None or (method is None and _WRITTEN.search(_text(file))):
@@ -91,7 +78,7 @@ def chosen_method(
 
 
 def kept_method(bucket: Bucket, prefix: str | None) -> TrainingMethod | None:
-    """The training method of a model in the bucket if it has a teacher, else None."""
+    """A model's, if it has a teacher."""
     if prefix is None:
         return None
     with suppress(ObjectMissing, ProblemsError):

@@ -1,4 +1,4 @@
-"""Reads a racer's YAML file as data, with the line of each value, and says what is wrong in it."""
+"""Reads a racer's YAML file, with lines for messages."""
 
 import re
 from collections.abc import Hashable
@@ -11,11 +11,11 @@ from drcli.modelfiles.json_file import JsonFile, KeyPath
 
 LARGEST_BYTES = 256 * 1024
 MOST_NODES = 20_000
-"""Values in the file, those of repeated anchors counted each time."""
+"""Repeated anchors count each time."""
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads what JSON knows: a date stays a text, and 1e-4 is a number."""
+    """As JSON: a date stays a text, and 1e-4 is a number."""
 
 
 _Loader.yaml_implicit_resolvers = {
@@ -31,17 +31,10 @@ _KINDS = ("str", "int", "float", "bool", "null", "seq", "map", "merge")
 
 
 def read_yaml_object(data: bytes, name: str, rule: str, key: str, remedy: str) -> JsonFile:
-    """The values of a YAML file that must hold keys with values, with the line of each.
-
-    Args:
-        data: The content.
-        name: What messages call the file.
-        rule: The rule that every problem breaks.
-        key: The most important key, for the message if there are no keys.
-        remedy: What to compare the file with.
+    """Messages name the most important `key`.
 
     Raises:
-        ProblemsError: It is too large, not text, not YAML, not an object, or holds a key twice.
+        ProblemsError: It is too large, not text, not YAML, not an object, or has a key twice.
     """
 
     def problem(line: int | None, message: str, how: str = remedy) -> ProblemsError:
@@ -81,7 +74,6 @@ def read_yaml_object(data: bytes, name: str, rule: str, key: str, remedy: str) -
 def _walk(
     node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], faults: list[tuple[int, str]]
 ) -> None:
-    """Note the line of each value by its path, and the faults that YAML's reader accepts."""
     if len(lines) > MOST_NODES:
         raise RecursionError
     lines[path] = node.start_mark.line + 1

@@ -1,4 +1,4 @@
-"""Puts other actions into a model_metadata.json, and tells what that means for a trained model."""
+"""Puts other actions into a model_metadata.json, and tells what that means."""
 
 import json
 from collections.abc import Mapping
@@ -24,16 +24,6 @@ from drcli.store.checkpoints import CheckpointStore, checkpoint_objects
 
 @dataclass(frozen=True)
 class ActionSpaceChange:
-    """What would be written.
-
-    Attributes:
-        file: The file.
-        data: Its new content.
-        before: Its present actions; None without a file.
-        after: Its new actions.
-        warnings: What is allowed but may surprise.
-    """
-
     file: Path
     data: bytes
     before: ActionSpace | None
@@ -42,7 +32,6 @@ class ActionSpaceChange:
 
     @property
     def backup(self) -> Path | None:
-        """Where the present file is kept; None without one, or if nothing changes."""
         return None if self.before is None else self.file.with_name(self.file.name + BACKUP)
 
 
@@ -55,7 +44,7 @@ class ActionSpaceReport:
         actions: The discrete actions; empty if continuous.
         low: Least steering and speed; None if discrete.
         high: Greatest steering and speed; None if discrete.
-        notes: Where they come from, and what is allowed but may surprise.
+        notes: Where they come from, and what may surprise.
         changes: Whether the file has other actions.
         written: Whether they were written into it.
         backup: The copy of the old file; None without one.
@@ -78,7 +67,7 @@ def space_of(file: Path) -> ActionSpace:
 
     Raises:
         SettingsError: It is missing.
-        ProblemsError: It cannot be read, or is wrong.
+        ProblemsError: It is wrong.
     """
     found = local_file(file.parent, file.name)
     if found is None:
@@ -90,13 +79,13 @@ def space_of(file: Path) -> ActionSpace:
 
 
 def plan_change(file: Path, actions: list[dict[str, float]] | dict[str, Any]) -> ActionSpaceChange:
-    """Work out a file with other actions: a list of them, or ranges. All else in it stays.
+    """Work out a file with other actions, all else unchanged.
 
-    A file that does not exist becomes the shipped one with these actions.
+    A missing file becomes the shipped one.
 
     Raises:
         SettingsError: Its algorithm cannot have such actions.
-        ProblemsError: The file cannot be read, or it would be wrong.
+        ProblemsError: The file is or would be wrong.
     """
     found = local_file(file.parent, file.name)
     data = model_file(keys.MODEL_METADATA_FILE).read_bytes() if found is None else found.data
@@ -123,7 +112,6 @@ def plan_change(file: Path, actions: list[dict[str, float]] | dict[str, Any]) ->
 
 
 def trained_with(settings: Settings, bucket: Bucket) -> tuple[int, ActionSpace | None]:
-    """How many checkpoints the configured model has, and with which actions it was trained."""
     prefix = settings.model_prefix
     count = len(set(checkpoint_objects(bucket, prefix).values()))
     if not count:
@@ -139,7 +127,7 @@ def trained_with(settings: Settings, bucket: Bucket) -> tuple[int, ActionSpace |
 def sentence_about(
     model: str, checkpoints: int, trained: ActionSpace | None, new: ActionSpace
 ) -> str:
-    """What new actions mean for a model with checkpoints; empty if they mean nothing."""
+    """What new actions mean for a trained model, or nothing."""
     if not checkpoints or trained == new:
         return ""
     has = f"{model} has {checkpoints} checkpoint{'s' if checkpoints > 1 else ''}"
@@ -155,10 +143,7 @@ def sentence_about(
 
 
 def write_change(change: ActionSpaceChange) -> bool:
-    """Write what was planned; the old file is kept as .bak.
-
-    Returns:
-        False if the file has these actions already.
+    """Write the file, and keep the old one as .bak; False if nothing changes.
 
     Raises:
         SettingsError: It cannot be written.
@@ -175,15 +160,10 @@ def _called(space: ActionSpace) -> str:
 
 
 def with_metadata(data: bytes, name: str, changes: Mapping[str, Any]) -> bytes:
-    """A model_metadata.json with other values for some keys; all else in it stays.
-
-    Args:
-        data: The content of the file, or of the shipped one.
-        name: The file in messages.
-        changes: Values by key; None removes a key.
+    """A model_metadata.json with other values for some keys; None removes a key.
 
     Raises:
-        ProblemsError: The file cannot be read, or it would be wrong.
+        ProblemsError: The file is or would be wrong.
     """
     values = {**read_json_object(data, name, "V-30").values, **changes}
     kept = {key: value for key, value in values.items() if value is not None}
@@ -193,7 +173,6 @@ def with_metadata(data: bytes, name: str, changes: Mapping[str, Any]) -> bytes:
 
 
 def metadata_text(values: dict[str, Any]) -> str:
-    """JSON with one action a line, as people write it."""
     parts = []
     for key, value in values.items():
         parts.append(f"  {json.dumps(key)}: {_indented(key, value)}")

@@ -1,4 +1,4 @@
-"""A new working folder, or an experiment, that begins with a ready-made model in its bucket."""
+"""A new working folder or experiment that begins with a ready-made model."""
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -14,10 +14,6 @@ from drcli.models.ready_made import ReadyMadeModel, place_of, put_ready_made
 def values_with(
     model: ReadyMadeModel, given: Mapping[str, str], *, experiment: str | None = None
 ) -> dict[str, str]:
-    """The settings that were given, and for the rest those of the model's training.
-
-    An experiment names its model after itself.
-    """
     named = {} if experiment is not None else {"DR_LOCAL_S3_MODEL_PREFIX": model.name}
     return {**named, **model.settings, **given}
 
@@ -27,15 +23,10 @@ def check_place(
 ) -> None:
     """Refuse a bucket that cannot take the model, before anything is written.
 
-    A bucket on this machine that does not exist yet can: to ask would create it.
-
-    Args:
-        plan: What is about to be written.
-        experiment: Its name, if the plan is one of an experiment.
-        looking: Entered while the bucket is asked.
+    A local bucket that does not exist yet can: asking would create it.
 
     Raises:
-        DrError: It cannot be reached or written, or has a model of that name.
+        DrError: It cannot be reached or written, or has such a model.
     """
     here = f"experiments/{experiment}/" if experiment else ""
     contents = {
@@ -57,10 +48,10 @@ def put_into_bucket(
     model: ReadyMadeModel,
     progress: Progress,
 ) -> FolderReport:
-    """Put the model into the bucket of the folder, which has been written.
+    """Put the model into the bucket of a written folder.
 
     Raises:
-        DrError: It is not there; the folder is, and the command can be repeated.
+        DrError: It failed; the command can be repeated.
     """
     try:
         flags = {"DR_EXPERIMENT_NAME": experiment or ""}

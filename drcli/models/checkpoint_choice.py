@@ -1,4 +1,4 @@
-"""Finds the checkpoint of a model that a word or a number chooses, or says what there is."""
+"""Finds the checkpoint that a word or a number chooses."""
 
 from collections.abc import Iterable
 from contextlib import suppress
@@ -21,11 +21,7 @@ from drcli.store.model_kind import what_helps
 from drcli.store.repair import Model, readable_history, readable_scores
 
 OUR_PARTS = (".safetensors", ".json")
-"""Ends of the files that every checkpoint of ours has."""
-
 MOST_LISTED = 12
-"""Checkpoints in a message; those with a meaning are among them."""
-
 NEVER_EVALUATED = "never evaluated"
 UNTAUGHT = "never evaluated, because only its teacher has learned until there"
 
@@ -37,22 +33,11 @@ _NEVER: dict[CheckpointWord, str] = {
 
 
 class CheckpointGone(SettingsError):
-    """The chosen checkpoint does not exist or lacks a file: a training may have deleted it."""
+    """The chosen checkpoint is missing or incomplete, maybe deleted by a training."""
 
 
 @dataclass(frozen=True)
 class ModelCheckpoints:
-    """The checkpoints of a model and what each of them means.
-
-    Attributes:
-        url: Bucket and prefix, for messages.
-        names: All that have a file, complete or not, oldest first.
-        scores: The best and the last; None if the model has no index.
-        milestones: Of its training.
-        listed: All objects in the folder of the checkpoints.
-        prefix: Of the model.
-    """
-
     url: str
     prefix: str
     listed: Listing
@@ -62,7 +47,7 @@ class ModelCheckpoints:
 
     @staticmethod
     def read(model: Model) -> "ModelCheckpoints":
-        """Read what a model has; damaged records are reconstructed, and nothing is written."""
+        """Reconstructs damaged records, but writes nothing."""
         bucket, prefix = model.bucket, model.prefix
         listed = bucket.list(keys.model_folder(prefix))
         found = {keys.checkpoint_of(prefix, info.key) for info in listed}
@@ -74,7 +59,6 @@ class ModelCheckpoints:
         return ModelCheckpoints(url, prefix, listed, names, scores, milestones)
 
     def words_for(self, name: CheckpointName) -> list[CheckpointWord]:
-        """The words that choose this checkpoint."""
         found: list[CheckpointWord] = []
         if self.scores is not None:
             last, best = self.scores.last_checkpoint.name, self.scores.best_checkpoint.name
@@ -84,12 +68,10 @@ class ModelCheckpoints:
         return found
 
     def missing_parts(self, name: str) -> list[str]:
-        """Keys of the files that a checkpoint lacks."""
         return missing_parts(self.listed, self.prefix, name)
 
     @property
     def summary(self) -> str:
-        """A sentence that lists the complete checkpoints."""
         whole = [name for name in self.names if not self.missing_parts(str(name))]
         if not whole:
             return "It has no complete checkpoint."
@@ -104,7 +86,6 @@ class ModelCheckpoints:
         return f"It has {', '.join(texts)}{rest}."
 
     def _few(self, whole: list[CheckpointName]) -> list[CheckpointName]:
-        """As many as fit into a message: those with a meaning, and the newest."""
         if len(whole) <= MOST_LISTED:
             return whole
         marked = [name for name in whole if self.words_for(name)]
@@ -114,25 +95,21 @@ class ModelCheckpoints:
 
 @dataclass(frozen=True)
 class Chosen:
-    """A complete checkpoint; `parts` are the ends of its files' keys, after its name."""
-
     choice: CheckpointChoice
     score: Score
     parts: tuple[str, ...]
 
     @property
     def name(self) -> str:
-        """Such as `12_Step-7824.ckpt`."""
         return self.score.name
 
     @property
     def number(self) -> int:
-        """The part before `_Step`."""
         return checkpoint_name(self.name).number
 
     @property
     def line(self) -> str:
-        """The line of the reference's command, which scripts look for."""
+        """Scripts look for it: the reference's command writes it."""
         if self.choice == "last":
             return f"Latest checkpoint = {self.number}"
         if self.choice == "best":
@@ -141,18 +118,14 @@ class Chosen:
 
 
 def take_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> Chosen:
-    """`find_choice` for a command: a sentence on the terminal says which one it took."""
+    """As `find_choice`, but says which one it took."""
     chosen = find_choice(model, choice, remedy=remedy)
     notices.show(sentence_about(model, chosen))
     return chosen
 
 
 def sentence_about(model: Model, chosen: Chosen, option: str = "--checkpoint") -> str:
-    """Which checkpoint was chosen, how its evaluation went, and the option for the other one.
-
-    Such as "Takes checkpoint 77 of m-1, the last: never evaluated. --checkpoint best takes 76: 20
-    of 20 laps clean, median 7.61 s, slowest 7.93 s."
-    """
+    """Such as "Takes checkpoint 77 of m-1, the last: never evaluated. ..."."""
     history, _ = readable_history(model)
     scores, _ = readable_scores(model)
 
@@ -177,11 +150,7 @@ def sentence_about(model: Model, chosen: Chosen, option: str = "--checkpoint") -
 
 
 def best_and_last(model: Model) -> str:
-    """How the best and the last checkpoint drove; empty without checkpoints.
-
-    Such as "best: 76, 20 of 20 laps clean, median 7.61 s, slowest 7.93 s; last: 77, never
-    evaluated".
-    """
+    """Such as "best: 76, 20 of 20 laps clean, ...; last: 77, ..."."""
     history, _ = readable_history(model)
     scores, _ = readable_scores(model)
     if scores is None:
@@ -194,7 +163,6 @@ def best_and_last(model: Model) -> str:
 
 
 def laps_of(model: Model, history: Iterable[IterationRecord], name: str) -> Laps | None:
-    """All evaluation laps of a checkpoint on the track of its training; None without any."""
     number = checkpoint_name(name).number
     laps = next((record.all_laps for record in history if record.iteration == number), None)
     if laps is None:  # the learning curve may have no record of its iteration yet
@@ -206,7 +174,6 @@ def laps_of(model: Model, history: Iterable[IterationRecord], name: str) -> Laps
 
 
 def _driven(model: Model, history: Iterable[IterationRecord], score: Score) -> str:
-    """How the evaluation of a checkpoint went."""
     laps = laps_of(model, history, score.name)
     if laps is not None:
         return str(laps)
@@ -218,13 +185,10 @@ def _driven(model: Model, history: Iterable[IterationRecord], score: Score) -> s
 
 
 def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> Chosen:
-    """The checkpoint that a word or a number chooses; it has all its files.
-
-    `remedy` replaces the advice to choose another one.
+    """The complete checkpoint that a word or a number chooses.
 
     Raises:
-        CheckpointGone: It was deleted, is incomplete, or was never reached; the message lists all
-            that there are.
+        CheckpointGone: It is missing, incomplete, or was never reached.
         SettingsError: The model has no checkpoint.
     """
     bucket, prefix = model.bucket, model.prefix
@@ -261,7 +225,7 @@ def find_choice(model: Model, choice: CheckpointChoice, *, remedy: str = "") -> 
 
 
 def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
-    """Keys of the files that a checkpoint lacks; those of our own format if it has none at all."""
+    """Keys of missing files; those of our format if there are none."""
     there = {info.key for info in listed}
     ours, theirs = (
         [key for part in parts if (key := keys.checkpoint_part(prefix, name, part)) not in there]
@@ -274,14 +238,12 @@ def missing_parts(listed: Listing, prefix: str, name: str) -> list[str]:
 
 
 def _parts(listed: Listing, prefix: str, name: str) -> tuple[str, ...]:
-    """The ends of the keys of a checkpoint's files, after its name."""
     start = keys.checkpoint_part(prefix, name, "")
     found = [info.key for info in listed if info.key.startswith(f"{start}.")]
     return tuple(key.removeprefix(start) for key in found)
 
 
 def _whole(listed: Listing, prefix: str, number: int) -> CheckpointName | None:
-    """The complete checkpoint of this number; the newest if there are several."""
     found = {keys.checkpoint_of(prefix, info.key) for info in listed}
     same = (name for name in found if name is not None and name.number == number)
     whole = (name for name in same if not missing_parts(listed, prefix, str(name)))
@@ -304,7 +266,6 @@ def _numbered(has: ModelCheckpoints, number: int, remedy: str) -> CheckpointName
 
 
 def _reached(has: ModelCheckpoints, word: CheckpointWord, remedy: str) -> CheckpointName:
-    """The checkpoint of a milestone, which is still there."""
     milestone = _milestone(has.milestones, word)
     if milestone is None:
         raise _gone(has, f"There is no checkpoint {word}: {_NEVER[word]}.", remedy)

@@ -1,4 +1,4 @@
-"""Chooses a checkpoint of a model, and reads it with all files that belong to it."""
+"""Reads a checkpoint with all files that belong to it."""
 
 from dataclasses import dataclass, replace
 
@@ -20,22 +20,18 @@ METRICS = "metrics/"
 TRAINING_START = "ip/run.json"
 
 SHAPING = (METADATA, HYPERPARAMETERS)
-"""Files that give the network's shape: weights can only be read with the right ones."""
+"""The weights can only be read with the network's shape in these."""
 
 PARAMETERS_FILE = "training_params.yaml"
-"""The name that import tools look for. Here it can have another one."""
 
 
 @dataclass(frozen=True)
 class Item:
-    """An object to copy, by its key below the model prefix."""
-
     name: str
     data: bytes
 
 
 def known_best(bucket: Bucket, prefix: str) -> str | None:
-    """Name of the best checkpoint of a model; None if that is not known."""
     try:
         scores = read_scores(bucket, prefix)
     except ObjectDamaged:
@@ -44,9 +40,7 @@ def known_best(bucket: Bucket, prefix: str) -> str | None:
 
 
 def read_checkpoint(bucket: Bucket, prefix: str, chosen: Chosen) -> list[Item]:
-    """Read the files of a checkpoint, and check ours against its record.
-
-    Skips an optimizer state that is damaged or is just being replaced; the weights do without it.
+    """Read a checkpoint, without an unusable optimizer state; ours are checked.
 
     Raises:
         ObjectMissing: A file has just been deleted.
@@ -70,11 +64,7 @@ def read_checkpoint(bucket: Bucket, prefix: str, chosen: Chosen) -> list[Item]:
 
 
 def refuse_incomplete(model: ModelConfig, bucket: Bucket, prefix: str) -> None:
-    """Check that a model has all files that its checkpoints share.
-
-    Raises:
-        SettingsError: Some are missing.
-    """
+    """Raise SettingsError if shared files are missing."""
     _, missing = _shared_files(model, bucket, prefix)
     if missing and not bucket.list(keys.folder(prefix)):
         raise SettingsError(
@@ -100,16 +90,7 @@ def read_model_files(
     target: tuple[str, str],
     described: bytes,
 ) -> list[Item]:
-    """Read all files that belong to a model with one of its checkpoints.
-
-    Args:
-        model: The model of the settings, which can have files outside its prefix.
-        bucket: Holds the model.
-        prefix: The model to read.
-        checkpoint: Its name. What it was trained with is in its record.
-        target: Bucket and prefix of the copy, which its parameter file names.
-        described: The parameter file to copy if the model has none.
-    """
+    """Read the shared files for a copy at `target`; `described` is for a missing parameter file."""
     found, _ = _shared_files(model, bucket, prefix)
     items = {name: Item(name, read_complete(bucket, key)) for name, key in found.items()}
     for name, item in items.items():
@@ -144,10 +125,6 @@ def _filled(bucket: Bucket, prefix: str, name: str) -> Item:
 def _shared_files(
     model: ModelConfig, bucket: Bucket, prefix: str
 ) -> tuple[dict[str, str], list[str]]:
-    """Keys of the files that all checkpoints share by their names in a copy; names of missing ones.
-
-    The settings of the model can name other places for the reward function and the metrics.
-    """
     rewards = [keys.reward_function(prefix)]
     folders = [keys.folder(keys.metrics_prefix(prefix))]
     if prefix == model.prefix:
@@ -176,7 +153,6 @@ def _shared_files(
 def _parameters(
     model: ModelConfig, bucket: Bucket, prefix: str, target: tuple[str, str], described: bytes
 ) -> bytes:
-    """The model's parameter file for its new place; that of the settings if it has none."""
     key = keys.parameter_file(prefix, model.parameters_file)
     written = bucket.get(key) if bucket.exists(key) else described
     try:

@@ -1,4 +1,4 @@
-"""Lists the checkpoints of a model with what their evaluations showed."""
+"""Lists a model's checkpoints with their evaluations."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -28,14 +28,14 @@ class ListedCheckpoint:
         name: Such as `12_Step-7824.ckpt`.
         words: The words that also choose it: last, best, first-lap, three-laps, best-lap.
         every: Whether it is kept because of DR_TRAIN_KEEP_EVERY.
-        episodes: Episodes of its evaluation; 0 if it was not evaluated.
+        episodes: Episodes of its evaluation; 0 without one.
         laps: Clean laps among them: an episode ends at the first violation.
-        progress: Their mean, percent of a lap; None if it was not evaluated.
-        best_lap_s: Fastest of the clean laps, simulated seconds; None without one.
+        progress: Their mean, percent of a lap; None without an evaluation.
+        best_lap_s: Fastest clean lap, simulated seconds; None without one.
         size_bytes: All its files.
         problem: What is wrong with it; empty if nothing is known.
         form: `tensorflow` for a checkpoint of DeepRacer-for-Cloud or a console, else `drcli`.
-        median_s: Median time of the clean laps; None without one, or if it is unknown.
+        median_s: Median time of the clean laps; None if unknown.
         untaught: Whether its camera policy has not learned yet, because a teacher comes first.
     """
 
@@ -63,7 +63,7 @@ class MilestoneEntry:
         checkpoint: Name of its checkpoint.
         laps: Clean laps of its evaluation.
         episodes: Episodes of its evaluation.
-        best_lap_s: Fastest of the clean laps, simulated seconds.
+        best_lap_s: Fastest clean lap, simulated seconds.
         kept: Whether the checkpoint is still there.
     """
 
@@ -82,7 +82,7 @@ class CheckpointList:
     Attributes:
         model: As s3://bucket/prefix.
         checkpoints: All that are there, oldest first.
-        milestones: Those that were reached, also where the checkpoint was deleted.
+        milestones: Those that were reached, also by a deleted checkpoint.
         not_reached: The words of the others.
         size_bytes: Of all checkpoints.
         damaged: What is wrong with each damaged object, and what to do about it; what the list
@@ -100,7 +100,7 @@ class CheckpointList:
 def list_checkpoints(
     config: ModelConfig, bucket: Bucket, prefix: str, *, check: bool = False
 ) -> CheckpointList:
-    """List the checkpoints of a model; with `check`, their files are read and compared.
+    """List the checkpoints of a model; with `check`, their files are compared.
 
     Raises:
         SettingsError: There is no such model.
@@ -188,7 +188,6 @@ def _mean(progress: list[float]) -> float | None:
 
 
 def _sizes(has: ModelCheckpoints) -> dict[CheckpointName, int]:
-    """Size of all files of each checkpoint, its graph included."""
     sizes = dict.fromkeys(has.names, 0)
     graphs = {keys.checkpoint_graph(has.prefix, name.number): name for name in has.names}
     for info in has.listed:

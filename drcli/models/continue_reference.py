@@ -1,4 +1,4 @@
-"""Lets a training go on from a TensorFlow checkpoint: it becomes one of ours beside it."""
+"""Continues a TensorFlow checkpoint, which becomes one of ours beside it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -20,11 +20,7 @@ from drcli.store.model_kind import is_tensorflow
 
 @dataclass(frozen=True)
 class Conversion:
-    """The newest TensorFlow checkpoint of a model as one of ours; nothing is written yet.
-
-    Attributes:
-        best: The best checkpoint as DeepRacer-for-Cloud judged it; None if unknown or the same.
-    """
+    """The newest TensorFlow checkpoint as one of ours; nothing is written yet."""
 
     bucket: Bucket
     prefix: str
@@ -33,12 +29,10 @@ class Conversion:
 
     @property
     def name(self) -> str:
-        """Of the checkpoint."""
         return self.checkpoint.record.name
 
     @property
     def design(self) -> Design:
-        """What the policy in the checkpoint is, whatever the model's files say about it."""
         inputs = self.checkpoint.record.counters.inputs
         files = {name: text.encode() for name, text in inputs.items()}
         metadata, parameters = keys.MODEL_METADATA_FILE, keys.HYPERPARAMETERS_FILE
@@ -51,10 +45,7 @@ class Conversion:
         )
 
     def own_files(self, files: Mapping[str, InputFile]) -> dict[str, InputFile]:
-        """Those of the racer's files that are the model's own, as they describe its policy.
-
-        The reference ignores some of their values, such as `stack_size`.
-        """
+        """Corrected by the policy: the reference ignores some values, such as `stack_size`."""
         own = {
             keys.MODEL_METADATA_FILE: keys.model_metadata(self.prefix),
             keys.HYPERPARAMETERS_FILE: keys.hyperparameters(self.prefix),
@@ -67,7 +58,6 @@ class Conversion:
 
     @property
     def sentence(self) -> str:
-        """What the racer should know."""
         best = ""
         if self.best is not None:
             best = (
@@ -80,7 +70,6 @@ class Conversion:
         )
 
     def write(self) -> None:
-        """Write the checkpoint beside the files of the reference, which all stay."""
         record = self.checkpoint.record
         CheckpointStore(self.bucket, self.prefix).save(
             record.number, record.steps, self.checkpoint.tensors, counters=record.counters
@@ -90,13 +79,12 @@ class Conversion:
 
 
 def plan_conversion(bucket: Bucket, prefix: str) -> Conversion | None:
-    """Read the newest checkpoint of a model if it is TensorFlow's; None if it is ours, or missing.
+    """Read the newest checkpoint if it is TensorFlow's, else None.
 
-    The newest is the one that the pointer names or, as in the reference, the one of the highest
-    number if that is not complete.
+    The pointer names it or, if that is incomplete, it has the highest number, as in the reference.
 
     Raises:
-        DrError: It cannot be read, or is not a policy that can be trained here.
+        DrError: It cannot be read or trained here.
     """
     listed = bucket.list(keys.model_folder(prefix))
     names = {keys.checkpoint_of(prefix, info.key) for info in listed}

@@ -24,7 +24,6 @@ from drcli.store.verify import Checksums
 from drcli.store.write_probe import prove_writing
 
 BACKUP = ".bak"
-"""End of the name under which an overwritten file is kept."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +35,8 @@ class CustomFilesReport:
         place: The folder in the bucket, an s3:// address.
         copied: Names of the files that were copied, below both.
         unchanged: Names of the files that were the same.
-        refused: Names that were not copied: objects whose name is not a valid path in the folder,
-            and files whose name is not UTF-8.
+        refused: Names that were not copied: objects that are not a valid path in the folder, and
+            files whose name is not UTF-8.
     """
 
     folder: str
@@ -50,11 +49,11 @@ class CustomFilesReport:
 def upload_custom_files(
     config: CustomFilesConfig, storage: StorageConfig, say: Callable[[str], None]
 ) -> CustomFilesReport:
-    """Copy all files in `custom_files/` of the working folder, or of the experiment.
+    """Copy `custom_files/` to the bucket.
 
     Raises:
-        SettingsError: There is no such folder, or a file in it cannot be read.
-        StorageError: The bucket cannot be written; then nothing was copied.
+        SettingsError: The folder or a file cannot be read.
+        StorageError: The bucket cannot be written; nothing was copied.
     """
     folder, bucket = config.folder, open_bucket(storage, patience_s=COMMAND_PATIENCE_S)
     place = f"s3://{bucket.name}/{config.prefix}"
@@ -89,7 +88,7 @@ def upload_custom_files(
 def download_custom_files(
     config: CustomFilesConfig, storage: StorageConfig, say: Callable[[str], None]
 ) -> CustomFilesReport:
-    """Copy everything back; a file that was different is kept as `NAME.bak`."""
+    """Keeps an old file that differs as `NAME.bak`."""
     folder, bucket = config.folder, open_bucket(storage, patience_s=COMMAND_PATIENCE_S)
     place = f"s3://{bucket.name}/{config.prefix}"
     say(f"Downloading files from {place}")
@@ -107,11 +106,7 @@ def download_custom_files(
 
 
 def write_own_files(bucket: Bucket, prefix: str, folder: Path) -> list[str]:
-    """Copy the three files that the last checkpoint of a model was made from to the racer's folder.
-
-    Returns:
-        The paths of those that have changed; each old one is kept as `NAME.bak`.
-    """
+    """Copy the last checkpoint's files to the racer's folder; returns changed paths."""
     files = {
         keys.REWARD_FUNCTION_FILE: bucket.get(keys.reward_function(prefix)),
         **own_files(bucket, prefix, str(CheckpointStore(bucket, prefix).pointed())),
@@ -120,11 +115,7 @@ def write_own_files(bucket: Bucket, prefix: str, folder: Path) -> list[str]:
 
 
 def write_file(path: Path, data: bytes) -> bool:
-    """Write a file in one step and keep the old one as `NAME.bak`.
-
-    Returns:
-        False if nothing has changed.
-    """
+    """Write in one step, keep the old file as `NAME.bak`; False if equal."""
     try:
         if path.is_file():
             if path.read_bytes() == data:
@@ -141,7 +132,6 @@ def write_file(path: Path, data: bytes) -> bool:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """The racer's own files in the folder and all folders inside it."""
     for parent, below, names in os.walk(folder, onerror=_refuse):
         below[:] = [name for name in below if not is_left_behind(name)]
         for name in names:
@@ -151,7 +141,6 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _is_file(path: Path) -> bool:
-    """Whether this is a file, not a pipe or a broken link."""
     try:
         return stat.S_ISREG(path.stat().st_mode)
     except OSError as e:
@@ -175,7 +164,6 @@ def _refuse(error: OSError, path: Path | None = None) -> NoReturn:
 
 
 def _is_inside(name: str) -> bool:
-    """Whether a name of the bucket leads to a file in the folder, not outside it."""
     parts = PurePosixPath(name).parts
     plain = "\\" not in name and "\0" not in name
     return plain and not name.startswith("/") and ".." not in parts

@@ -1,4 +1,4 @@
-"""Downloads a whole model from another bucket, even while a training changes it there."""
+"""Downloads a model from another bucket, even during a training there."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -46,10 +46,7 @@ from drcli.store.write_probe import prove_writing
 
 @dataclass(frozen=True)
 class DownloadOptions:
-    """Options of the command: `url` names the model, `prefix` is its name in our bucket.
-
-    The address may be the path of a folder or archive on this machine.
-    """
+    """`url` may be a local path; `prefix` is the name in our bucket."""
 
     url: str
     prefix: str
@@ -61,12 +58,6 @@ class DownloadOptions:
 
 @dataclass(frozen=True)
 class PlannedDownload:
-    """A download that passed all checks.
-
-    Attributes:
-        used: How many objects are at the target.
-    """
-
     options: DownloadOptions
     source_url: str
     target_url: str
@@ -87,11 +78,7 @@ class DownloadReport(TransferReport):
 
 
 def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownload:
-    """Check both ends; nothing is copied yet.
-
-    Raises:
-        DrError: The first thing that is wrong.
-    """
+    """Check both ends; raises DrError."""
     options = replace(options, prefix=checked_prefix(options.prefix, "-t"))
     source = _source(settings, options, patience_s=COMMAND_PATIENCE_S)
     list_whole(source)
@@ -112,12 +99,12 @@ def plan_download(settings: Settings, options: DownloadOptions) -> PlannedDownlo
 
 
 def download(planned: PlannedDownload, settings: Settings, progress: Progress) -> DownloadReport:
-    """Make the download, once the source was found complete.
+    """Make the download, once the source is complete.
 
-    The copy has no index until everything is there, so nobody can use an incomplete one.
+    The index comes last, so nobody uses an incomplete copy.
 
     Raises:
-        DrError: It failed; the next download fetches only what is missing.
+        DrError: It failed; the next one fetches only the rest.
     """
     options = planned.options
     source = _source(settings, options, patience_s=COPY_PATIENCE_S)
@@ -161,7 +148,6 @@ def _rehearsed(
     listed: Listing,
     options: DownloadOptions,
 ) -> DownloadReport:
-    """The report of a dry run."""
     names = {info.key.removeprefix(source.folder): info for info in listed}
     new = {name: info for name, info in names.items() if not delivery.has(name, info)}
     others = delivery.strays("", names)
@@ -176,7 +162,6 @@ def _rehearsed(
 
 
 def _source(settings: Settings, options: DownloadOptions, *, patience_s: float) -> Source:
-    """The model at the address of the options."""
     if options.url and Path(options.url).expanduser().exists():
         return source_on_disk(open_source(settings.transfer, options.url, local=False))
     name, prefix = parse_url(options.url)
@@ -194,16 +179,13 @@ def _last(bucket: Bucket, prefix: str) -> str:
 
 
 def _fetch(source: Source, delivery: Delivery, listed: Listing, watch: Watch) -> list[Item]:
-    """Deliver everything except the pointers.
+    """Deliver everything but the pointers, which it returns.
 
-    A training that runs at the source deletes old checkpoints and writes new ones. So this skips
-    deleted objects and fetches new ones, until the pointers name only delivered checkpoints.
-
-    Returns:
-        The pointers.
+    A training at the source deletes and writes checkpoints, so this repeats until the pointers name
+    only delivered ones.
 
     Raises:
-        StorageError: They name a checkpoint that stays incomplete.
+        StorageError: One stays incomplete.
     """
     missing: list[str] = []
     for _ in range(SNAPSHOTS):
@@ -238,11 +220,6 @@ def _items(source: Source, delivery: Delivery, listed: Listing, watch: Watch) ->
 
 
 def _missing(source: Source, delivery: Delivery, pointers: list[Item]) -> list[str]:
-    """Keys of missing files of the checkpoints that the pointers name.
-
-    Raises:
-        ObjectDamaged: A complete checkpoint is damaged.
-    """
     here, prefix = delivery.bucket, delivery.prefix
     listed = here.list(keys.model_folder(prefix))
     missing: list[str] = []

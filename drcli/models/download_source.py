@@ -1,7 +1,4 @@
-"""A model in another bucket as a download sees it: its objects, its pointers, and their damage.
-
-A training may change it there at any time.
-"""
+"""A model in another bucket, where a training may change it."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,20 +18,13 @@ from drcli.store.model_kind import import_command, kind_of
 from drcli.store.reconstruct import readable_records, reconstruct_scores
 
 TRANSIENT = ("model/.ready", "model/.lock", "model/.finished", "ip/ip.json", "ip/done")
-"""Signals of a training that runs elsewhere; a copy of them would mislead the next one here."""
+"""Signals of a training elsewhere would mislead the next one here."""
 
 SNAPSHOTS = 5
-"""How often a model is listed again because a running training has changed it."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A model to download, and the command that lists the models of its bucket.
-
-    Attributes:
-        file: The folder or archive that stands for a bucket; empty for a real one.
-    """
-
     bucket: Bucket
     prefix: str
     listing: str
@@ -43,20 +33,18 @@ class Source:
 
     @property
     def folder(self) -> str:
-        """The common beginning of all keys of the model."""
         return keys.folder(self.prefix)
 
     @property
     def url(self) -> str:
-        """Bucket and prefix, or the path of a folder or archive."""
         return self.file or f"s3://{self.bucket.name}/{self.prefix}"
 
 
 def list_model(source: Source) -> Listing:
-    """List all objects of a model.
+    """All objects of a model.
 
     Raises:
-        SettingsError: It does not exist, or lacks one of the racer's files.
+        SettingsError: It is missing, or lacks one of the racer's files.
     """
     listed = [
         info
@@ -83,7 +71,6 @@ def list_model(source: Source) -> Listing:
 
 
 def _is_in_checkpoints(source: Source, name: str) -> bool:
-    """Whether a checkpoint has a copy of a file, which can replace an empty one."""
     records = readable_records(source.bucket, source.prefix)
     file = name.rpartition("/")[2]
     return any(file in record.counters.inputs for record in records)
@@ -92,11 +79,10 @@ def _is_in_checkpoints(source: Source, name: str) -> bool:
 def list_whole(source: Source) -> Listing:
     """List a model once its pointers name only complete checkpoints.
 
-    A training that runs there may delete a checkpoint between two looks. It writes the pointers
-    last, so they are read first.
+    Training writes pointers last, so they are read first.
 
     Raises:
-        StorageError: A pointer is damaged, or names a checkpoint that stays incomplete.
+        StorageError: A pointer is damaged, or its checkpoint stays incomplete.
     """
     missing: list[str] = []
     for _ in range(SNAPSHOTS):
@@ -109,11 +95,7 @@ def list_whole(source: Source) -> Listing:
 
 
 def check_weights(source: Source) -> None:
-    """Read the checkpoints that the pointers name, before the model at the target is given up.
-
-    Raises:
-        ObjectDamaged: One of them is damaged.
-    """
+    """Raise ObjectDamaged, before the target's model is given up."""
     store = CheckpointStore(source.bucket, source.prefix)
     for name in sorted(named(read_pointers(source), source)):
         # A training that runs there may just have deleted it; the download looks again.
@@ -122,11 +104,7 @@ def check_weights(source: Source) -> None:
 
 
 def check_checkpoint(store: CheckpointStore, name: str, source: Source) -> None:
-    """Warn of a damaged record, which the copy gets again from the weights.
-
-    Raises:
-        ObjectDamaged: The weights are damaged.
-    """
+    """Warn of a damaged record; raise ObjectDamaged for weights."""
     try:
         store.record(name)
     except ObjectDamaged as e:
@@ -142,7 +120,7 @@ def check_checkpoint(store: CheckpointStore, name: str, source: Source) -> None:
 
 
 def read_pointers(source: Source) -> list[Item]:
-    """The pointers that exist; a damaged one is reconstructed from the checkpoints."""
+    """Damaged ones are reconstructed from the checkpoints."""
     found = []
     for name in POINTERS:
         if not source.bucket.exists(source.folder + name):
@@ -162,7 +140,6 @@ def read_pointers(source: Source) -> list[Item]:
 
 
 def incomplete(source: Source, missing: str) -> StorageError:
-    """The error for a model whose pointers name a checkpoint that lacks an object."""
     return StorageError(
         f"The checkpoint at {source.url} is incomplete: {missing} is missing.",
         remedy="If it is being trained, run the command again; otherwise fetch another model.",
@@ -170,7 +147,6 @@ def incomplete(source: Source, missing: str) -> StorageError:
 
 
 def named(pointers: list[Item], source: Source) -> set[str]:
-    """Checkpoints that the pointers name."""
     names = set()
     for item in pointers:
         try:

@@ -1,4 +1,4 @@
-"""Makes the archive that the physical car loads, and copies it to a bucket."""
+"""Makes the archive that the physical car loads, and uploads it."""
 
 import re
 from collections.abc import Callable
@@ -34,15 +34,12 @@ from drcli.store.connect import COMMAND_PATIENCE_S
 from drcli.store.write_probe import prove_writing
 
 CAR_FILE = "carfile.tar.gz"
-"""The name that scripts for the reference look for."""
+"""Scripts for the reference look for it."""
 
 _NUMBERED = re.compile(r"-chk\d+" + re.escape(END) + r"\Z")
 
 FRAMES = 200
-"""Observations on which a graph is compared with its network."""
-
 Compare = Callable[[RaceConfig, ExportSource, bytes], GraphComparison]
-"""Drives on the track of a race with a checkpoint, and compares it with a graph."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +50,12 @@ class CarReport:
         source: The model, as an s3:// address.
         choice: last, best, the word of a milestone, or the requested number.
         checkpoint: Name of its checkpoint.
-        metric: Mean score of the checkpoint's evaluation; null if it was not evaluated.
+        metric: Mean score of its evaluation; null without one.
         files: Where the archive is: a path, or s3:// addresses.
         size_bytes: Size of the archive.
         world: The track on which its graph was compared with the weights.
-        frames: Number of camera frames that were compared.
-        same_actions: In how many of them both chose the same action.
+        frames: Number of compared camera frames.
+        same_actions: In how many both chose the same action.
         greatest_difference: Of any output: a probability, or a continuous action from -1 to 1.
         actions: The actions as the car drives them.
         problems: What the car does differently, or cannot do.
@@ -90,7 +87,7 @@ class ArchiveReport:
         file: The archive.
         errors: Why the car refuses it, or cannot drive it.
         warnings: What the car does differently.
-        actions: The actions as the car drives them; empty if it cannot read them.
+        actions: The actions as the car drives them; empty if unreadable.
     """
 
     file: str
@@ -106,11 +103,6 @@ class ArchiveReport:
 
 @dataclass(frozen=True)
 class CarExport:
-    """An archive in memory, which passed all checks, and the report on it.
-
-    `best` is the name of the model's best checkpoint, None if that is not known.
-    """
-
     archive: bytes
     report: CarReport
     best: str | None = None
@@ -121,16 +113,9 @@ def export_car(
 ) -> CarExport:
     """Make the archive of a checkpoint, and check it by the car's rules and on real frames.
 
-    Args:
-        settings: Name a track, if that of the model is not known or not installed.
-        source: The checkpoint.
-        file_name: Of the archive.
-        compare: Runs the comparison.
-
     Raises:
         ProblemsError: The car cannot drive the model.
-        SettingsError: The weights do not fit the parameter files, or the graph computes something
-            else than the network.
+        SettingsError: The weights do not fit, or graph and network differ.
     """
     design = source.design
     metadata, parameters = design.metadata, design.parameters
@@ -168,11 +153,7 @@ def export_car(
 
 
 def check_archive(path: Path) -> ArchiveReport:
-    """Check an archive on this machine by the rules of the car.
-
-    Raises:
-        SettingsError: The file cannot be read, or is far too large.
-    """
+    """Check by the car's rules; SettingsError if unreadable or far too large."""
     check = check_car_archive(read_packed(path), str(path))
     return ArchiveReport(
         str(path),
@@ -183,16 +164,10 @@ def check_archive(path: Path) -> ArchiveReport:
 
 
 def archive_path(out: Path | None, source_name: str, *, force: bool = False) -> Path:
-    """Where to write an archive: a file of a name that the car takes.
-
-    Args:
-        out: A file; or a folder, which need not exist if its name has no dot; None for the current
-            folder.
-        source_name: Of the model.
-        force: Whether a file there may be replaced.
+    """A file of a name that the car takes; `out` is a file or folder.
 
     Raises:
-        ProblemsError: The car does not take a file of that name.
+        ProblemsError: The car does not take such a name.
         SettingsError: There is a file already.
     """
     path = Path() if out is None else out
@@ -204,11 +179,7 @@ def archive_path(out: Path | None, source_name: str, *, force: bool = False) -> 
 
 
 def write_archive(export: CarExport, path: Path) -> CarReport:
-    """Write the archive to a file, whole or not at all.
-
-    Raises:
-        SettingsError: The file or its folder cannot be written.
-    """
+    """Write it whole or not at all; raises SettingsError."""
     try:
         make_folder(path.parent)
     except OSError as e:
@@ -222,8 +193,6 @@ def write_archive(export: CarExport, path: Path) -> CarReport:
 
 @dataclass(frozen=True)
 class CarTarget:
-    """Where archives go: a bucket of uploads or our own, and a prefix there; what stays there."""
-
     settings: Settings
     retention: Retention
     prefix: str
@@ -241,13 +210,6 @@ def plan_car_upload(
 ) -> CarTarget:
     """Check that archives can be uploaded, before one is made.
 
-    Args:
-        settings: Name the bucket, and the prefix unless `prefix` does.
-        prefix: The model to upload, under whose own name the archive goes then.
-        local: Whether to upload into our own bucket.
-        dry_run: Whether nothing may be written.
-        retention: Which numbered archives stay there.
-
     Raises:
         DrError: There is no such bucket, or it does not take objects.
     """
@@ -264,10 +226,7 @@ def plan_car_upload(
 
 
 def upload_names(source: ExportSource, *, numbered: bool, only_numbered: bool = False) -> list[str]:
-    """Names of an archive below its target: two that scripts look for, and one of its own.
-
-    With `only_numbered`, the name of the model alone is left out.
-    """
+    """Two names that scripts look for, and one of its own."""
     plain = car_file_name(source.file_name)
     names = [CAR_FILE] if only_numbered else [CAR_FILE, plain]
     if numbered or only_numbered:
@@ -278,13 +237,7 @@ def upload_names(source: ExportSource, *, numbered: bool, only_numbered: bool = 
 def upload_archive(
     export: CarExport, target: CarTarget, names: list[str], progress: Progress, *, dry_run: bool
 ) -> CarReport:
-    """Upload the archive under several names, and check that it arrived.
-
-    If one of them has a number, the numbered archives that do not stay are deleted.
-
-    Raises:
-        StorageError: It did not.
-    """
+    """Upload and check it, delete old ones; raises StorageError."""
     report = replace(export.report, files=[f"{target.url}/{name}" for name in names])
     if dry_run:
         return replace(report, dry_run=True)
@@ -308,7 +261,6 @@ def upload_archive(
 
 
 def _race(settings: Settings, source: ExportSource) -> RaceConfig:
-    """An installed track for the comparison: the model's own, else that of the settings."""
     race = settings.race
     own = race if source.world is None else race.replaced(world_name=source.world)
     if is_installed(own):

@@ -1,4 +1,4 @@
-"""Exports a checkpoint in the form that the reference simulator trains on and evaluates."""
+"""Exports a checkpoint for the reference simulator."""
 
 from dataclasses import dataclass, field
 
@@ -27,16 +27,6 @@ _NOT_VERIFIED = ("The reference simulator itself has not loaded this checkpoint.
 
 @dataclass(frozen=True)
 class CheckpointExport:
-    """The files of an export, in memory.
-
-    Attributes:
-        source: What was exported.
-        items: All files but the pointers; names are below the model's prefix or folder.
-        score: Of the checkpoint, as the pointers have it.
-        notes: What a racer should know.
-        verified: What was checked, in sentences.
-    """
-
     source: ExportSource
     items: list[Item]
     score: Score
@@ -57,7 +47,7 @@ class ExportReport:
         archive: The same files as an archive; None without one.
         notes: What a racer should know.
         verified: What was checked.
-        not_verified: What was not checked, because it needs the other system.
+        not_verified: What was not, because it needs the other system.
     """
 
     source: str
@@ -72,11 +62,7 @@ class ExportReport:
 
 
 def read_checkpoint_export(settings: Settings, selection: Selection) -> CheckpointExport:
-    """Choose a checkpoint and write its files in memory.
-
-    Raises:
-        DrError: There is none, or the reference cannot use its network.
-    """
+    """Make the files in memory; DrError if the reference cannot use them."""
     from drcli.formats.training_checkpoint import encode_training_checkpoint
 
     source = read_export_source(settings, selection)
@@ -103,17 +89,16 @@ def read_checkpoint_export(settings: Settings, selection: Selection) -> Checkpoi
 def export_checkpoint(
     exported: CheckpointExport, target: ExportTarget, progress: Progress
 ) -> ExportReport:
-    """Write the files of an export to a folder or a bucket, the pointers last.
+    """Write the files, the pointers last.
 
     Raises:
-        DrError: The target cannot be written; it then has no pointers, or its old files.
+        DrError: It failed; the target has no pointers, or its old files.
     """
     write_items(target, exported.items, exported.score, progress)
     return report_of(exported, target.shown)
 
 
 def report_of(exported: CheckpointExport, target: str) -> ExportReport:
-    """What an export has written."""
     items = [*exported.items, *pointer_items(exported.score)]
     return ExportReport(
         source=exported.source.url,
@@ -128,12 +113,11 @@ def report_of(exported: CheckpointExport, target: str) -> ExportReport:
 
 
 def checkpoint_state(name: str) -> bytes:
-    """The text file `checkpoint`, from which TensorFlow and the old console take the newest one."""
+    """The file in which TensorFlow and the old console look."""
     return f'model_checkpoint_path: "{name}"\nall_model_checkpoint_paths: "{name}"\n'.encode()
 
 
 def _reward_function(settings: Settings, prefix: str) -> bytes | None:
-    """The reward function of a model, None if it has none; the settings can name another place."""
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     places = [keys.reward_function(prefix)]
     if prefix == settings.model.prefix:

@@ -1,4 +1,4 @@
-"""Exports a model in the form that DeepRacer on AWS imports: a folder and an archive."""
+"""Exports a model for DeepRacer on AWS: a folder and an archive."""
 
 import gzip
 import io
@@ -46,13 +46,11 @@ _KEYS = (
     "term_cond_avg_score",
     "term_cond_max_episodes",
 )
-"""The hyperparameters of PPO there; ours has more, which its trainer would not use."""
-
 _LOSSES = {"mean squared error": "mean_squared_error"}
-"""Names of loss_type there, where they are others. Its trainer takes all but `huber` for this."""
+"""Everything but `huber` counts as this."""
 
 _LEVEL = 1
-"""Of gzip: weights hardly get smaller, whatever the time."""
+"""More hardly makes weights smaller."""
 
 _NOT_VERIFIED = (
     "DeepRacer on AWS has not imported this model. Its rules were read in its source of November "
@@ -63,17 +61,7 @@ _NOT_VERIFIED = (
 def read_droa_export(
     settings: Settings, selection: Selection, world: str | None
 ) -> CheckpointExport:
-    """Choose a checkpoint and write all files of the import in memory.
-
-    Args:
-        settings: Of the working folder.
-        selection: Which checkpoint.
-        world: The track to name instead of the one in the model's parameters; it may end in `_cw`
-            or `_ccw`.
-
-    Raises:
-        DrError: The model lacks a file, or cannot be imported there.
-    """
+    """All files in memory; `world` may end in `_cw` or `_ccw`. Raises DrError."""
     exported = read_checkpoint_export(settings, selection)
     prefix = exported.source.prefix
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
@@ -109,11 +97,7 @@ def export_droa(
     archive: Path | None,
     progress: Progress,
 ) -> ExportReport:
-    """Write the folder (or the objects of a bucket) and the archive.
-
-    Raises:
-        DrError: One of them cannot be written.
-    """
+    """Write folder (or objects) and archive; raises DrError."""
     if target is not None:
         write_items(target, exported.items, exported.score, progress)
     if archive is not None:
@@ -128,7 +112,6 @@ def export_droa(
 
 
 def package_files(exported: CheckpointExport) -> dict[str, bytes]:
-    """All files of an import by name, the two that name the checkpoint last."""
     items = [*exported.items, *pointer_items(exported.score)]
     return {item.name: item.data for item in items}
 
@@ -136,10 +119,6 @@ def package_files(exported: CheckpointExport) -> dict[str, bytes]:
 def _parameters(
     settings: Settings, bucket: Bucket, prefix: str, world: str | None
 ) -> tuple[bytes, list[str]]:
-    """training_params.yaml with the types, the track and the direction that are asked for there.
-
-    Also returns what a racer should know about the track.
-    """
     key = keys.parameter_file(prefix, settings.model.parameters_file)
     written = bucket.get(key) if bucket.exists(key) else training_parameters(settings)
     try:
@@ -173,7 +152,6 @@ def _world_name(parameters: bytes) -> str:
 
 
 def _route(settings: Settings, world: str) -> Direction | None:
-    """How the route of a track runs here; None if it is not known here, or is no loop."""
     from drcli.tracks.tracks_folder import show_track
 
     try:
@@ -192,7 +170,6 @@ def _hyperparameters(parameters: Hyperparameters) -> bytes:
 
 
 def _metrics(settings: Settings, bucket: Bucket, prefix: str) -> tuple[list[EpisodeMetrics], str]:
-    """The episodes of all workers in order of iteration and time, and the metric of the best."""
     folders = [keys.metrics_prefix(prefix)]
     if prefix == settings.model.prefix:
         folders.append(settings.model.metrics_prefix)
@@ -215,7 +192,7 @@ def _metrics(settings: Settings, bucket: Bucket, prefix: str) -> tuple[list[Epis
 def _training_metrics(
     records: Sequence[EpisodeMetrics], metric: str, exported: CheckpointExport
 ) -> Item:
-    """The only file of metrics that is looked for there, with the reference's keys only."""
+    """No other metrics are read there, and no keys of ours."""
     plain = [replace(record, iteration=None) for record in records]
     stamp = datetime.now(UTC).strftime("%Y%m%d%H%M%S")
     name = f"training-{stamp}-{exported.source.chosen.number}.json"
@@ -223,7 +200,6 @@ def _training_metrics(
 
 
 def _archive(exported: CheckpointExport) -> bytes:
-    """A .tar.gz with the files at its root; equal files give equal bytes."""
     packed = io.BytesIO()
     with (
         gzip.GzipFile(fileobj=packed, mode="wb", compresslevel=_LEVEL, mtime=0) as zipped,

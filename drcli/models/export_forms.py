@@ -1,4 +1,4 @@
-"""Exports a checkpoint as a single policy that other engines run: pb, onnx, tflite, openvino."""
+"""Exports a checkpoint as a policy for other engines: pb, onnx, tflite, openvino."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,6 @@ SUFFIXES: dict[Form, str] = {
     "openvino": ".xml",
     "tflite": ".tflite",
 }
-"""How the name of each form's file ends; OpenVINO has a second one."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,7 @@ class FormReport:
         size_bytes: Of all of them.
         engine: What ran the file to compare it with PyTorch.
         frames: Pictures that were compared.
-        same_actions: Share of them with the same likeliest action; 1 for continuous actions.
+        same_actions: Share with the same likeliest action; 1 for continuous actions.
         greatest_difference: Of a probability, or of a continuous action.
     """
 
@@ -52,8 +51,6 @@ class FormReport:
 
 @dataclass(frozen=True)
 class PlannedForm:
-    """A checkpoint that was read, and the file that it becomes."""
-
     form: Form
     source: ExportSource
     path: Path
@@ -69,18 +66,10 @@ def plan_form(
     fp16: bool = False,
     force: bool = False,
 ) -> PlannedForm:
-    """Choose a checkpoint and the file to write; nothing is written.
-
-    Args:
-        settings: With the bucket and the model.
-        selection: The checkpoint.
-        form: The form.
-        out: The file, or a folder for it; None for NAME-chkN in the current folder.
-        fp16: Whether OpenVINO's weights are stored in half precision.
-        force: Whether files may be replaced.
+    """Choose checkpoint and file; nothing is written.
 
     Raises:
-        SettingsError: The model, the checkpoint or the file cannot be used.
+        SettingsError: One of them cannot be used.
         NotAvailable: A converter is not installed.
     """
     from drcli.formats.policy_engines import check_converter
@@ -105,10 +94,10 @@ def plan_form(
 
 
 def export_form(planned: PlannedForm) -> FormReport:
-    """Write the policy with its metadata beside it, after it gave the same actions as PyTorch.
+    """Write the policy, once it gave the same actions as PyTorch.
 
     Raises:
-        SettingsError: It gave others, or cannot be written.
+        SettingsError: It did not, or cannot be written.
         NotAvailable: A converter or engine is not installed.
     """
     from drcli.formats.write_form import write_form
@@ -136,7 +125,6 @@ def export_form(planned: PlannedForm) -> FormReport:
 
 
 def _paths(form: Form, path: Path) -> list[Path]:
-    """All files of a policy."""
     return [path, path.with_suffix(".bin")] if form == "openvino" else [path]
 
 

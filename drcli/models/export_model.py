@@ -1,4 +1,4 @@
-"""Chooses the checkpoint of a model that is exported to another format, and reads what it needs."""
+"""Reads the checkpoint of a model that is to be exported."""
 
 from dataclasses import dataclass
 
@@ -29,32 +29,22 @@ from drcli.store.repair import Model
 _WORLD = "DR_WORLD_NAME"
 
 _PICKS = 5
-"""How often another checkpoint is chosen because a running training has deleted the last one."""
+"""A training may delete the last checkpoint."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Which checkpoint to export; without `prefix`, one of the model in the settings."""
-
     choice: CheckpointChoice = "best"
     prefix: str | None = None
 
 
 @dataclass(frozen=True)
 class ExportSource:
-    """A checkpoint of a model that was trained or imported here.
+    """A checkpoint that was trained or imported here.
 
     Attributes:
-        bucket: Name of the bucket.
-        prefix: The model.
-        chosen: Name, number and score of the checkpoint.
-        design: The model's parameter files, as values and as bytes.
-        weights: The weights, a safetensors file.
-        origin: Address of the weights, for messages.
-        world: DR_WORLD_NAME of its training; None if that is not known.
-        best: Name of the best checkpoint of the model; None if that is not known.
-        graph: The frozen graph of a TensorFlow checkpoint, as the reference wrote it; None for a
-            checkpoint of ours.
+        weights: Safetensors.
+        graph: The reference's frozen graph; None for ours.
     """
 
     bucket: str
@@ -69,21 +59,18 @@ class ExportSource:
 
     @property
     def url(self) -> str:
-        """Bucket and prefix."""
         return f"s3://{self.bucket}/{self.prefix}"
 
     @property
     def file_name(self) -> str:
-        """The model as part of the name of a file."""
         return safe_name(self.prefix)
 
 
 def read_export_source(settings: Settings, selection: Selection) -> ExportSource:
-    """Read a checkpoint of a model in our own bucket, even while it is being trained.
+    """Read from our own bucket, even during a training.
 
     Raises:
-        SettingsError: The model, the checkpoint or a parameter file does not exist or cannot be
-            used.
+        SettingsError: Model, checkpoint or parameters cannot be used.
         StorageError: The bucket cannot be read, or the checkpoint is damaged.
     """
     prefix = selection.prefix
@@ -133,7 +120,6 @@ def _design(bucket: Bucket, prefix: str, record: CheckpointRecord) -> Design:
 
 
 def _world(bucket: Bucket, prefix: str) -> str | None:
-    """The track that a model was last trained on; None without a readable record of it."""
     try:
         start = read_start(bucket, prefix)
     except (ObjectDamaged, ObjectNewer):

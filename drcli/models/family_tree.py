@@ -1,4 +1,4 @@
-"""Which training began with the weights of which: the family tree of models."""
+"""Which training began with the weights of which."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from drcli.models.training_list import KnownTrainings
 from drcli.store import keys
 
 _PLACES = ("DR_LOCAL_S3_", "DR_UPLOAD_", "DR_MODEL_DESCRIPTION", "DR_EXPERIMENT_NAME", "DR_EVAL_")
-"""Beginnings of settings that a child always changes, or that do not change how it trains."""
+"""A child always changes these, or they do not affect training."""
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,9 @@ class FamilyMember:
     Attributes:
         model: Prefix of the model.
         depth: How many ancestors it has here.
-        training: The training; None for a model of which nothing is known but its name.
+        training: None for a model of which only the name is known.
         exists: Whether its model is still there.
-        weights: The checkpoint of its parent that it began with; empty for fresh weights.
+        weights: Its parent's checkpoint that it began with; empty for fresh weights.
         changes: What differs from its parent, such as `lr 0.0003 -> 0.0001`.
         asked: Whether it is the training that was asked for.
     """
@@ -52,7 +52,6 @@ class FamilyTree:
 
 
 def family_tree(known: KnownTrainings, of: TrainingRecord | None = None) -> FamilyTree:
-    """The tree of all trainings, or of the family of one of them."""
     parents = {record.id: parent_of(record, known.records) for record in known.records}
     children: dict[str, list[TrainingRecord]] = {}
     strangers: dict[str, list[TrainingRecord]] = {}
@@ -101,10 +100,7 @@ def family_tree(known: KnownTrainings, of: TrainingRecord | None = None) -> Fami
 
 
 def parent_of(record: TrainingRecord, records: Sequence[TrainingRecord]) -> TrainingRecord | None:
-    """The training that made the weights with which another began.
-
-    Where the record does not name it: the newest training of that model that had begun before.
-    """
+    """The recorded one, else the newest of that model that began before."""
     if record.parent is None:
         return None
     of_model = [
@@ -118,7 +114,6 @@ def parent_of(record: TrainingRecord, records: Sequence[TrainingRecord]) -> Trai
 
 
 def changes_of(parent: TrainingRecord, child: TrainingRecord) -> list[str]:
-    """What a training has changed, in a few words each: files first."""
     words = [name for name in changed_files(parent, child) if name != keys.HYPERPARAMETERS_FILE]
     found = differences(parent.hyperparameters, child.hyperparameters)
     if not parent.hyperparameters or not child.hyperparameters:

@@ -1,4 +1,4 @@
-"""Files of a folder or archive as a bucket, for readers that expect one."""
+"""Files of a folder or archive as a bucket."""
 
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
@@ -12,17 +12,10 @@ from drcli.store.bucket import Listing, ObjectInfo, ObjectMissing
 _NEVER = datetime.fromtimestamp(0, UTC)
 
 _MODEL = "model"
-"""Prefix of the model in the bucket that stands for a folder or archive."""
 
 
 class FilesAsBucket:
-    """Reads files by their names; raises TypeError on writing.
-
-    Args:
-        name: What messages call it.
-        sizes: The size of each file by its key.
-        read: Reads one of them.
-    """
+    """Raises TypeError on writing."""
 
     def __init__(self, name: str, sizes: Mapping[str, int], read: Callable[[str], bytes]) -> None:
         self.name = name
@@ -30,7 +23,6 @@ class FilesAsBucket:
         self._read = read
 
     def get(self, key: str, *, watch: object = None) -> bytes:
-        """Read a whole file; ObjectMissing if it does not exist."""
         if key not in self._sizes:
             raise ObjectMissing(f"There is no {key}.", remedy="Check the name.")
         data = self._read(key)
@@ -39,23 +31,18 @@ class FilesAsBucket:
         return data
 
     def get_with_age(self, key: str) -> tuple[bytes, float | None]:
-        """Read a whole file, whose age is unknown."""
         return self.get(key), None
 
     def put(self, key: str, data: bytes, *, watch: object = None) -> None:
-        """Refused."""
         raise TypeError("These files are only read.")
 
     def delete(self, keys: object) -> None:
-        """Refused."""
         raise TypeError("These files are only read.")
 
     def exists(self, key: str) -> bool:
-        """Whether there is a file with this key."""
         return key in self._sizes
 
     def list(self, folder: str) -> Listing:
-        """All files below a folder, sorted by key."""
         return [
             ObjectInfo(key, self._sizes[key], "", _NEVER)
             for key in sorted(self._sizes)
@@ -64,11 +51,7 @@ class FilesAsBucket:
 
 
 def source_on_disk(files: SourceFiles) -> Source:
-    """The model of ours in a folder or archive, which may have it in a folder of its own.
-
-    Raises:
-        SettingsError: There is none, or more than one.
-    """
+    """The model there, maybe in its own folder; SettingsError unless there is one."""
     roots = {
         name.removesuffix(pointer)
         for name in files.sizes

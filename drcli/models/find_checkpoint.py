@@ -1,4 +1,4 @@
-"""Finds the checkpoint to import among the files of a model, and the files that belong to it."""
+"""Finds the checkpoint to import, and the files that belong to it."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -25,21 +25,11 @@ _STATE = re.compile(r'^model_checkpoint_path:\s*"(?:[^"]*/)?([^"/]+)"', re.MULTI
 _LARGEST_NUMBER = 10**9
 
 _MODEL_FOLDERS = ("model", "agent")
-"""Names of the folder of checkpoints inside a model's."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A checkpoint in one form.
-
-    Attributes:
-        form: What its files are.
-        files: Their names: the graph; or the index, then the data files in order.
-        folder: The folder of the files; empty for the top one.
-        name: Number and steps.
-        title: What messages call it.
-        missing: Name of a file that it lacks.
-    """
+    """A checkpoint in one form; an index precedes its data files."""
 
     form: Form
     files: tuple[str, ...]
@@ -50,21 +40,16 @@ class Candidate:
 
     @property
     def root(self) -> str:
-        """The folder of the whole model, with a slash at the end; empty for the top one."""
         parent, _, last = self.folder.rpartition("/")
         root = parent if last in _MODEL_FOLDERS else self.folder
         return f"{root}/" if root else ""
 
 
 def find_checkpoint(source: SourceFiles, wanted: Wanted | None) -> Candidate:
-    """The checkpoint to import.
-
-    Args:
-        source: The files.
-        wanted: Which of several; None for the last one.
+    """The checkpoint to import, by default the last.
 
     Raises:
-        SettingsError: There is none, it is ambiguous or incomplete, or it is one of ours.
+        SettingsError: It is missing, ambiguous, incomplete, or ours.
     """
     if source.fixed is not None and wanted is not None:
         raise SettingsError(
@@ -87,10 +72,9 @@ def find_checkpoint(source: SourceFiles, wanted: Wanted | None) -> Candidate:
 
 
 def belonging(source: SourceFiles, chosen: Candidate, name: str) -> str | None:
-    """The file of this name that belongs to a checkpoint; None if there is none.
+    """The file of this name nearest to a checkpoint, or None.
 
-    The one nearest to the checkpoint counts: `model.<name>` beside `model.pb`, as exports write it,
-    then in its folder, in the model's, in a folder of that.
+    First `model.<name>` beside `model.pb`, as exports write it, then outwards.
     """
     own = f"{PurePosixPath(chosen.title).with_suffix('')}.{name}"
     if own in source.sizes:
@@ -107,7 +91,6 @@ def belonging(source: SourceFiles, chosen: Candidate, name: str) -> str | None:
 
 
 def _candidates(source: SourceFiles) -> list[Candidate]:
-    """All checkpoints that could be imported, complete or not."""
     found = []
     for file in sorted(source.sizes):
         if file.endswith(_INDEX):
@@ -155,7 +138,6 @@ def _graph(source: SourceFiles, file: str) -> Candidate:
 
 
 def _small(name: CheckpointName | None) -> CheckpointName | None:
-    """The name, unless its numbers are impossible."""
     if name is None or max(name.number, name.steps) >= _LARGEST_NUMBER:
         return None
     return name
@@ -174,11 +156,10 @@ def _refuse_none(source: SourceFiles) -> NoReturn:
 
 
 class OwnModel(SettingsError):
-    """A folder or archive that is to be imported was trained by drcli, so it is only copied."""
+    """It was trained by drcli, so it is only copied."""
 
 
 def refuse_ours(source: SourceFiles) -> NoReturn:
-    """Refuse a model that was trained here: nothing needs to be imported."""
     kind = SettingsError if source.is_bucket else OwnModel
     raise kind(
         f"{source.origin} is a model of drcli already.",
@@ -187,10 +168,7 @@ def refuse_ours(source: SourceFiles) -> NoReturn:
 
 
 def _of_one_model(source: SourceFiles, found: list[Candidate]) -> list[Candidate]:
-    """The checkpoints of the one model of a source, those of the best form first.
-
-    TensorFlow's checkpoints are complete; a frozen graph lacks the spread of continuous actions.
-    """
+    """TensorFlow's come first: frozen graphs lack the spread of continuous actions."""
     bundles = [each for each in found if each.form == "TensorFlow checkpoint"]
     graphs = [each for each in found if each.form == "frozen graph"]
     best = bundles or graphs or found
@@ -215,7 +193,6 @@ def _of_one_model(source: SourceFiles, found: list[Candidate]) -> list[Candidate
 
 
 def _chosen(source: SourceFiles, found: Sequence[Candidate], wanted: Wanted | None) -> Candidate:
-    """One of the checkpoints, by its number or as the index says."""
     if isinstance(wanted, int):
         same = [each for each in found if each.name.number == wanted]
         if not same:
@@ -243,7 +220,6 @@ def _chosen(source: SourceFiles, found: Sequence[Candidate], wanted: Wanted | No
 
 
 def _named(source: SourceFiles, found: Sequence[Candidate], name: str, which: str) -> Candidate:
-    """The checkpoint that the index names."""
     parsed = CheckpointName.parse(name)
     exact = [each for each in found if each.title.rpartition("/")[2] == name]
     number = None if parsed is None else parsed.number
@@ -261,7 +237,6 @@ def _named(source: SourceFiles, found: Sequence[Candidate], name: str, which: st
 
 
 def _one(source: SourceFiles, same: Sequence[Candidate]) -> Candidate:
-    """The only checkpoint of the first form, complete ones first."""
     whole = [each for each in same if each.missing is None] or list(same)
     alike = [each for each in whole if each.form == whole[0].form]
     if len(alike) > 1:
@@ -279,7 +254,6 @@ def _numbers(found: Iterable[Candidate]) -> str:
 
 
 def _scores(source: SourceFiles, folder: str) -> Scores | None:
-    """The index of a model; None if it has none, or a damaged one."""
     data = _beside(source, folder, "deepracer_checkpoints.json")
     with suppress(RecordError):
         return None if data is None else Scores.decode(data)
@@ -287,7 +261,6 @@ def _scores(source: SourceFiles, folder: str) -> Scores | None:
 
 
 def _last(source: SourceFiles, folder: str) -> str | None:
-    """The checkpoint that is named as the newest one: by the index, the pointer, the old file."""
     scores = _scores(source, folder)
     if scores is not None:
         return scores.last_checkpoint.name

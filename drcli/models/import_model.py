@@ -1,4 +1,4 @@
-"""Imports a model of another system: its policy, and the files that belong to it."""
+"""Imports a policy of another system, with its files."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -32,15 +32,6 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PlannedImport:
-    """An import that passed all checks: everything that will be written, in memory.
-
-    Attributes:
-        items: All files but the pointers.
-        score: The checkpoint, as the pointers name it.
-        report: What will be reported.
-        used: How many objects are at the target.
-    """
-
     options: ImportOptions
     items: list[Item]
     score: Score
@@ -49,11 +40,7 @@ class PlannedImport:
 
 
 def plan_import(settings: Settings, options: ImportOptions) -> PlannedImport:
-    """Read the source, check it and the target, and make the model in memory.
-
-    Raises:
-        DrError: The first thing that is wrong; nothing was changed.
-    """
+    """Check both ends, and make the model in memory; raises DrError."""
     options = replace(options, prefix=checked_prefix(options.prefix, "-t"))
     source = open_source(settings.transfer, options.source, local=options.local)
     chosen = find_checkpoint(source, options.wanted)
@@ -71,10 +58,10 @@ def plan_import(settings: Settings, options: ImportOptions) -> PlannedImport:
 
 
 def copy_of_own(settings: Settings, options: ImportOptions) -> DownloadOptions:
-    """How the model of ours that `plan_import` has found on this machine is copied.
+    """How a model of ours, found by `plan_import`, is copied.
 
     Raises:
-        SettingsError: There is a model of that name, or only a part of it is wanted.
+        SettingsError: The name is taken, or only a part is wanted.
         StorageError: The bucket cannot be read.
     """
     if options.wanted is not None or options.metadata is not None or options.world is not None:
@@ -96,10 +83,10 @@ def copy_of_own(settings: Settings, options: ImportOptions) -> DownloadOptions:
 
 
 def import_model(planned: PlannedImport, settings: Settings, progress: Progress) -> ImportedModel:
-    """Write the model; without its pointers, nobody can use an incomplete one.
+    """Write the model, the pointers last.
 
     Raises:
-        DrError: It failed; the import can be repeated.
+        DrError: It failed; it can be repeated.
     """
     options, report = planned.options, planned.report
     here = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
@@ -131,7 +118,6 @@ def import_model(planned: PlannedImport, settings: Settings, progress: Progress)
 
 
 def _other_custom_files(settings: Settings, options: ImportOptions, items: list[Item]) -> list[str]:
-    """A warning if the racer's own files would replace the model's when it is trained on."""
     if options.custom_files:
         return []
     folder = settings.custom_files_dir
@@ -157,12 +143,6 @@ def _other_custom_files(settings: Settings, options: ImportOptions, items: list[
 def _check_target(
     settings: Settings, options: ImportOptions, here: Bucket, items: list[Item]
 ) -> int:
-    """Refuse a target that would be damaged; returns how many objects are there.
-
-    Raises:
-        SettingsError: There is another model already, or it is being trained.
-        StorageError: The bucket cannot be written.
-    """
     if options.source.casefold().startswith("s3://") and options.local:
         name, _, prefix = options.source[5:].partition("/")
         if name == here.name:
@@ -190,7 +170,6 @@ def _taken(here: Bucket, prefix: str) -> SettingsError:
 
 
 def _read(source: SourceFiles, chosen: Candidate) -> tuple["ReadPolicy", list[str]]:
-    """The policy of a checkpoint, and what was checked, in sentences."""
     from drcli.formats import imported_policy
 
     origin = source.place(chosen.title)

@@ -1,4 +1,4 @@
-"""Makes the files of a model here from a policy of another system and what came with it."""
+"""Makes a model's files from another system's policy."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,27 +30,17 @@ MODEL = "DR_LOCAL_S3_MODEL_PREFIX"
 WORLD = "DR_WORLD_NAME"
 
 LEARNING_RATE = 3e-4
-"""Greatest `lr` of a model that came without hyperparameters; the reference's default. With 1e-3,
-which the shipped example has for fresh weights, the first update of a trained policy changed seven
-of ten actions' probabilities by more than the clip range, and the car left the track (measured:
-mean progress fell from 84 to 28 % and needed six iterations to recover)."""
+"""Greatest `lr` without hyperparameters: the reference's default. With 1e-3, for fresh weights, the
+first update of a trained policy changed seven of ten actions' probabilities by more than the
+clip range (measured: mean progress fell from 84 to 28 %, six iterations to recover).
+"""
 
 _LARGEST_TEXT = 1 << 20
-"""More than any file that people write has."""
 
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """Options of the command.
-
-    Attributes:
-        source: A path, or s3://bucket/prefix.
-        prefix: Name of the model here.
-        wanted: Which of several checkpoints: last, best or a number; None for the last one.
-        metadata: A model_metadata.json that counts instead of the source's.
-        world: The track instead of the source's.
-        local: Whether the bucket is at our own server.
-    """
+    """`metadata` and `world` replace the source's."""
 
     source: str
     prefix: str
@@ -80,7 +70,7 @@ class ImportedModel(TransferReport):
         verified: What was checked, in sentences.
         warnings: What was corrected or left out, in sentences.
         custom_files: The racer's own files that were written, by path.
-        trials: How far it gets with each car; None if that was not tried.
+        trials: How far it gets with each car; None if not tried.
     """
 
     form: str
@@ -99,8 +89,6 @@ class ImportedModel(TransferReport):
 
 
 class ModelMaker:
-    """Makes the files of a model from a policy and what its source has besides."""
-
     def __init__(
         self,
         settings: Settings,
@@ -120,7 +108,6 @@ class ModelMaker:
         self._warnings: list[str] = []
 
     def model(self) -> tuple[list[Item], ImportedModel]:
-        """All files but the pointers, and the report without its target."""
         from drcli.formats import imported_policy
 
         policy, prefix = self._policy, self._options.prefix
@@ -164,7 +151,6 @@ class ModelMaker:
         return items, report
 
     def _metadata(self) -> tuple[bytes, str]:
-        """Content and name of model_metadata.json: the given one, or the source's."""
         given = self._options.metadata
         if given is not None:
             try:
@@ -186,7 +172,6 @@ class ModelMaker:
         return found
 
     def _text(self, name: str) -> tuple[bytes, str] | None:
-        """Content and place of a file of the source; None if there is none."""
         file = belonging(self._source, self._chosen, name)
         if file is None:
             return None
@@ -202,7 +187,6 @@ class ModelMaker:
         self._warnings.append(f"{place} is not used: {why.rstrip('.')}. {instead}")
 
     def _hyperparameters(self, continuous: bool) -> Hyperparameters:
-        """The source's hyperparameters if they can be used, else the shipped ones."""
         from drcli.formats.imported_policy import fit_parameters
 
         shipped = model_file(keys.HYPERPARAMETERS_FILE)
@@ -230,7 +214,6 @@ class ModelMaker:
         return fit_parameters(read, str(shipped), self._policy, self._model)[0]
 
     def _reward_function(self) -> bytes:
-        """The source's reward function if it is one, else the shipped one."""
         found = self._text(keys.REWARD_FUNCTION_FILE)
         if found is not None:
             data, place = found
@@ -242,7 +225,6 @@ class ModelMaker:
         return model_file(keys.REWARD_FUNCTION_FILE).read_bytes()
 
     def _training_parameters(self) -> tuple[bytes, str]:
-        """training_params.yaml for the model here, and its track."""
         options, settings = self._options, self._settings
         found = self._text(PARAMETERS_FILE)
         if found is not None:

@@ -14,7 +14,6 @@ from drcli.store.notes import headline
 from drcli.store.repair import Model, find_small_damage, readable_scores
 
 _MARKS = ("/model/deepracer_checkpoints.json", "/model/.coach_checkpoint")
-"""Ends of the keys of a model's pointers: a folder with one of them is a model."""
 
 
 @dataclass(frozen=True)
@@ -22,12 +21,12 @@ class CheckpointEntry:
     """A checkpoint in the list.
 
     Attributes:
-        name: Name of the checkpoint, such as `12_Step-7824.ckpt`.
+        name: Such as `12_Step-7824.ckpt`.
         metric: Mean score of its evaluation episodes; None before the first evaluation.
         score: The same with its unit: percent, seconds or reward; empty without one.
-        laps: Its evaluation laps in words; empty if they are unknown.
-        clean: How many of them are clean; 0 if that is unknown.
-        text: Its number, and how it drives: its laps, and what these do not tell of its score.
+        laps: Its evaluation laps in words; empty if unknown.
+        clean: How many of them are clean; 0 if unknown.
+        text: Its number, its laps, and what these do not tell of its score.
     """
 
     name: str
@@ -46,10 +45,7 @@ class CheckpointEntry:
 
     @staticmethod
     def of(score: Score, metric: str, laps: Laps | None = None) -> "CheckpointEntry":
-        """The entry of a checkpoint in a model's index; see `score_text` for the metric.
-
-        `laps` are those of its training track, if they are known otherwise than by its score.
-        """
+        """`laps` are those of its training track."""
         value = score.avg_eval_metric
         if laps is None and score.episodes is not None:
             laps = score.episodes.laps
@@ -63,12 +59,6 @@ class CheckpointEntry:
 
 
 def score_text(metric: str, value: float | None) -> str:
-    """A score with its unit.
-
-    Args:
-        metric: DR_TRAIN_BEST_MODEL_METRIC, which it was computed by; empty if unknown.
-        value: Percent, reward, or milliseconds; None before an evaluation.
-    """
     if value is None:
         return ""
     if metric == "laptime":
@@ -87,7 +77,7 @@ class ModelEntry:
         checkpoints: How many checkpoints it has.
         best: The best of them; None if unknown.
         last: The newest; None if unknown.
-        objects: How many objects it consists of, logs and traces included.
+        objects: How many objects it has, logs and traces included.
         size_bytes: Their size.
         modified: When the newest object was written, ISO 8601.
         training: Whether it is being trained now.
@@ -128,20 +118,17 @@ class ModelList:
 
 
 def list_models(bucket: Bucket, pattern: str = "") -> ModelList:
-    """List the models whose prefix contains a pattern, or fits one with `*` and `?`."""
+    """`pattern` is part of a prefix, or has `*` and `?`."""
     return ModelListReader().read(bucket, pattern)
 
 
 class ModelListReader:
-    """Lists models again and again; reads only those again that have changed."""
-
     def __init__(self) -> None:
         self._known: dict[str, tuple[Signature, ModelEntry]] = {}
 
     def read(
         self, bucket: Bucket, pattern: str = "", listed: Iterable[ObjectInfo] | None = None
     ) -> ModelList:
-        """As `list_models`; `listed` are all objects of the bucket, if they are known already."""
         objects = list(bucket.list("") if listed is None else listed)
         prefixes = {prefix for prefix in _prefixes(objects) if _fits(prefix, pattern)}
         own = _by_model(objects, _prefixes(objects))
@@ -160,11 +147,9 @@ class ModelListReader:
 
 
 Signature = tuple[int, int, float]
-"""Changes when an object of a group is written, replaced or deleted."""
 
 
 def signature_of(objects: Iterable[ObjectInfo]) -> Signature:
-    """Number of the objects, their size, and when the newest of them was written, Unix seconds."""
     count, size, newest = 0, 0, 0.0
     for info in objects:
         count += 1
@@ -178,12 +163,10 @@ def _is_trained(bucket: Bucket, prefix: str) -> bool:
 
 
 def model_prefixes(bucket: Bucket) -> set[str]:
-    """The prefixes of all models in a bucket."""
     return _prefixes(bucket.list(""))
 
 
 def fits(prefix: str, pattern: str) -> bool:
-    """Whether a model has this name, or fits a pattern with `*` and `?`."""
     return prefix == pattern or fnmatchcase(prefix, pattern)
 
 
@@ -198,7 +181,7 @@ def _prefixes(listed: Iterable[ObjectInfo]) -> set[str]:
 
 
 def _by_model(listed: Iterable[ObjectInfo], prefixes: set[str]) -> dict[str, list[ObjectInfo]]:
-    """The objects of each model. A model may be inside another; its objects belong to it alone."""
+    """A model inside another keeps its own objects."""
     own: dict[str, list[ObjectInfo]] = {prefix: [] for prefix in prefixes}
     for info in listed:
         folder = info.key

@@ -1,4 +1,4 @@
-"""What the racer writes about a model: lists, adds, changes and removes notes."""
+"""Lists, adds, changes and removes a racer's notes about a model."""
 
 from dataclasses import dataclass, field
 
@@ -28,8 +28,8 @@ class NoteEntry:
 
     Attributes:
         number: Counted from 1; 0 is the description.
-        at: When it was written, Unix seconds; None if it is damaged.
-        edited_at: When it was last changed; None if it never was.
+        at: When it was written, Unix seconds; None if damaged.
+        edited_at: When it was last changed; None if never.
         host: The machine on which it was written.
         checkpoint: Number of the newest checkpoint then; None if unknown.
         text: What it says.
@@ -59,7 +59,7 @@ class NoteList:
 
 
 def list_notes(settings: Settings, prefix: str | None) -> NoteList:
-    """The notes of a model; `prefix` None for that of the settings.
+    """The notes of a model, by default the configured one.
 
     Raises:
         SettingsError: There is no such model.
@@ -69,15 +69,11 @@ def list_notes(settings: Settings, prefix: str | None) -> NoteList:
 
 
 def notes_of(bucket: Bucket, prefix: str) -> NoteList:
-    """The notes of a model in a bucket."""
     return _listed(bucket, prefix, read_notes(bucket, prefix))
 
 
 def write_note(settings: Settings, prefix: str | None, text: str) -> NoteList:
-    """Add a note.
-
-    Returns:
-        All notes.
+    """Add a note, and return all.
 
     Raises:
         SettingsError: There is no such model, or the text cannot be a note.
@@ -91,10 +87,10 @@ def write_note(settings: Settings, prefix: str | None, text: str) -> NoteList:
 
 
 def rewrite_note(settings: Settings, prefix: str | None, number: int, text: str) -> NoteList:
-    """Replace the text of a note; number 0 is the description, which need not exist.
+    """Replace a note; number 0 is the description, which need not exist.
 
     Raises:
-        SettingsError: There is no such model or note, or the text cannot be a note.
+        SettingsError: There is no such model or note, or the text cannot be one.
     """
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     model, words = _model(settings, bucket, prefix), _checked(text)
@@ -109,7 +105,7 @@ def rewrite_note(settings: Settings, prefix: str | None, number: int, text: str)
 
 
 def delete_note(settings: Settings, prefix: str | None, number: int) -> NoteList:
-    """Remove a note; the others keep their order, not their numbers.
+    """Remove a note; the numbers of others change.
 
     Raises:
         SettingsError: There is no such model or note.

@@ -1,4 +1,4 @@
-"""Packs a model, or its logs, into one archive on this machine."""
+"""Packs a model, or its logs, into one archive."""
 
 import io
 import tarfile
@@ -14,20 +14,11 @@ from drcli.store.bucket import Bucket, ObjectInfo, ObjectMissing
 from drcli.store.model_traces import traces_of
 
 _STEPS = ("-simtrace/", "/mp4/", "/video.mp4")
-"""Parts of keys of traces and videos, which are large and which no import reads."""
+"""Traces and videos are large, and no import reads them."""
 
 
 @dataclass(frozen=True)
 class PackedModel:
-    """An archive of a model.
-
-    Attributes:
-        model: Its prefix.
-        file: The archive.
-        files: How many files it has.
-        size_bytes: Its size.
-    """
-
     model: str
     file: str
     files: int
@@ -44,15 +35,8 @@ def pack_model(
 ) -> PackedModel:
     """Write a model as `.tar.gz`, which `dr-import` and consoles read.
 
-    Args:
-        bucket: Holds it.
-        prefix: The model.
-        path: The archive.
-        traces: Whether traces and videos are packed, too.
-        progress: Takes a sentence now and then.
-
     Raises:
-        SettingsError: There is no such model, or the file cannot be written.
+        SettingsError: There is none, or the file cannot be written.
         StorageError: The bucket does not answer.
     """
     folder = keys.folder(prefix)
@@ -74,7 +58,7 @@ def pack_logs(
     path: Path,
     progress: Callable[[str], None] = lambda text: None,
 ) -> PackedModel:
-    """Write the logs of a model as `.tar.gz`: those of this machine, else those in the bucket.
+    """Pack the logs of this machine, else those in the bucket.
 
     Raises:
         SettingsError: There are none, or the file cannot be written.
@@ -99,7 +83,6 @@ def pack_logs(
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """Plain files; a link could lead anywhere."""
     if folder.is_dir():
         for path in folder.iterdir():
             if path.is_file() and not path.is_symlink():
@@ -108,7 +91,6 @@ def _files(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def _archive(path: Path) -> Iterator[tarfile.TarFile]:
-    """An archive that is removed again if it could not be completed."""
     try:
         with tarfile.open(path, "w:gz", compresslevel=1, dereference=False) as archive:
             yield archive

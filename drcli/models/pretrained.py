@@ -1,4 +1,4 @@
-"""Finds the weights of another model for a new one to start with, and checks that they fit."""
+"""Finds weights of another model to start with, and checks them."""
 
 from dataclasses import dataclass
 
@@ -30,11 +30,7 @@ PREFIX = "DR_LOCAL_S3_PRETRAINED_PREFIX"
 
 @dataclass(frozen=True)
 class Transfer:
-    """The weights (a safetensors file) to start with, and warnings about them.
-
-    Attributes:
-        critic_warmup: As in `Counters`.
-    """
+    """Weights as safetensors; `critic_warmup` is as in `Counters`."""
 
     source: Pretrained
     tensors: bytes
@@ -45,13 +41,10 @@ class Transfer:
 def find(
     config: PretrainedConfig, bucket: Bucket, new: str, wanted: Design, *, wiping: bool
 ) -> Transfer:
-    """Read the weights that the DR_LOCAL_S3_PRETRAINED settings name, and check that they fit.
-
-    The new model has the prefix `new` and the design `wanted`; with `wiping`, everything under its
-    prefix will be deleted.
+    """Read the weights that the DR_LOCAL_S3_PRETRAINED settings name.
 
     Raises:
-        ProblemsError: There is no such model, it has no complete checkpoint, or it does not fit.
+        ProblemsError: Model or checkpoint is missing, or does not fit.
     """
     prefix, place = config.prefix, config.place
     if wiping and contains(new, prefix):
@@ -81,18 +74,13 @@ def find(
 
 
 def named_weights(config: PretrainedConfig, bucket: Bucket) -> tuple[Pretrained, Checkpoint]:
-    """The weights that the DR_LOCAL_S3_PRETRAINED settings name, as `read_weights` reads them."""
     return read_weights(bucket, config.prefix, config.checkpoint, PREFIX, config.place)
 
 
 def read_weights(
     bucket: Bucket, prefix: str, checkpoint: CheckpointChoice, name: str, place: Place
 ) -> tuple[Pretrained, Checkpoint]:
-    """Read a checkpoint of a model, which the setting `name` chose at `place`.
-
-    Raises:
-        ProblemsError: It does not exist or is not complete.
-    """
+    """Read the setting's checkpoint; ProblemsError if missing or incomplete."""
     folder = f"s3://{bucket.name}/{keys.model_folder(prefix)}"
     store = CheckpointStore(bucket, prefix)
     model = Model(bucket, prefix, keys.metrics_prefix(prefix))
@@ -124,12 +112,10 @@ def read_weights(
 
 
 def sentence_of(bucket: Bucket, source: Pretrained) -> str:
-    """Which weights those are, how they drove, and the option for others."""
     model = Model(bucket, source.prefix, keys.metrics_prefix(source.prefix))
     score = Score(source.name, source.metric)
     return sentence_about(model, Chosen(parse_checkpoint(source.checkpoint), score, ()))
 
 
 def _wrong(name: str, place: Place, prefix: str, message: str, remedy: str) -> ProblemsError:
-    """The error for a model that a setting names and that cannot be used."""
     return ProblemsError([setting_problem(name, place, f"{name}={prefix}: {message}", remedy)])

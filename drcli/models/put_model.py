@@ -1,8 +1,7 @@
 """Writes a model to a prefix so that readers never see an incomplete one.
 
-The files of the checkpoint go first, then the files that all checkpoints share, the pointers last.
-Every object is checked after it was written. An object that is there already is not sent again, so
-repeating an interrupted delivery completes it.
+Checkpoint files, then shared ones, pointers last; each object is checked. Equal objects are not
+sent again, so repeating an interrupted delivery completes it.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -21,19 +20,12 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectInfo, ObjectMissing,
 from drcli.store.verify import MD5_DIGITS, Checksums
 
 Progress = Callable[[str, int], AbstractContextManager[Watch]]
-"""Shows a progress bar inside a `with` block; takes a title and the number of bytes."""
+"""A progress bar for a `with` block."""
 
 POINTERS = ("model/.coach_checkpoint", "model/deepracer_checkpoints.json")
-"""Names of the two objects that name the checkpoint to use, in the order of writing."""
-
 _SENDINGS = 4
-"""How often an object is sent to a server that alters it."""
-
 _BATCH_BYTES = 64 << 20
-"""How much is kept in memory, to be sent and then checked at once."""
-
 _LOOKS = 5
-"""How often a delivery tries again when another one writes to the same prefix."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +36,12 @@ class TransferReport:
         source: The model, as an s3:// address.
         target: The copy, as an s3:// address.
         checkpoint: Name of the checkpoint to use; the last one of a whole model.
-        copied: Names of the objects that were copied, below the target.
+        copied: Names of the copied objects, below the target.
         copied_bytes: Their size.
         unchanged: Names of the objects that already existed.
         deleted: Names of the objects that -w deleted.
         dry_run: Whether -d was given, so that nothing was changed.
-        replay_bytes: Size of the replay buffer of SAC, which is not copied.
+        replay_bytes: Size of SAC's replay buffer, which is not copied.
     """
 
     source: str
@@ -64,7 +56,7 @@ class TransferReport:
 
 
 def replay_bytes(bucket: Bucket, prefix: str) -> int:
-    """Size of the rollouts that a model of SAC learns from again; 0 if they cannot be listed."""
+    """Size of the rollouts that SAC learns from again; 0 if unknown."""
     with suppress(DrError):
         metadata = ModelMetadata.from_bytes(bucket.get(keys.model_metadata(prefix)), "")
         if metadata.training_algorithm == "sac":
@@ -78,8 +70,6 @@ Report = TypeVar("Report", bound=TransferReport)
 
 
 class Delivery:
-    """One delivery to one prefix; `watch` gets the number of bytes after each step."""
-
     def __init__(self, bucket: Bucket, prefix: str, watch: Watch) -> None:
         self.copied: list[str] = []
         self.copied_bytes = 0
@@ -93,18 +83,13 @@ class Delivery:
         self._there = self._look()
 
     def differs(self, item: Item) -> bool:
-        """Whether the target has another object under the name of an item."""
         return item.name in self._there and not self.holds(item)
 
     def holds(self, item: Item) -> bool:
-        """Whether the target has exactly this item."""
         return Checksums.of(item.data).matches(self.bucket, self._there.get(item.name))
 
     def has(self, name: str, info: ObjectInfo) -> bool:
-        """Whether the target has an object of another listing already, by its etag there.
-
-        It counts as unchanged then.
-        """
+        """Judged by its etag; it counts as unchanged then."""
         own = self._there.get(name)
         if own is None or len(info.etag) < MD5_DIGITS or own.size_bytes != info.size_bytes:
             return False
@@ -114,11 +99,7 @@ class Delivery:
         return same
 
     def send(self, items: Iterable[Item]) -> None:
-        """Send objects and check that they arrived.
-
-        Raises:
-            ObjectDamaged: The server alters them.
-        """
+        """Send and check; raises ObjectDamaged."""
         batch: list[Item] = []
         for item in items:
             proof = self._sent[item.name] = Checksums.of(item.data)
@@ -135,44 +116,35 @@ class Delivery:
         self._send(batch, self._watch)
 
     def withdraw(self) -> None:
-        """Delete the pointers: the target has no usable model until `publish`."""
+        """Delete the pointers: no model is usable until `publish`."""
         self.bucket.delete([self._folder + name for name in reversed(POINTERS)])
         for name in POINTERS:
             self._there.pop(name, None)
 
     def publish(self, score: Score) -> None:
-        """Let the pointers name one checkpoint as the last and the best."""
         self._point(score)
         self.copied += POINTERS
 
     def delete_strays(self, folder: str, kept: Iterable[str] = ()) -> None:
-        """Delete everything in a folder (`model/`, or all if empty) that was not delivered."""
         strays = self.strays(folder, [*self._sent, *kept])
         self.bucket.delete([self._folder + name for name in strays])
         self.deleted += strays
 
     def strays(self, folder: str, kept: Iterable[str]) -> list[str]:
-        """Names of the objects in a folder of the prefix, without these and the pointers."""
         stay = {*kept, *POINTERS}
         return [name for name in self._look() if name.startswith(folder) and name not in stay]
 
     def is_named(self, checkpoint: str) -> bool:
-        """Whether the pointers of the target name a checkpoint."""
         scores, pointed = self._pointed()
         if scores is None:
             return pointed == checkpoint
         return checkpoint in (pointed, scores.best_checkpoint.name, scores.last_checkpoint.name)
 
     def repair_crossing(self, score: Score, needed: Sequence[Item]) -> None:
-        """Check whether another delivery to this prefix interfered, and repair the result.
+        """Check whether another delivery interfered, and repair the result.
 
-        When two deliveries cross, the target can have the index of one, the pointer of the other,
-        and lack files that one has deleted while the other relied on them. The later index counts
+        When two cross, files may be missing, and index and pointer differ. The later index counts
         if its checkpoint is complete.
-
-        Args:
-            score: The checkpoint that this delivery has published.
-            needed: Its files, and those that give the shape of its network.
 
         Raises:
             StorageError: Others keep changing it.
@@ -192,17 +164,16 @@ class Delivery:
         raise self._crossed()
 
     def confirm(self, names: Iterable[str]) -> None:
-        """Check that objects are still those that were sent; delete the pointers if not.
+        """Check that objects are as sent; else delete the pointers.
 
         Raises:
-            StorageError: Another program delivers another model here.
+            StorageError: Another program delivers here.
         """
         if self._altered(name for name in names if name in self._sent):
             self.withdraw()
             raise self._crossed()
 
     def complete(self, report: Report) -> Report:
-        """Fill in what this delivery did."""
         return replace(
             report,
             copied=self.copied,
@@ -216,14 +187,12 @@ class Delivery:
         return {info.key.removeprefix(self._folder): info for info in listed}
 
     def _altered(self, names: Iterable[str]) -> list[str]:
-        """Those of the sent objects that are not at the target as they were sent."""
         there = self._look()
         return [
             name for name in names if not self._sent[name].matches(self.bucket, there.get(name))
         ]
 
     def _send(self, items: Sequence[Item], watch: Watch | None = None) -> None:
-        """Send items, compare them with what arrived, and send those that differ again."""
         for _ in range(_SENDINGS):
             if not items:
                 return
@@ -244,7 +213,6 @@ class Delivery:
         self.bucket.put(keys.deepracer_checkpoints(self.prefix), encode_single(score))
 
     def _pointed(self) -> tuple[Scores | None, str | None]:
-        """The index of the target and its pointer; None for one that cannot be read."""
         scores = pointed = None
         with suppress(ObjectDamaged):
             scores = read_scores(self.bucket, self.prefix)

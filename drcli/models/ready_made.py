@@ -1,4 +1,4 @@
-"""The ready-made models: what is known about each, and how one gets into a bucket."""
+"""The ready-made models, and how one gets into a bucket."""
 
 import hashlib
 from dataclasses import dataclass, field
@@ -30,17 +30,6 @@ MODEL_FILES = (keys.REWARD_FUNCTION_FILE, keys.HYPERPARAMETERS_FILE, keys.MODEL_
 
 @dataclass(frozen=True)
 class DrivenLaps:
-    """Laps of a race that was measured when the model was made, by `dr-evaluate`.
-
-    Attributes:
-        world: The track.
-        reverse: Whether it was driven in the opposite direction.
-        disturbed: Whether the disturbances of the training applied.
-        status: How each lap ended, such as "Lap complete".
-        lap_s: Time of each lap, simulated seconds, penalties included.
-        off_track: How often the car left the track.
-    """
-
     world: str
     reverse: bool
     disturbed: bool
@@ -50,7 +39,6 @@ class DrivenLaps:
 
     @property
     def completed(self) -> int:
-        """Laps that were completed."""
         return sum(text == "Lap complete" for text in self.status)
 
 
@@ -59,16 +47,11 @@ class Recipe(JsonRecord):
     """How a ready-made model is trained: `training.json`.
 
     Attributes:
-        summary: What the model is good for, in a line.
-        seed: Of the training.
-        iterations: Updates of the policy.
-        settings: What differs from the shipped settings, as texts by DR_ name.
-        worker_settings: The same for the files of the second and further workers.
-        hyperparameters: What differs from the model's hyperparameters.json, which is for those who
-            go on with the finished model.
-        starts_from: The ready-made model whose weights it begins with; empty for fresh weights.
-        checkpoint: Which checkpoint becomes the model: "best" by its evaluation, or "last".
-        drives: Tracks on which the finished model is measured.
+        settings: Other than shipped, by DR_ name.
+        hyperparameters: Other than in the model's file, which is for going on.
+        starts_from: A ready-made model, or empty.
+        checkpoint: "best" or "last".
+        drives: Tracks to measure it on.
     """
 
     summary: str
@@ -84,18 +67,11 @@ class Recipe(JsonRecord):
 
 @dataclass(frozen=True)
 class Card(JsonRecord):
-    """How a ready-made model was made, and how it drives: `card.json`.
+    """How a ready-made model was made, and drives: `card.json`.
 
     Attributes:
-        checkpoint: Name of the checkpoint that it was.
-        episodes: Training episodes that it has learned from.
-        sha256: Of every file of the model besides this one.
-        commit: Of the program that trained it.
-        versions: Of drcli, Python and torch.
-        processor: That trained it; another one rounds differently.
-        number_format: Of the trainer.
-        processor_minutes: Processor time of trainer and simulation workers.
-        laps: What was measured with the shipped weights.
+        sha256: Of all other files.
+        processor: Another one rounds differently.
     """
 
     checkpoint: str
@@ -111,12 +87,7 @@ class Card(JsonRecord):
 
 @dataclass(frozen=True)
 class ReadyMadeModel:
-    """A ready-made model that was read and checked.
-
-    Attributes:
-        files: Its three files, by name.
-        tensors: Its weights, a safetensors file of float32.
-    """
+    """A checked model; `tensors` are float32 safetensors."""
 
     name: str
     recipe: Recipe
@@ -126,7 +97,6 @@ class ReadyMadeModel:
 
     @property
     def settings(self) -> dict[str, str]:
-        """The settings of a working folder in which it is at home: its track and disturbances."""
         skipped = ("DR_TRAIN_", "DR_WORKERS")
         return {
             name: text
@@ -136,11 +106,7 @@ class ReadyMadeModel:
 
 
 def read_recipe(name: str) -> Recipe:
-    """How one of the models in `READY_MADE` is trained.
-
-    Raises:
-        SettingsError: There is no such model, or its file is damaged.
-    """
+    """Raises SettingsError if missing or damaged."""
     if name not in READY_MADE:
         raise SettingsError(
             f"There is no ready-made model called {shown(name)}.", remedy=one_of(READY_MADE, name)
@@ -153,11 +119,7 @@ def read_recipe(name: str) -> Recipe:
 
 
 def read_ready_made(name: str) -> ReadyMadeModel:
-    """Read a ready-made model, and check all its files against its card.
-
-    Raises:
-        SettingsError: There is no such model, or one of its files is damaged.
-    """
+    """Checks all files; raises SettingsError if missing or damaged."""
     from drcli.formats.half_weights import restored
 
     recipe = read_recipe(name)
@@ -177,11 +139,7 @@ def read_ready_made(name: str) -> ReadyMadeModel:
 
 
 def place_of(settings: Settings, name: str) -> Bucket:
-    """The bucket for a model of this name, which can be written and has no such model.
-
-    Raises:
-        DrError: It cannot be reached or written, or there is a model already.
-    """
+    """A writable bucket without such a model; raises DrError."""
     bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
     refuse_nesting(bucket, name, settings.custom_files_prefix, flag="--prefix")
     refuse_training(bucket, name)
@@ -198,11 +156,7 @@ def place_of(settings: Settings, name: str) -> Bucket:
 def put_ready_made(
     model: ReadyMadeModel, settings: Settings, prefix: str, progress: Progress
 ) -> TransferReport:
-    """Write a ready-made model to a prefix; without its pointers, nobody can use half of one.
-
-    Raises:
-        DrError: It failed; it can be repeated.
-    """
+    """Write it, the pointers last; on DrError, repeat it."""
     bucket = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
     items = _items(model, settings)
     with progress("Writing model", sum(len(item.data) for item in items)) as watch:
@@ -219,7 +173,6 @@ def put_ready_made(
 
 
 def _score(model: ReadyMadeModel) -> Score:
-    """Its evaluation: the share of its first measured laps that were completed."""
     first = model.card.laps[0] if model.card.laps else None
     if first is None or not first.status:
         return Score(model.card.checkpoint)
@@ -227,7 +180,6 @@ def _score(model: ReadyMadeModel) -> Score:
 
 
 def _items(model: ReadyMadeModel, settings: Settings) -> list[Item]:
-    """All files but the pointers."""
     files, name = model.files, model.card.checkpoint
     inputs = {
         file: files[file].decode() for file in (keys.MODEL_METADATA_FILE, keys.HYPERPARAMETERS_FILE)

@@ -1,4 +1,4 @@
-"""Makes the record of a training: from its start, or from a model for which nobody wrote one."""
+"""Makes the record of a training, from its start or its model."""
 
 import hashlib
 import time
@@ -35,8 +35,6 @@ from drcli.store.training_records import (
 )
 
 _DEFAULT = {"world": "DR_WORLD_NAME", "race_type": "DR_RACE_TYPE", "workers": "DR_WORKERS"}
-"""Fields that are settings."""
-
 _PREFIX = "DR_LOCAL_S3_MODEL_PREFIX"
 _METRIC = "DR_TRAIN_BEST_MODEL_METRIC"
 _METRICS_PREFIX = "DR_LOCAL_S3_METRICS_PREFIX"
@@ -44,17 +42,6 @@ _METRICS_PREFIX = "DR_LOCAL_S3_METRICS_PREFIX"
 
 @dataclass(frozen=True)
 class NewStart:
-    """A start that is to be recorded.
-
-    Attributes:
-        settings: Of the racer.
-        start: As in the model.
-        outcome: As in the bucket: its session, machine and time.
-        resumes: The checkpoint that it continues from, None for a new model.
-        previous: What the start before came to; None if unknown.
-        inputs: `Job.inputs`, which are not the model's yet while a training goes on.
-    """
-
     settings: Settings
     start: TrainingStart
     outcome: RunOutcome
@@ -64,10 +51,7 @@ class NewStart:
 
 
 def training_id(prefix: str, start: TrainingStart | None) -> str:
-    """The id of the training of a model; always the same for a model without a record.
-
-    A copy of a model has another id than the training that made it.
-    """
+    """A copy of a model has another one."""
     if start is not None and start.training and origin_of(prefix, start) == prefix:
         return start.training
     first = "" if start is None else start.training or (start.earlier or [start])[0].started_at
@@ -75,16 +59,12 @@ def training_id(prefix: str, start: TrainingStart | None) -> str:
 
 
 def origin_of(prefix: str, start: TrainingStart) -> str:
-    """The model that was trained: another one if the model with this prefix is a copy of it."""
+    """Another model if this one is a copy."""
     return str(_setting(start.settings, _PREFIX) or prefix)
 
 
 def record_start(bucket: Bucket, new: NewStart, known: TrainingRecord | None) -> TrainingRecord:
-    """Write the record of a training whose files are in place; `known` is that of earlier starts.
-
-    Raises:
-        StorageError: The bucket refuses it.
-    """
+    """Once the files are in place; StorageError if refused."""
     settings, prefix = new.settings, new.settings.model_prefix
     texts = files_of(bucket, prefix)
     texts |= {name: text for name, text in new.inputs.items() if name in texts}
@@ -132,7 +112,7 @@ def record_start(bucket: Bucket, new: NewStart, known: TrainingRecord | None) ->
 
 
 def known_training(bucket: Bucket, model: Model, start: TrainingStart | None) -> TrainingRecord:
-    """The record of the training of a model; worked out if there is none that can be read."""
+    """The record, worked out if none can be read."""
     with suppress(ObjectDamaged, ObjectNewer):
         found = read_training(bucket, model.prefix, training_id(model.prefix, start))
         if found is not None:
@@ -141,11 +121,7 @@ def known_training(bucket: Bucket, model: Model, start: TrainingStart | None) ->
 
 
 def derived_training(model: Model, start: TrainingStart | None = None) -> TrainingRecord:
-    """What the objects of a model say about its training.
-
-    Raises:
-        StorageError: The bucket does not answer.
-    """
+    """What a model's objects say; raises StorageError."""
     bucket, prefix = model.bucket, model.prefix
     if start is None:
         with suppress(ObjectDamaged, ObjectNewer):
@@ -182,13 +158,11 @@ def derived_training(model: Model, start: TrainingStart | None = None) -> Traini
 def with_results(
     record: TrainingRecord, model: Model, reader: HistoryReader | None = None
 ) -> TrainingRecord:
-    """The record with what the training has come to until now."""
     results = read_results(model_of(record, model.bucket, model), record, reader)
     return replace(record, results=results, updated_at=time.time())
 
 
 def model_of(record: TrainingRecord, bucket: Bucket, model: Model | None = None) -> Model:
-    """The model of a training, whose metrics are where its newest start has put them."""
     prefix = record.prefix
     model = model or Model(bucket, prefix, keys.metrics_prefix(prefix), record.metric or "progress")
     metrics = (record.newest.settings or {}).get(_METRICS_PREFIX)
@@ -198,9 +172,7 @@ def model_of(record: TrainingRecord, bucket: Bucket, model: Model | None = None)
 
 
 def settle(model: Model, *, gone: bool) -> None:
-    """Complete the record of a model that nobody trains, before the model is deleted.
-
-    A model without a record gets one. With `gone`, the record says that the model is deleted now.
+    """Complete or make the record of an untrained model, before it is `gone`.
 
     Raises:
         StorageError: The bucket does not answer or refuses it.
@@ -239,7 +211,6 @@ def _all_starts(start: TrainingStart | None) -> list[TrainingStart]:
 
 
 def _start_of(start: TrainingStart) -> RecordedStart:
-    """A start as `ip/run.json` knows it."""
     started_at = 0.0
     with suppress(ValueError, OverflowError):
         started_at = datetime.fromisoformat(start.started_at).timestamp()
@@ -254,12 +225,11 @@ def _start_of(start: TrainingStart) -> RecordedStart:
 
 
 def _setting(settings: Mapping[str, Any] | None, name: str) -> Any:
-    """A setting of a start, which records only those that differ from their defaults."""
+    """A start records only what differs from defaults."""
     return None if settings is None else settings.get(name, catalogue()[name].default)
 
 
 def _worker_settings(settings: Settings) -> list[dict[str, Any]]:
-    """What the file of each other worker changes, as texts; secrets are hidden."""
     found = []
     for worker, override in enumerate(settings.overrides, start=1):
         own, known = settings.for_worker(worker), catalogue()
@@ -273,7 +243,6 @@ def _worker_settings(settings: Settings) -> list[dict[str, Any]]:
 
 
 def _parent_training(bucket: Bucket, record: TrainingRecord) -> str:
-    """The training from which a new model has its weights."""
     assert record.parent is not None
     prefix = record.parent.prefix
     with suppress(ObjectDamaged, ObjectNewer):

@@ -1,4 +1,4 @@
-"""The files of a training in its record: their texts, and what they say about it."""
+"""The files of a training in its record, and what they say."""
 
 import hashlib
 import json
@@ -16,12 +16,10 @@ CURRICULUM_FILE = "curriculum.json"
 
 
 def fingerprint(text: str) -> str:
-    """The SHA-256 of a text."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def texts_of(bucket: Bucket, record: TrainingRecord) -> dict[str, str | None]:
-    """The files of the newest start of a training by name; None for a text that was not kept."""
     kept = dict(read_files(bucket, record.prefix, record.id))
     if record.derived:
         kept = {fingerprint(text): text for text in files_of(bucket, record.prefix).values()}
@@ -29,7 +27,6 @@ def texts_of(bucket: Bucket, record: TrainingRecord) -> dict[str, str | None]:
 
 
 def files_of(bucket: Bucket, prefix: str) -> dict[str, str]:
-    """The files of a model that its author wrote, by name."""
     places = {
         keys.REWARD_FUNCTION_FILE: keys.reward_function(prefix),
         keys.HYPERPARAMETERS_FILE: keys.hyperparameters(prefix),
@@ -44,7 +41,7 @@ def files_of(bucket: Bucket, prefix: str) -> dict[str, str]:
 
 
 def described_by(texts: Mapping[str, str]) -> dict[str, Any]:
-    """Fields of a record that its files determine; damaged files determine none."""
+    """Damaged files determine no fields."""
     # Imported here: they load pydantic, which a list of trainings does without.
     from drcli.modelfiles.hyperparameters import Hyperparameters
     from drcli.modelfiles.model_metadata import ModelMetadata
@@ -81,7 +78,7 @@ def _count_stages(text: str) -> int:
 
 
 def of_parameter_file(bucket: Bucket, prefix: str) -> dict[str, Any]:
-    """World and race of a model that another program has trained, or the first version of ours."""
+    """World and race of a model of another program, or our first version."""
     import yaml
 
     for name in ("training_params.yaml", "training_params_1.yaml"):

@@ -1,7 +1,4 @@
-"""Checks and repairs the small objects of a model before a command relies on them.
-
-Besides the objects of `drcli.store.repair`, it repairs the parameter files and the run's metadata.
-"""
+"""Checks and repairs a model's small objects before a command relies on them."""
 
 import re
 from collections.abc import Callable
@@ -30,10 +27,7 @@ def repair_or_warn(
     may_write: bool = True,
     missing: bool = False,
 ) -> None:
-    """Warn of the damaged objects of a model, and repair them while nobody trains it.
-
-    With `missing`, a pointer to a checkpoint that does not exist counts as damaged.
-    """
+    """Repairs only while nobody trains; `missing`: a pointer to no checkpoint counts."""
     model = Model.of(config, bucket, prefix)
     may_repair = may_write and lease.live_holder(bucket, prefix) is None
     sentences = repair_all(model, missing=missing) if may_repair else find_damage(model)
@@ -42,13 +36,9 @@ def repair_or_warn(
 
 
 def repair_all(model: Model, *, missing: bool = True) -> list[str]:
-    """Put every damaged object of a model aside and reconstruct it; only while nobody trains it.
+    """Set damage aside and reconstruct it, with a sentence each; only while nobody trains.
 
-    Nothing of a model of the reference: what is damaged in it cannot be reconstructed from its
-    TensorFlow checkpoints, and DeepRacer-for-Cloud may read it otherwise.
-
-    Returns:
-        For each, a sentence on what was damaged and how it was repaired.
+    Not in a model of the reference, whose checkpoints do not help.
     """
     if model_kind(model.bucket, model.prefix) == "tensorflow":
         return []
@@ -56,13 +46,7 @@ def repair_all(model: Model, *, missing: bool = True) -> list[str]:
 
 
 def _restore_parameters(model: Model) -> list[str]:
-    """Restore damaged or lost parameter files from a checkpoint: each has a copy of them.
-
-    Only for the owner of the model.
-
-    Returns:
-        For each, a sentence on what was damaged and how it was repaired.
-    """
+    """From a checkpoint, which has copies; only for the owner."""
     checks: list[tuple[str, str, Callable[[bytes, str], object]]] = [
         (
             keys.hyperparameters(model.prefix),
@@ -95,7 +79,7 @@ def _restore_parameters(model: Model) -> list[str]:
 
 
 def _repair_start(model: Model) -> list[str]:
-    """Keep at least the seed of a damaged record: a training that is resumed needs it."""
+    """Keep at least the seed: resuming needs it."""
     bucket, key = model.bucket, keys.training_start(model.prefix)
     try:
         read_start(bucket, model.prefix)

@@ -1,4 +1,4 @@
-"""The reward graph of a training: its episodes one by one, and the means of its iterations."""
+"""The reward graph of a training."""
 
 import math
 import re
@@ -13,26 +13,13 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing
 from drcli.store.repair import Model, read_all_metrics, readable_history, readable_scores
 
 MOST_EPISODES = 4_000
-"""Points that a graph shows; of more, every second one is left out, or two of three ..."""
+"""Of more, every second one is left out, or two of three ..."""
 
 _METRICS = re.compile(r"TrainingMetrics(_\d+)?\.json")
 
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """One iteration; None where a number is not known.
-
-    Attributes:
-        iteration: Its number.
-        reward: Mean reward of its training episodes.
-        progress: Their mean progress, percent of a lap.
-        evaluation_reward: Mean reward of the evaluation of its checkpoint.
-        evaluation_progress: Mean progress of that.
-        evaluation_laps: Clean laps of that, whose episodes end at the first violation.
-        entropy: Of the policy, nats.
-        evaluation_episodes: Episodes of the evaluation.
-    """
-
     iteration: int
     reward: float | None
     progress: float | None
@@ -45,8 +32,6 @@ class CurvePoint:
 
 @dataclass(frozen=True)
 class EpisodePoint:
-    """One episode: its iteration, its phase, its reward, its progress in percent of a lap."""
-
     iteration: int
     evaluation: bool
     reward: float
@@ -55,16 +40,6 @@ class EpisodePoint:
 
 @dataclass(frozen=True)
 class RewardCurve:
-    """The reward graph of a training.
-
-    Attributes:
-        iterations: Oldest first.
-        episodes: By iteration; thinned out evenly if there are very many.
-        all_episodes: How many there are.
-        best_iteration: Number of the best checkpoint; None without one.
-        damaged: A sentence for each damaged record.
-    """
-
     iterations: list[CurvePoint]
     episodes: list[EpisodePoint]
     all_episodes: int
@@ -73,11 +48,7 @@ class RewardCurve:
 
 
 def read_reward_curve(config: ModelConfig, bucket: Bucket, prefix: str) -> RewardCurve:
-    """Read the reward graph of a model; damaged records are reconstructed as far as possible.
-
-    Raises:
-        StorageError: The bucket does not answer.
-    """
+    """Reconstructs damaged records; raises StorageError."""
     model = Model.of(config, bucket, prefix)
     history, damaged = readable_history(model)
     scores, worse = readable_scores(model)

@@ -1,4 +1,4 @@
-"""Looks at the reward function of a stranger without running it."""
+"""Looks at a stranger's reward function without running it."""
 
 import ast
 
@@ -8,7 +8,7 @@ _NAME = "reward_function"
 
 
 def reward_fault(data: bytes) -> str | None:
-    """Why a file cannot be a reward function, without its name; None if it may be one."""
+    """Why not, or None."""
     try:
         tree = ast.parse(data.decode("utf-8-sig"), REWARD_FUNCTION_FILE)
     except SyntaxError as error:

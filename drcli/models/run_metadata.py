@@ -1,7 +1,6 @@
 """Records the start of a training: seed, settings, versions, code and machine.
 
-The record is kept below the model prefix, so every copy of the model has it. The three files that
-the racer wrote are there too.
+It is below the model prefix, so copies have it.
 """
 
 import os
@@ -24,7 +23,7 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer
 from drcli.store.remedies import remedy_of
 
 PACKAGES = ("drcli", "torch", "mujoco", "numpy", "numba")
-"""Packages whose versions change the course of a training."""
+"""Their versions change the course of a training."""
 
 PROGRAM_PATIENCE_S = 5.0
 
@@ -37,11 +36,6 @@ def describe_start(
     before: TrainingStart | None,
     training: str = "",
 ) -> TrainingStart:
-    """Record everything that can change the course of a training.
-
-    `before` is the start that this one resumes, None for a new model. `training` is the id of the
-    record of the training.
-    """
     return TrainingStart(
         seed=seed,
         started_at=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -65,11 +59,7 @@ def describe_start(
 
 
 def read_start(bucket: Bucket, prefix: str) -> TrainingStart | None:
-    """The last start of a model, None if it has no record.
-
-    Raises:
-        ObjectDamaged: It is unreadable.
-    """
+    """The last start; ObjectDamaged if unreadable."""
     key = keys.training_start(prefix)
     try:
         return read_record(bucket, key, TrainingStart.decode, remedy_of(key))
@@ -78,7 +68,7 @@ def read_start(bucket: Bucket, prefix: str) -> TrainingStart | None:
 
 
 def metric_of(bucket: Bucket, prefix: str) -> str:
-    """DR_TRAIN_BEST_MODEL_METRIC of the last start of a model; empty if nobody recorded it."""
+    """DR_TRAIN_BEST_MODEL_METRIC, or empty."""
     with suppress(ObjectDamaged, ObjectNewer):
         start = read_start(bucket, prefix)
         if start is not None and start.settings is not None:
@@ -88,10 +78,7 @@ def metric_of(bucket: Bucket, prefix: str) -> str:
 
 
 def chosen_settings(settings: Settings) -> dict[str, Any]:
-    """DR_ settings with other values than their defaults, as plain values.
-
-    Leaves out settings that do nothing here or for a training, and hides secrets.
-    """
+    """Non-default ones that affect a training; hides secrets."""
     chosen = {}
     for name, setting in catalogue().items():
         value = getattr(settings, setting.field)
@@ -105,7 +92,6 @@ def chosen_settings(settings: Settings) -> dict[str, Any]:
 
 
 def installed_versions(packages: Sequence[str]) -> dict[str, str | None]:
-    """Versions of packages, None for one that is not installed."""
     versions: dict[str, str | None] = dict.fromkeys(packages)
     for package in packages:
         with suppress(metadata.PackageNotFoundError):
@@ -114,7 +100,6 @@ def installed_versions(packages: Sequence[str]) -> dict[str, str | None]:
 
 
 def output_of(*command: str) -> str | None:
-    """The output of a program; None if it fails, is not installed or takes too long."""
     try:
         done = subprocess.run(
             command,
@@ -132,7 +117,6 @@ def output_of(*command: str) -> str | None:
 
 
 def processor_name() -> str:
-    """Name of the processor, or its architecture if the system does not give a name."""
     with suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines():
             name, _, value = line.partition(":")
@@ -142,10 +126,7 @@ def processor_name() -> str:
 
 
 def _git_state(folder: Path, tracked: str) -> GitState | None:
-    """The git state of a folder; None if git does not track that file or folder in it.
-
-    A package that is installed inside a repository, in its `.venv`, is not tracked there.
-    """
+    """None if untracked, such as a package in a repository's `.venv`."""
     if not _git(folder, "ls-files", "--", tracked):
         return None
     commit = _git(folder, "rev-parse", "--verify", "HEAD")

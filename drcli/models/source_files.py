@@ -1,4 +1,4 @@
-"""The files of a model to import, wherever they are: a folder, a file, an archive, a bucket."""
+"""The files of a model to import: in a folder, file, archive or bucket."""
 
 import os
 import re
@@ -15,10 +15,8 @@ from drcli.models.transfer_buckets import COPY_PATIENCE_S, parse_url, source_buc
 from drcli.store import keys
 
 MOST_FILES = 100_000
-"""More than any model has; a folder with more is not a model."""
-
 LARGEST_BYTES = 1 << 30
-"""Of one file that is read. The largest of the reference's has about 230 MB."""
+"""Of one file; the reference's largest has about 230 MB."""
 
 _BESIDE = (
     keys.MODEL_METADATA_FILE,
@@ -27,11 +25,7 @@ _BESIDE = (
     keys.REWARD_FUNCTION_FILE,
     "training_params.yaml",
 )
-"""Files that belong to a single file if they are beside it, or above it if it is in `model/`."""
-
 _PART = re.compile(r"\.(index|meta|data-\d{5}-of-\d{5})$")
-"""The end of the name of a file of a TensorFlow checkpoint."""
-
 _NO_MODEL = {
     ".pkl": "a Python pickle",
     ".pickle": "a Python pickle",
@@ -47,15 +41,7 @@ _NO_MODEL = {
 
 @dataclass(frozen=True)
 class SourceFiles:
-    """The files of a model to import.
-
-    Attributes:
-        origin: What messages call the whole.
-        sizes: The size of each file by its name, such as `model/model_30.pb`.
-        fixed: The file that the racer named; a checkpoint without the end of its name.
-        is_archive: Whether the files are in an archive.
-        is_bucket: Whether they are in a bucket.
-    """
+    """`fixed` is the file that the racer named."""
 
     origin: str
     sizes: Mapping[str, int]
@@ -65,10 +51,10 @@ class SourceFiles:
     is_bucket: bool = False
 
     def read(self, name: str) -> bytes:
-        """The content of a file.
+        """Read a file.
 
         Raises:
-            SettingsError: It is larger than any file of a model, or cannot be read.
+            SettingsError: It is too large, or cannot be read.
             StorageError: The bucket cannot be read.
         """
         if self.sizes[name] > LARGEST_BYTES:
@@ -80,20 +66,14 @@ class SourceFiles:
         return self._read(name)
 
     def place(self, name: str) -> str:
-        """What messages call a file."""
         return f"{self.origin}: {shown(name)}" if self.is_archive else f"{self.origin}/{name}"
 
 
 def open_source(ends: TransferConfig, source: str, *, local: bool) -> SourceFiles:
-    """Find the files of a model.
-
-    Args:
-        ends: The server of uploads, where buckets are, and our own.
-        source: A path on this machine, or s3://bucket/prefix.
-        local: Whether the bucket is at our own server.
+    """Find the files at a path or s3:// address.
 
     Raises:
-        SettingsError: There is no such thing, or it cannot be a model.
+        SettingsError: It is missing, or cannot be a model.
         StorageError: The bucket cannot be read.
     """
     if source.casefold().startswith("s3://"):
@@ -130,11 +110,11 @@ def _in_bucket(ends: TransferConfig, source: str, *, local: bool) -> SourceFiles
 
 
 def files_in_folder(path: Path) -> SourceFiles:
-    """All files of a folder; hidden folders and what programs leave behind are left out.
+    """Without hidden folders and leftovers of programs.
 
     Raises:
         OSError: It cannot be listed.
-        SettingsError: It has more files than any model.
+        SettingsError: It has too many files for a model.
     """
     sizes: dict[str, int] = {}
 
@@ -155,7 +135,7 @@ def files_in_folder(path: Path) -> SourceFiles:
 
 
 def _is_archive(path: Path) -> bool:
-    """Whether a file is an archive; the .zip of Stable-Baselines3 is a pickle."""
+    """The .zip of Stable-Baselines3 is a pickle."""
     from drcli.formats.archive import ENDINGS
     from drcli.formats.pickles import is_pickle
 
@@ -175,7 +155,6 @@ def _in_archive(path: Path) -> SourceFiles:
 
 
 def _single(path: Path) -> SourceFiles:
-    """A frozen graph, an ONNX file, or one of the files of a TensorFlow checkpoint."""
     stem = path.with_name(_PART.sub("", path.name))
     is_checkpoint = stem.with_name(f"{stem.name}.index").is_file() or stem.name != path.name
     if not path.exists() and not is_checkpoint:

@@ -1,4 +1,4 @@
-"""Finds the traces of drives: in files and folders, or those of a model in the bucket."""
+"""Finds traces: in files and folders, or a model's."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -11,17 +11,13 @@ from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.model_traces import traces_of
 
 NEWEST_TRACES = 20
-"""Of training traces, so many of the newest are read: the older ones show a worse driver."""
+"""Older training traces show a worse driver."""
 
 _MOST_FILES = 5_000
 
 
 def traces_in_folders(paths: Iterable[Path]) -> list[DrivenFile]:
-    """Read files, and in folders all `.csv` files below them. Folders may hold other tables, too.
-
-    Raises:
-        SettingsError: A path cannot be read, or nothing in them is a trace.
-    """
+    """Read files and the `.csv` in folders; SettingsError without a trace."""
     found: list[DrivenFile] = []
     for path in paths:
         if not path.is_dir():
@@ -44,11 +40,7 @@ def traces_in_folders(paths: Iterable[Path]) -> list[DrivenFile]:
 
 
 def traces_of_model(bucket: Bucket, prefix: str) -> list[DrivenFile]:
-    """Read all evaluation traces of a model, and the newest training traces.
-
-    Raises:
-        SettingsError: It has none.
-    """
+    """Of all evaluations and the newest training; SettingsError without any."""
     own = traces_of(bucket, prefix).objects  # none of a model inside it
     listed = [info.key for info in own if info.key.endswith(".csv")]
     training = [key for key in listed if "/training-simtrace/" in key[len(prefix) :]]

@@ -9,7 +9,6 @@ from drcli.models.training_list import KnownTrainings, TrainingList
 
 
 def values_of(record: TrainingRecord, entry: TrainingEntry) -> Mapping[str, Any]:
-    """Everything that a training can be chosen by: its entry, hyperparameters and settings."""
     return {**settings_of(record), **record.hyperparameters, **vars(entry)}
 
 
@@ -19,14 +18,7 @@ def chosen(
     sort: str = "began",
     limit: int = 0,
 ) -> TrainingList:
-    """The trainings that fulfil all conditions.
-
-    Args:
-        known: All trainings.
-        conditions: Each takes the values of a training.
-        sort: A key of `ORDERS`. The best, the newest and the largest come last.
-        limit: Show so many of them at most, the last ones; 0 for all.
-    """
+    """Sorted so that the best, newest or largest come last; `limit` keeps the last."""
 
     def fits(record: TrainingRecord, entry: TrainingEntry) -> bool:
         values = values_of(record, entry) if conditions else {}
@@ -49,11 +41,10 @@ ORDERS: Mapping[str, Callable[[TrainingEntry], Any]] = {
     "cost": lambda entry: entry.usd,
     "model": lambda entry: entry.model,
 }
-"""How a list can be sorted, by word; what has no value comes first."""
+"""Missing values come first."""
 
 
 def ordered(entries: Iterable[TrainingEntry], sort: str) -> list[TrainingEntry]:
-    """The entries in an order; those that are equal stay as they are."""
     key = ORDERS[sort]
     known = [(key(entry), entry) for entry in entries]
     without = [entry for value, entry in known if value is None]

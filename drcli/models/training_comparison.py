@@ -1,4 +1,4 @@
-"""Compares two trainings: settings, hyperparameters, files, machine, and what they came to."""
+"""Compares two trainings: inputs, machine, results."""
 
 import difflib
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from drcli.models.training_entry import TrainingEntry, settings_of
 from drcli.store import keys
 
 NOT_COMPARED = ("DR_RUN_ID", "DR_LOCAL_S3_MODEL_PREFIX", "DR_LOCAL_S3_METRICS_PREFIX")
-"""Settings that say which training it is and not how it trains."""
+"""These say which training it is, not how it trains."""
 
 _RESULTS = (
     "world",
@@ -31,7 +31,6 @@ _RESULTS = (
 )
 
 _CONTEXT = 2
-"""Lines around a change."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +70,10 @@ class TrainingComparison:
         after: The second.
         results: What they came to, equal values included.
         settings: Settings that differ, with the values of defaults.
-        worker_settings: The same for the files of other workers, such as `worker-2.env DR_...`.
+        worker_settings: The same for files of other workers, such as `worker-2.env DR_...`.
         hyperparameters: Those that differ.
-        model: What differs about algorithm, actions, network and sensors.
-        start: What differs about the weights that they began with.
+        model: Differences of algorithm, actions, network and sensors.
+        start: Differences of the weights that they began with.
         versions: Of Python and packages.
         machine: Processor, cores and others.
         files: Files that differ, except hyperparameters.json.
@@ -95,21 +94,12 @@ class TrainingComparison:
 
 @dataclass(frozen=True)
 class Compared:
-    """A training that is compared.
-
-    Attributes:
-        record: What was recorded.
-        entry: The same in short.
-        texts: Its files by name; None for a text that was not kept.
-    """
-
     record: TrainingRecord
     entry: TrainingEntry
     texts: Mapping[str, str | None]
 
 
 def compare(one: Compared, other: Compared) -> TrainingComparison:
-    """Compare two trainings by their newest starts."""
     a, b = one.record, other.record
     return TrainingComparison(
         one.entry,
@@ -130,7 +120,7 @@ def compare(one: Compared, other: Compared) -> TrainingComparison:
 
 
 def setting_differences(a: TrainingRecord, b: TrainingRecord) -> list[Difference]:
-    """Settings that differ; none if those of one are not known."""
+    """None if those of one are unknown."""
     if a.newest.settings is None or b.newest.settings is None:
         return []
     found = differences(settings_of(a), settings_of(b))
@@ -138,7 +128,6 @@ def setting_differences(a: TrainingRecord, b: TrainingRecord) -> list[Difference
 
 
 def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Difference]:
-    """Values that differ, by name."""
     names = sorted({*before, *after})
     return [
         Difference(name, before.get(name), after.get(name))
@@ -148,7 +137,6 @@ def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Dif
 
 
 def changed_files(a: TrainingRecord, b: TrainingRecord) -> list[str]:
-    """Files that both trainings have and that differ."""
     one, other = a.newest.files, b.newest.files
     return [name for name in one if name in other and one[name] != other[name]]
 

@@ -1,4 +1,4 @@
-"""Shows one training whole, gives its files back, and forgets trainings."""
+"""Shows one training, gives its files back, and forgets trainings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -60,10 +60,10 @@ def details_of(
     save: Path | None = None,
     force: bool = False,
 ) -> TrainingDetails:
-    """Everything about a training; with `save`, its files are written to that folder.
+    """Everything about a training; its files are written to `save`.
 
     Raises:
-        SettingsError: No training has this name, or a file exists and `force` is not given.
+        SettingsError: There is none, or a file exists without `force`.
     """
     record = known.find(name)
     texts = {file: text for file, text in texts_of(bucket, record).items() if text is not None}
@@ -73,22 +73,14 @@ def details_of(
 
 
 def compared(bucket: Bucket, known: KnownTrainings, name: str) -> Compared:
-    """A training with its files, for a comparison.
-
-    Raises:
-        SettingsError: No training has this name.
-    """
+    """Raises SettingsError if there is no such training."""
     record = known.find(name)
     entry = entry_of(record, exists=record.id in known.existing)
     return Compared(record, entry, texts_of(bucket, record))
 
 
 def plan_forgetting(known: KnownTrainings, names: Sequence[str]) -> list[TrainingRecord]:
-    """The trainings whose records are to be deleted.
-
-    Raises:
-        SettingsError: One does not exist, is running, or has no record.
-    """
+    """SettingsError if one is missing, running, or without record."""
     found: dict[str, TrainingRecord] = {}
     for name in names:
         record = known.find(name)
@@ -108,11 +100,7 @@ def plan_forgetting(known: KnownTrainings, names: Sequence[str]) -> list[Trainin
 
 
 def forget(bucket: Bucket, records: Sequence[TrainingRecord]) -> None:
-    """Delete the records of trainings that do not run.
-
-    Raises:
-        SettingsError: Somebody has begun to train one of the models.
-    """
+    """SettingsError if somebody has begun to train."""
     for record in records:
         if record.gone_at is None:
             lease.refuse_other_owner(bucket, record.prefix)

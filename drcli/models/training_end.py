@@ -12,13 +12,11 @@ from drcli.store.bucket import Bucket, ObjectMissing
 
 
 def ended_elsewhere(bucket: Bucket, record: TrainingRecord) -> TrainingRecord:
-    """The record of a training that does not run any more, with its end as far as it is known."""
     outcome = None if record.gone_at is not None else known_outcome(bucket, record.prefix)
     return with_end(record, outcome)
 
 
 def with_end(record: TrainingRecord, outcome: RunOutcome | None) -> TrainingRecord:
-    """The record with the end of its newest start, as far as somebody has recorded it."""
     newest = record.newest
     if not record.starts or newest.state not in ("running", "unknown"):
         return record
@@ -46,7 +44,6 @@ _STATES: Mapping[str, TrainingState] = {
 
 
 def known_outcome(bucket: Bucket, prefix: str) -> RunOutcome | None:
-    """What the newest start of a model came to; None if nobody has recorded it."""
     with suppress(ObjectMissing, RecordError):
         return RunOutcome.decode(bucket.get(keys.outcome(prefix)))
     return None

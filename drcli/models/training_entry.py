@@ -1,4 +1,4 @@
-"""A training in short, as lists show it, and its settings with their defaults."""
+"""A training in short, and its settings with defaults."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -19,8 +19,8 @@ class TrainingEntry:
         message: Why it ended.
         began_at: Time of its first start in UTC, ISO 8601; empty if unknown.
         ended_at: Time of its end, likewise.
-        exists: Whether the model of this training is still there.
-        derived: Whether nobody wrote a record, so that this was worked out from the model.
+        exists: Whether its model is still there.
+        derived: Whether this was worked out from the model, as nobody wrote a record.
         world: Track.
         race_type: DR_RACE_TYPE.
         algorithm: clipped_ppo or sac.
@@ -46,7 +46,7 @@ class TrainingEntry:
         host: Machine of the newest start.
         processor: Of that machine.
         drcli: Version of drcli of the newest start.
-        commit: Git commit of the working folder, with + if files were changed since.
+        commit: Git commit of the working folder, with + if files were changed.
         seed: Of its random numbers.
         description: DR_MODEL_DESCRIPTION.
         metric: DR_TRAIN_BEST_MODEL_METRIC, of which the score is; empty if unknown.
@@ -92,7 +92,6 @@ class TrainingEntry:
 
 
 def entry_of(record: TrainingRecord, *, exists: bool) -> TrainingEntry:
-    """A record as an entry of a list."""
     newest, results, parent = record.newest, record.results, record.parent
     git = newest.git.get("working_folder")
     return TrainingEntry(
@@ -147,7 +146,6 @@ def moment_text(at: float | None) -> str:
 
 
 def settings_of(record: TrainingRecord) -> dict[str, Any]:
-    """The settings of the newest start with the defaults of all others that have an effect."""
     given = record.newest.settings
     if given is None:
         return {}

@@ -1,4 +1,4 @@
-"""Conditions that choose trainings: a time, a state, or a comparison with any of their values."""
+"""Conditions that choose trainings: time, state, comparison."""
 
 import re
 from collections.abc import Callable, Collection, Mapping
@@ -19,7 +19,7 @@ _COMPARISON = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]*)\s*(<=|>=|!=|==|=|<|>)\s*(.
 
 
 def of_model(pattern: str) -> Condition:
-    """Trainings of models whose prefix contains a text, or fits one with `*` and `?`."""
+    """By a part of the prefix, or `*` and `?`."""
     has_wildcards = any(character in pattern for character in "*?[")
 
     def fits(values: Mapping[str, Any]) -> bool:
@@ -30,11 +30,7 @@ def of_model(pattern: str) -> Condition:
 
 
 def in_state(words: str) -> Condition:
-    """Trainings in one of these states, separated by commas.
-
-    Raises:
-        SettingsError: There is no such state.
-    """
+    """States separated by commas; raises SettingsError."""
     wanted = [word.casefold() for word in re.split(r"[,\s]+", words) if word]
     for word in wanted:
         if word not in STATES:
@@ -46,17 +42,7 @@ def in_state(words: str) -> Condition:
 
 
 def began(option: str, text: str, now: datetime, *, after: bool) -> Condition:
-    """Trainings that began after or before a time.
-
-    Args:
-        option: Name of the option, for messages.
-        text: A date in UTC, or an age; see `moment`.
-        now: The present time.
-        after: Whether they began then or later.
-
-    Raises:
-        SettingsError: It is neither.
-    """
+    """By a date in UTC, or an age; raises SettingsError."""
     limit = moment(option, text, now).strftime("%Y-%m-%dT%H:%M:%SZ")
 
     def fits(values: Mapping[str, Any]) -> bool:
@@ -67,17 +53,12 @@ def began(option: str, text: str, now: datetime, *, after: bool) -> Condition:
 
 
 def where(text: str, names: Collection[str]) -> Condition:
-    """Trainings for which a comparison is true, such as `lr<0.001` or `DR_WORLD_NAME=reinvent*`.
+    """A comparison such as `lr<0.001` or `DR_WORLD_NAME=reinvent*`.
 
-    Numbers are compared as numbers, texts without regard to case; = and != know `*` and `?`. A
-    training without a value fulfils only !=.
-
-    Args:
-        text: The comparison.
-        names: Values that trainings can have.
+    Texts are compared without case; = and != know `*` and `?`. A missing value fulfils only !=.
 
     Raises:
-        SettingsError: It is no comparison, or no training can have such a value.
+        SettingsError: It is not one, or no training can have such a value.
     """
     found = _COMPARISON.fullmatch(text)
     if found is None:

@@ -1,4 +1,4 @@
-"""Lists the trainings of a bucket: those with a record, and those of models without one."""
+"""Lists a bucket's trainings, recorded or not."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,7 +22,7 @@ from drcli.store.repair import Model
 from drcli.store.training_records import at_once, read_trainings
 
 MOST_EVALUATIONS = 1000
-"""Results of dr-evaluate that are read at a time, of all models together: each is a request."""
+"""At a time, of all models: each is a request."""
 
 LEAST_ID, FULL_ID = 4, 8
 """Digits of an id that name a training, and all of them."""
@@ -47,15 +47,7 @@ class TrainingList:
 
 @dataclass(frozen=True)
 class KnownTrainings:
-    """Everything that a bucket knows about trainings.
-
-    Attributes:
-        bucket: Its name.
-        records: By the time of their first start.
-        existing: Ids of the trainings whose models are still there.
-        models: Prefixes of all models of the bucket.
-        damaged: A sentence for each record that cannot be read.
-    """
+    """All trainings by start; `existing` are ids whose model is still there."""
 
     bucket: str
     records: tuple[TrainingRecord, ...] = ()
@@ -64,17 +56,15 @@ class KnownTrainings:
     damaged: tuple[str, ...] = ()
 
     def entries(self) -> list[TrainingEntry]:
-        """All trainings as entries of a list."""
         return [entry_of(record, exists=record.id in self.existing) for record in self.records]
 
     def find(self, name: str) -> TrainingRecord:
-        """The training that a name means.
+        """By id or its beginning, or by model for its newest training, with ~1 for the one before.
 
-        It is an id or its beginning, or the prefix of a model for its newest training, with ~1 for
-        the training before that. A name that is both means the model, unless it is a whole id.
+        A name that is both means the model, unless it is a whole id.
 
         Raises:
-            SettingsError: No training has this name, or several have.
+            SettingsError: None or several have this name.
         """
         prefix, _, back = name.rstrip("/").partition("~")
         of_model = [record for record in self.records if record.prefix == prefix]
@@ -107,11 +97,7 @@ class KnownTrainings:
 
 
 def known_trainings(bucket: Bucket) -> KnownTrainings:
-    """Read everything that a bucket knows about trainings.
-
-    Raises:
-        StorageError: The bucket does not answer.
-    """
+    """Raises StorageError."""
     listed = bucket.list("")
     present = {info.key for info in listed}
     models = models_in(listed)
@@ -159,7 +145,6 @@ def known_trainings(bucket: Bucket) -> KnownTrainings:
 def _surplus(
     records: Sequence[TrainingRecord], bucket: Bucket, evaluations: Mapping[str, Sequence[str]]
 ) -> set[str]:
-    """The oldest evaluations that no record contains yet, where they are too many to read."""
     fresh: list[str] = []
     for record in records:
         if record.gone_at is None:
@@ -172,7 +157,6 @@ def _surplus(
 def _as_it_is_now(
     bucket: Bucket, evaluations: Mapping[str, Sequence[str]], record: TrainingRecord
 ) -> TrainingRecord:
-    """The record with what has happened since it was written."""
     if record.gone_at is not None:
         return ended_elsewhere(bucket, record) if record.state == "running" else record
     model = model_of(record, bucket)

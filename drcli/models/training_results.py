@@ -1,4 +1,4 @@
-"""What a training has come to, from its learning curve, its scores and its evaluations."""
+"""What a training has come to, from its curve, scores and evaluations."""
 
 import json
 import math
@@ -28,8 +28,6 @@ from drcli.store.training_records import at_once
 _EVALUATION = re.compile(r"evaluation-\d{14}\.json")
 
 MOST_EVALUATIONS = 100
-"""Newest stand-alone evaluations that are read at a time."""
-
 DR_WORLD_NAME = "DR_WORLD_NAME"
 
 STAMP_DIGITS = 14
@@ -38,13 +36,7 @@ STAMP_DIGITS = 14
 def read_results(
     model: Model, record: TrainingRecord, reader: HistoryReader | None = None
 ) -> TrainingResults:
-    """What a training has come to; damaged objects are reconstructed as far as possible.
-
-    Evaluations that the `record` knows are not read again.
-
-    Raises:
-        StorageError: The bucket does not answer.
-    """
+    """Skips evaluations in the record; raises StorageError."""
     history, _ = readable_history(model, reader)
     scores, _ = readable_scores(model)
     folder = keys.evaluation_metrics_folder(model.metrics_prefix)
@@ -67,13 +59,7 @@ def results_of(
     scores: Scores | None,
     comparable: Collection[int],
 ) -> TrainingResults:
-    """The results, without stand-alone evaluations.
-
-    Args:
-        history: All iterations, oldest first.
-        scores: Of the best and the newest checkpoint; None if unknown.
-        comparable: Numbers of the iterations on the track of the training.
-    """
+    """Without stand-alone evaluations; `comparable` iterations drove its track."""
     last = history[-1] if history else None
     on_it = [record for record in history if record.iteration in comparable]
     driven = [record.best_lap_s for record in on_it if record.best_lap_s is not None]
@@ -107,14 +93,9 @@ def on_track(
     history: Sequence[IterationRecord],
     worlds_of_stages: Mapping[str, str] | None = None,
 ) -> set[int]:
-    """Numbers of the iterations that drove the track which the record names.
+    """Iterations on the track of the record.
 
-    A training may be resumed on another track, and its stages may each have their own.
-
-    Args:
-        record: With the settings of each start that it knows.
-        history: All iterations.
-        worlds_of_stages: Track of each stage; that of one that is not here is unknown.
+    A training may be resumed on another, and stages have their own.
     """
     starts = record.starts
     worlds = [_world(start) or record.world for start in starts]
@@ -144,7 +125,7 @@ def _resumed(start: RecordedStart) -> CheckpointName | None:
 
 
 def _world(start: RecordedStart) -> str | None:
-    """The track of a start, whose settings are there only if they differ from their defaults."""
+    """It is recorded only if not the default."""
     if start.settings is None:
         return None
     return str(start.settings.get(DR_WORLD_NAME, catalogue()[DR_WORLD_NAME].default))
@@ -161,7 +142,6 @@ def _worlds_of_stages(model: Model, record: TrainingRecord) -> dict[str, str]:
 
 
 def evaluations_by_folder(listed: Iterable[ObjectInfo]) -> dict[str, list[str]]:
-    """Keys of the stand-alone evaluations in a listing by their folder, oldest first."""
     found: dict[str, list[str]] = {}
     for info in listed:
         folder, slash, name = info.key.rpartition("/")
@@ -173,10 +153,7 @@ def evaluations_by_folder(listed: Iterable[ObjectInfo]) -> dict[str, list[str]]:
 def with_evaluations(
     results: TrainingResults, model: Model, evaluations: Sequence[str]
 ) -> TrainingResults:
-    """The results with those stand-alone evaluations that they do not have yet.
-
-    What cannot be read is left out: nothing but these numbers depends on it.
-    """
+    """Leaves out what cannot be read: nothing else depends on it."""
     fresh = list(evaluations[results.read_evaluations :])[-MOST_EVALUATIONS:]
     read = at_once(lambda key: _trials(model, key), fresh)
     known = results
@@ -200,15 +177,6 @@ def with_evaluations(
 
 @dataclass(frozen=True)
 class _Trials:
-    """What a stand-alone evaluation drove.
-
-    Attributes:
-        trials: How many there are.
-        lap_s: Times of the finished laps, penalties included.
-        clean_lap_s: The fastest without a violation; None without one.
-        world: Their track; empty if there is no clean lap or nobody recorded it.
-    """
-
     trials: int = 0
     lap_s: Sequence[float] = ()
     clean_lap_s: float | None = None
@@ -228,7 +196,6 @@ def _trials(model: Model, key: str) -> _Trials:
 
 
 def _world_of(model: Model, key: str) -> str:
-    """The track of an evaluation, from what lies beside its trace."""
     stamp = key.removesuffix(".json")[-STAMP_DIGITS:]
     with suppress(ObjectMissing, RecordError):
         trace = keys.evaluation_trace(model.prefix, stamp)

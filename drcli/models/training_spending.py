@@ -1,4 +1,4 @@
-"""What the starts of a training have cost, in its record."""
+"""What a training's starts have cost."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -12,7 +12,6 @@ from drcli.store.bucket import Bucket, ObjectMissing
 
 
 def read_spending(bucket: Bucket, prefix: str) -> dict[str, StartSpending]:
-    """What each start of a training has cost, by its session; damaged objects are left out."""
     found = {}
     for info in bucket.list(keys.spending_folder(prefix)):
         with suppress(ObjectMissing, RecordError):
@@ -22,10 +21,7 @@ def read_spending(bucket: Bucket, prefix: str) -> dict[str, StartSpending]:
 
 
 def with_spending(record: TrainingRecord, spent: Mapping[str, StartSpending]) -> TrainingRecord:
-    """The record with hours and money of each start; starts that nobody counted stay as they are.
-
-    The object of a start is deleted with the model, so what the record knows already stays.
-    """
+    """What the record knows stays: the objects are deleted with the model."""
     starts = tuple(
         replace(start, hours=one.hours, usd=one.usd)
         if (one := spent.get(start.session)) is not None

@@ -1,4 +1,4 @@
-"""Trainings as a CSV table, for spreadsheets and pandas."""
+"""Trainings as a CSV table."""
 
 import csv
 import io
@@ -10,11 +10,7 @@ from drcli.models.training_list import KnownTrainings
 
 
 def csv_table(known: KnownTrainings, chosen: Collection[TrainingEntry]) -> str:
-    """A row for each chosen training, in their order.
-
-    The columns are those of a list, then each hyperparameter, then each setting that one of the
-    trainings has given. What is not known is empty.
-    """
+    """With each hyperparameter and each setting that was given."""
     records = {record.id: record for record in known.records}
     found = [records[entry.id] for entry in chosen]
     parameters = sorted({name for record in found for name in record.hyperparameters})

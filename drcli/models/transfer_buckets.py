@@ -1,4 +1,4 @@
-"""Opens the two buckets of a transfer, and refuses transfers that would do damage."""
+"""Opens the two buckets of a transfer, and refuses damage."""
 
 import re
 import uuid
@@ -21,10 +21,10 @@ from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
 
 COPY_PATIENCE_S = 120.0
-"""How long it waits while it copies a model, which gives a bad network time to recover."""
+"""A bad network gets time to recover."""
 
 UNDEFINED = "not-defined"
-"""Value of DR_UPLOAD_S3_BUCKET for no bucket, as in the reference's template."""
+"""From the reference's template."""
 
 _ADDRESS = SettingNames(bucket="-s", prefix="-s")
 
@@ -34,9 +34,7 @@ _URL = re.compile(r"s3://([A-Za-z0-9][A-Za-z0-9._-]{2,62})/(.+)")
 def target_bucket(
     ends: TransferConfig, *, local: bool, patience_s: float, otherwise: str = ""
 ) -> Bucket:
-    """Open the upload bucket, or our own if `local`.
-
-    `otherwise` says what else to do if there is no upload bucket, and begins with "or".
+    """The upload bucket, or our own if `local`; `otherwise` is another remedy.
 
     Raises:
         SettingsError: There is no upload bucket.
@@ -52,10 +50,7 @@ def target_bucket(
 
 
 def bucket_to_look_at(ends: TransferConfig, *, upload: bool) -> Bucket:
-    """Open the upload bucket or our own for reading.
-
-    Our own server is started only if its bucket cannot be read without it.
-    """
+    """Starts our server only if needed to read."""
     if not upload:
         found = open_running_bucket(ends.own)
         if found is not None:
@@ -69,7 +64,7 @@ def bucket_to_look_at(ends: TransferConfig, *, upload: bool) -> Bucket:
 
 
 def source_bucket(ends: TransferConfig, name: str, *, local: bool, patience_s: float) -> Bucket:
-    """Open a bucket to download from: at the server of uploads, or at our own if `local`."""
+    """At the server of uploads, or our own if `local`."""
     if local:
         own = server.ensure_running(ends.own)
         return S3Bucket(replace(own, names=_ADDRESS), name, patience_s=patience_s)
@@ -82,11 +77,7 @@ def source_bucket(ends: TransferConfig, name: str, *, local: bool, patience_s: f
 
 
 def parse_url(url: str, flag: str = "-s") -> tuple[str, str]:
-    """Bucket and prefix of an address such as `s3://bucket/team/model-1`.
-
-    Raises:
-        SettingsError: It is not one.
-    """
+    """From `s3://bucket/team/model-1`; raises SettingsError."""
     found = _URL.fullmatch(url.strip())
     prefix = found[2].strip("/") if found else ""
     if found is None or not keys.is_valid_prefix(prefix):
@@ -98,11 +89,7 @@ def parse_url(url: str, flag: str = "-s") -> tuple[str, str]:
 
 
 def checked_prefix(prefix: str, flag: str) -> str:
-    """A prefix from the command line.
-
-    Raises:
-        SettingsError: It is not a valid name.
-    """
+    """Raises SettingsError if it is not valid."""
     plain = prefix.rstrip("/")
     if not keys.is_valid_prefix(plain):
         raise SettingsError(
@@ -115,10 +102,9 @@ def checked_prefix(prefix: str, flag: str) -> str:
 def refuse_overlap(
     source: tuple[Bucket, str], target: tuple[Bucket, str], *, flag: str, may_write: bool
 ) -> None:
-    """Refuse to copy a model onto itself, or into its own folder.
+    """Refuse to copy a model onto itself, or into its folder.
 
-    One server can have many addresses. With `may_write`, this puts a short-lived object at the
-    target to see whether it appears at the source.
+    A server can have many addresses: with `may_write`, a short-lived object shows it.
 
     Raises:
         SettingsError: They overlap.
@@ -135,10 +121,10 @@ def refuse_overlap(
 
 
 def refuse_nesting(bucket: Bucket, prefix: str, custom_files: str, *, flag: str) -> None:
-    """Refuse a copy in our own bucket that overlaps with something else.
+    """Refuse to mix a copy in our own bucket with other things.
 
     Raises:
-        SettingsError: It would be in a folder with another model or with the racer's own files.
+        SettingsError: It would be in a folder with another model or the racer's files.
     """
     if contains(custom_files, prefix) or contains(prefix, custom_files):
         raise SettingsError(
@@ -163,11 +149,7 @@ def refuse_nesting(bucket: Bucket, prefix: str, custom_files: str, *, flag: str)
 
 
 def refuse_training(bucket: Bucket, prefix: str) -> None:
-    """Refuse to write into a model that is being trained.
-
-    Raises:
-        SettingsError: A training is running there.
-    """
+    """Raises SettingsError if it is being trained."""
     held = lease.live_holder(bucket, prefix)
     if held is not None:
         raise SettingsError(
@@ -177,10 +159,7 @@ def refuse_training(bucket: Bucket, prefix: str) -> None:
 
 
 def _is_same(source: Bucket, target: Bucket, prefix: str, *, may_write: bool) -> bool:
-    """Whether both are the same bucket.
-
-    A test object goes below the prefix at the target, where keys may be allowed to write only.
-    """
+    """The test object is below the prefix, where keys may be limited to."""
     if source is target:
         return True
     if source.name != target.name:

@@ -1,4 +1,4 @@
-"""Uploads a checkpoint of a model, with all files that belong to it."""
+"""Uploads a checkpoint with all files that belong to it."""
 
 from dataclasses import dataclass, field, replace
 
@@ -33,16 +33,11 @@ from drcli.store.repair import Model
 from drcli.store.write_probe import prove_writing
 
 _PICKS = 5
-"""How often another checkpoint is chosen because a running training has deleted the last one."""
+"""A training may delete the last checkpoint."""
 
 
 @dataclass(frozen=True)
 class UploadOptions:
-    """Options of the command: `prefix` is another model to upload, `to` another target prefix.
-
-    `keep` and `max_mb` replace DR_UPLOAD_KEEP and DR_UPLOAD_MAX_MB.
-    """
-
     choice: CheckpointChoice = "last"
     prefix: str | None = None
     to: str | None = None
@@ -55,8 +50,6 @@ class UploadOptions:
 
 @dataclass(frozen=True)
 class PlannedUpload:
-    """An upload that passed all checks, and its checkpoint as it was found."""
-
     options: UploadOptions
     retention: Retention
     chosen: Chosen
@@ -72,7 +65,7 @@ class UploadReport(TransferReport):
 
     Attributes:
         choice: last, best, the word of a milestone, or the requested number.
-        metric: Mean score of the checkpoint's evaluation; None if it was not evaluated.
+        metric: Mean score of the checkpoint's evaluation; None without one.
         older: Checkpoints of earlier uploads that are still there.
         older_bytes: Their size.
     """
@@ -84,13 +77,7 @@ class UploadReport(TransferReport):
 
 
 def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
-    """Choose the checkpoint and check both ends; nothing is copied yet.
-
-    Unless it is a dry run, a test object proves that the target can be written.
-
-    Raises:
-        DrError: The first thing that is wrong.
-    """
+    """Choose the checkpoint and prove that the target can be written; raises DrError."""
     retention = retention_of(settings, options.keep, options.max_mb)
     source = checked_prefix(options.prefix, "-p") if options.prefix else settings.model_prefix
     target = source if options.prefix else settings.upload_s3_prefix
@@ -118,11 +105,7 @@ def plan_upload(settings: Settings, options: UploadOptions) -> PlannedUpload:
 
 
 def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> UploadReport:
-    """Make the upload.
-
-    Raises:
-        DrError: It failed; the target then has its old checkpoint, or none.
-    """
+    """Raises DrError; the target then has its old checkpoint, or none."""
     options = planned.options
     here = open_bucket(settings.storage, patience_s=COPY_PATIENCE_S)
     there = target_bucket(settings.transfer, local=options.local, patience_s=COPY_PATIENCE_S)
@@ -166,7 +149,6 @@ def upload(planned: PlannedUpload, settings: Settings, progress: Progress) -> Up
 
 
 def _read_chosen(here: Bucket, planned: PlannedUpload) -> tuple[Chosen, list[Item]]:
-    """Read the checkpoint, or the next choice if a running training deletes it meanwhile."""
     chosen = planned.chosen
     for attempt in range(_PICKS):
         try:
@@ -183,11 +165,7 @@ def _read_chosen(here: Bucket, planned: PlannedUpload) -> tuple[Chosen, list[Ite
 
 
 def retention_of(settings: Settings, keep: str | None, max_mb: int | None) -> Retention:
-    """What stays at the target: by the options, else by the settings.
-
-    Raises:
-        SettingsError: An option cannot be understood.
-    """
+    """By options, else settings; raises SettingsError."""
     return Retention.of(
         settings.upload_keep if keep is None else keep,
         settings.upload_max_mb if max_mb is None else max_mb,
@@ -201,7 +179,6 @@ def _rehearsed(
     items: list[Item],
     best: str | None,
 ) -> UploadReport:
-    """The report of a dry run."""
     delivery = Delivery(there, planned.target, lambda more: None)
     copied = [item for item in items if not delivery.holds(item)]
     names = [item.name for item in items]
@@ -218,7 +195,6 @@ def _rehearsed(
 
 
 def _older(there: Bucket, prefix: str, name: str) -> tuple[list[str], int]:
-    """All other checkpoints at the target, oldest first, and their size."""
     sizes: dict[CheckpointName, int] = {}
     for info in there.list(keys.model_folder(prefix)):
         found = keys.checkpoint_of(prefix, info.key)

@@ -1,4 +1,4 @@
-"""Gives the next upload another name: edits DR_UPLOAD_S3_PREFIX in run.env."""
+"""Gives the next upload another name, in run.env."""
 
 from dataclasses import dataclass
 
@@ -41,8 +41,6 @@ class UploadIncrement:
 
 @dataclass(frozen=True)
 class PlannedUploadIncrement:
-    """A change that passed all checks, and the settings after it."""
-
     step: UploadIncrement
     edit: RunEnvEdit
     settings: Settings
@@ -55,13 +53,9 @@ def plan_upload_increment(
     delimiter: str | None = None,
     wiping: bool = False,
 ) -> PlannedUploadIncrement:
-    """Check everything and prepare the edit; nothing is changed yet.
+    """Prepare the edit; nothing is changed yet. Raises DrError.
 
-    Without a `prefix`, this raises the number at the end of the present one; `delimiter` is what
-    must stand before that number. With `wiping`, everything at the new prefix will be deleted.
-
-    Raises:
-        DrError: The first thing that is wrong.
+    Without `prefix`, raises the number at the end of the present one, after `delimiter`.
     """
     before = settings.upload_s3_prefix
     default = catalogue()[PREFIX].default_text
@@ -79,11 +73,11 @@ def plan_upload_increment(
 
 
 def make_upload_increment(planned: PlannedUploadIncrement) -> None:
-    """Delete the objects at the new prefix if asked to, then edit the file.
+    """Delete what is at the new prefix if asked to, then edit the file.
 
     Raises:
-        SettingsError: The file has changed since the check, or cannot be written.
-        StorageError: The bucket could not be wiped; the file is as it was.
+        SettingsError: The file has changed, or cannot be written.
+        StorageError: Deleting failed; the file is as it was.
     """
     planned.edit.check()
     if planned.step.wiped:
@@ -95,7 +89,6 @@ def make_upload_increment(planned: PlannedUploadIncrement) -> None:
 
 
 def _count(settings: Settings) -> int:
-    """Count the objects at the next prefix; none of them may belong to our own model."""
     there = target_bucket(settings.transfer, local=False, patience_s=COMMAND_PATIENCE_S)
     prefix = settings.upload_s3_prefix
     refuse_training(there, prefix)

@@ -1,7 +1,6 @@
-"""Which checkpoints and car archives stay where models are uploaded to, and which are deleted.
+"""Which uploaded checkpoints and car archives stay, and which are deleted.
 
-Deletes only what this program has written: checkpoints with a record of ours, and archives that are
-named after the model and a checkpoint. What the pointers name always stays.
+Deletes only what this program wrote, and never what the pointers name.
 """
 
 import re
@@ -27,23 +26,14 @@ _GRAPH = re.compile(r"model_(\d+)\.pb")
 
 @dataclass(frozen=True)
 class Retention:
-    """What stays.
-
-    Attributes:
-        rules: `last`, `last-N`, `best`, `every-N`; none to keep all.
-        max_bytes: Largest size of everything that stays; 0 for no limit.
-    """
+    """`rules` are `last`, `last-N`, `best`, `every-N`; none: keep all."""
 
     rules: tuple[str, ...] = ()
     max_bytes: int = 0
 
     @staticmethod
     def of(keep: str, max_mb: int) -> "Retention":
-        """The retention of DR_UPLOAD_KEEP and DR_UPLOAD_MAX_MB, or of the options.
-
-        Raises:
-            SettingsError: A rule is none.
-        """
+        """Raises SettingsError."""
         try:
             return Retention(retention_rules(keep), max_mb * 1_000_000)
         except BadValue as error:
@@ -51,12 +41,10 @@ class Retention:
 
     @property
     def is_active(self) -> bool:
-        """Whether anything may be deleted."""
         return bool(self.rules) or self.max_bytes > 0
 
 
 KEEP_ALL = Retention()
-"""Deletes nothing."""
 
 
 def surplus(
@@ -65,17 +53,10 @@ def surplus(
     best: CheckpointName | None,
     pinned: Collection[CheckpointName],
 ) -> list[CheckpointName]:
-    """What does not stay, the oldest first.
+    """What does not stay, oldest first; `pinned` ones always stay.
 
-    `every-N` keeps the first of each N numbers: of 0 to N-1, of N to 2N-1 and so on. So what it
-    keeps once, it keeps always, whichever checkpoints come later. The size limit deletes the
-    oldest first, and the best one last.
-
-    Args:
-        sizes: All that is there, with the size of each in bytes.
-        retention: What stays.
-        best: The best checkpoint.
-        pinned: Those that always stay.
+    `every-N` keeps the first of 0 to N-1, of N to 2N-1 ...: what it keeps once, it keeps always.
+    The size limit deletes the oldest first, the best last.
     """
     everything = sorted(sizes)
     stay = set(everything) if not retention.rules else _kept(everything, retention.rules, best)
@@ -92,17 +73,6 @@ def surplus(
 def delete_surplus_checkpoints(
     delivery: Delivery, retention: Retention, best: str | None, *, dry_run: bool = False
 ) -> list[str]:
-    """Delete the checkpoints at the target of an upload that do not stay.
-
-    Args:
-        delivery: The upload, which has published its pointers.
-        retention: What stays.
-        best: Name of the best checkpoint of the uploaded model.
-        dry_run: Whether to delete nothing.
-
-    Returns:
-        Names of the deleted objects, below the target.
-    """
     bucket, prefix = delivery.bucket, delivery.prefix
     objects, sizes = _own_checkpoints(bucket, prefix)
     pinned = _pointed(bucket, prefix)
@@ -125,20 +95,7 @@ def delete_surplus_archives(
     *,
     dry_run: bool = False,
 ) -> list[str]:
-    """Delete the archives `NAME-chkN.tar.gz` that do not stay.
-
-    Args:
-        bucket: Holds them.
-        prefix: Their folder.
-        plain: Names of the archive without a number, such as `NAME.tar.gz`, which always stays.
-        retention: What stays.
-        best: Name of the best checkpoint of the model.
-        newest: Number of the archive that was just uploaded, which always stays.
-        dry_run: Whether to delete nothing.
-
-    Returns:
-        Names of the deleted archives.
-    """
+    """Of `NAME-chkN.tar.gz`; `plain` names and `newest` always stay."""
     names = "|".join(re.escape(name.removesuffix(END)) for name in plain)
     pattern = re.compile(rf"(?:{names})-chk(\d{{1,9}}){re.escape(END)}")
     folder = keys.folder(prefix)
@@ -164,7 +121,6 @@ def delete_surplus_archives(
 def _kept(
     names: list[CheckpointName], rules: tuple[str, ...], best: CheckpointName | None
 ) -> set[CheckpointName]:
-    """Everything that some rule keeps; `names` are sorted."""
     stay: set[CheckpointName] = set()
     for rule in rules:
         kind, _, number = rule.partition("-")
@@ -183,7 +139,6 @@ def _kept(
 def _own_checkpoints(
     bucket: Bucket, prefix: str
 ) -> tuple[dict[CheckpointName, list[str]], dict[CheckpointName, int]]:
-    """Keys and sizes of the checkpoints that this program has written."""
     listed = bucket.list(keys.model_folder(prefix))
     objects: dict[CheckpointName, list[str]] = {}
     sizes: dict[CheckpointName, int] = {}
@@ -209,7 +164,6 @@ def _own_checkpoints(
 
 
 def _is_ours(bucket: Bucket, prefix: str, name: CheckpointName, found: list[str]) -> bool:
-    """Whether a checkpoint has our weights, and our record that describes it."""
     record = keys.checkpoint_record(prefix, str(name))
     if record not in found or keys.checkpoint_tensors(prefix, str(name)) not in found:
         return False
@@ -221,7 +175,6 @@ def _is_ours(bucket: Bucket, prefix: str, name: CheckpointName, found: list[str]
 
 
 def _pointed(bucket: Bucket, prefix: str) -> set[CheckpointName]:
-    """What the pointers name."""
     names: set[str] = set()
     with suppress(ObjectDamaged):
         scores = read_scores(bucket, prefix)

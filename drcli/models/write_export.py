@@ -1,4 +1,4 @@
-"""Writes the files of an export to a folder or a bucket, so that nobody finds a part of them."""
+"""Writes an export so that nobody finds a part of it."""
 
 import contextlib
 import shutil
@@ -33,15 +33,6 @@ _URL = "s3://"
 
 @dataclass(frozen=True)
 class ExportTarget:
-    """Where an export goes: a folder, or a prefix in a bucket.
-
-    Attributes:
-        shown: What reports call it.
-        folder: None for a bucket.
-        bucket: None for a folder.
-        prefix: In the bucket.
-    """
-
     shown: str
     folder: Path | None = None
     bucket: Bucket | None = None
@@ -49,21 +40,13 @@ class ExportTarget:
 
 
 def is_url(out: str) -> bool:
-    """Whether --out means a bucket."""
     return out.casefold().startswith(_URL)
 
 
 def export_target(
     settings: Settings, out: str, source: str, *, local: bool, force: bool
 ) -> ExportTarget:
-    """Check where an export should go; only a test object may be written, and deleted again.
-
-    Args:
-        settings: With the servers.
-        out: A folder, or s3://bucket/prefix.
-        source: Prefix of the model that is exported.
-        local: Whether the bucket is at our own server.
-        force: Whether files there may be replaced.
+    """Check where an export should go, at most with a test object.
 
     Raises:
         SettingsError: The place cannot be used.
@@ -94,11 +77,7 @@ def export_target(
 def write_items(
     target: ExportTarget, items: Sequence[Item], score: Score, progress: Progress
 ) -> None:
-    """Write all files, then the two pointers to the checkpoint.
-
-    Raises:
-        DrError: The target cannot be written.
-    """
+    """The two pointers come last; raises DrError."""
     pointers = pointer_items(score)
     if target.folder is not None:
         _write_folder(target.folder, [*items, *pointers])
@@ -112,19 +91,17 @@ def write_items(
 
 
 def pointer_items(score: Score) -> list[Item]:
-    """The two files that name the checkpoint."""
     contents = (score.name.encode(), encode_single(score))
     return [Item(name, data) for name, data in zip(POINTERS, contents, strict=True)]
 
 
 def reference_score(score: Score) -> Score:
-    """A score with numbers only, as the reference writes them."""
     metric = NOT_EVALUATED if score.avg_eval_metric is None else score.avg_eval_metric
     return replace(score, avg_eval_metric=metric, episodes=None)
 
 
 def write_archive(path: Path, data: bytes) -> None:
-    """Write an archive in one step, and its folder if needed."""
+    """In one step, with its folder if needed."""
     try:
         make_folder(path.parent)
     except OSError as e:
@@ -150,7 +127,6 @@ def _usable_folder(folder: Path, *, force: bool) -> Path:
 
 
 def _write_folder(folder: Path, items: Sequence[Item]) -> None:
-    """Write all files: a new folder at once, in an existing one each file at once."""
     try:
         if folder.is_dir() and any(folder.iterdir()):
             # Without pointers, nobody takes new files for those of the old checkpoint.

@@ -15,48 +15,32 @@ ENTROPY_RISE = 0.2
 """Nats above the lowest mean. Fourteen healthy trainings here stayed within 0.05."""
 
 ENTROPY_NEAR = 0.05
-"""Nats above the lowest mean that are as good as the lowest."""
-
 ENTROPY_SINCE = 8
-"""So many iterations ago it was lowest at the least: a rise of a few iterations passes."""
-
 REWARD_WINDOW = 13
-"""Iterations of the rewards that are looked at."""
-
 REWARD_JUMP = 0.4
-"""Mean jump from one iteration to the next, as a share of the mean reward. Healthy trainings here
-had 0.17 to 0.30."""
+"""Between iterations, as a share of the mean reward. Healthy trainings: 0.17 to 0.30."""
 
 REWARD_TURNS = 8
-"""Turns between up and down in that window, of at most 11."""
+"""Up and down in that window, of at most 11."""
 
 REWARD_GAIN = 0.15
-"""Share of all jumps together that is left as a change; more is progress."""
+"""Share of all jumps left as a change; more is progress."""
 
 STEERING_PER_M = 2.0
-"""Changes of the steering from one side to the other in a metre. Calm models here made 0.15 to
-0.4, usual ones 0.9 to 1.6."""
+"""Changes of side. Calm models here made 0.15 to 0.4, usual ones 0.9 to 1.6."""
 
 STEERING_WINDOW = 5
-"""Evaluations over which they are averaged."""
-
 CONVERGED_OVER, CONVERGED_GAP, CONVERGED_PROGRESS = 5, 5.0, 95.0
 """Evaluations that are compared with the training, the largest gap between the two, and the least
 progress of the evaluations, in percent of a lap."""
 
 STEERING_PROGRESS = 50.0
-"""Least mean progress of these evaluations, percent: a beginner has to zigzag."""
+"""Mean percent of these evaluations; a beginner has to zigzag."""
 
 
 @dataclass(frozen=True)
 class Alarm:
-    """Something that goes wrong, and what helps.
-
-    Attributes:
-        subject: `collapse`, `entropy`, `reward` or `steering`.
-        text: What is wrong, a part of a sentence.
-        remedy: What to do, a sentence.
-    """
+    """Something that goes wrong (a part of a sentence), and what helps."""
 
     subject: str
     text: str
@@ -64,12 +48,6 @@ class Alarm:
 
 
 def alarms(records: Sequence[IterationRecord], best: str | None) -> list[Alarm]:
-    """What goes wrong now, by the newest iterations.
-
-    Args:
-        records: The iterations so far, oldest first.
-        best: Name of the best checkpoint.
-    """
     found = []
     fallen = collapse(records, best)
     if fallen is not None:
@@ -81,8 +59,8 @@ def alarms(records: Sequence[IterationRecord], best: str | None) -> list[Alarm]:
 class Convergence:
     """How near training and evaluation are to each other, by the newest evaluated iterations.
 
-    The episodes of a training draw their actions, evaluations take the most likely one. They meet
-    when the policy has become sure and there is little left to learn.
+    Training episodes draw their actions, evaluations take the likeliest one. They meet when the
+    policy has become sure.
 
     Attributes:
         training: Mean progress of the training episodes, percent.
@@ -96,12 +74,11 @@ class Convergence:
 
     @property
     def gap(self) -> float:
-        """How much further evaluations get, in percent of a lap."""
+        """How much further evaluations get, percent of a lap."""
         return self.evaluation - self.training
 
 
 def convergence(records: Sequence[IterationRecord]) -> Convergence | None:
-    """Compare training and evaluation; None before there are `CONVERGED_OVER` evaluations."""
     evaluated = [r for r in _of_stage(records) if r.evaluation_progress][-CONVERGED_OVER:]
     if len(evaluated) < CONVERGED_OVER:
         return None
@@ -115,7 +92,6 @@ def convergence(records: Sequence[IterationRecord]) -> Convergence | None:
 
 
 def collapsed(text: str) -> Alarm:
-    """The alarm of a policy that has become far worse than it was, in these words."""
     return Alarm(
         "collapse",
         text,
@@ -125,7 +101,7 @@ def collapsed(text: str) -> Alarm:
 
 
 def trends(records: Sequence[IterationRecord]) -> list[Alarm]:
-    """The alarms that need only the newest 50 iterations, without those of earlier stages."""
+    """Alarms that need only the newest 50 iterations, of the newest stage."""
     records = _of_stage(records[-ENTROPY_PAST:])
     checks: list[Callable[[Sequence[IterationRecord]], Alarm | None]] = [_steering_zigzags]
     if not records or records[-1].is_own_driving:  # a teacher has hyperparameters of its own
@@ -135,7 +111,6 @@ def trends(records: Sequence[IterationRecord]) -> list[Alarm]:
 
 
 def _entropy_rises(records: Sequence[IterationRecord]) -> Alarm | None:
-    """PPO only: the temperature of SAC steers its entropy."""
     if _is_sac(records):
         return None
     entropy = [record.entropy for record in records if not math.isnan(record.entropy)]
@@ -161,7 +136,7 @@ def _is_sac(records: Sequence[IterationRecord]) -> bool:
 
 
 def _reward_zigzags(records: Sequence[IterationRecord]) -> Alarm | None:
-    """PPO only: an iteration of SAC may be a single episode."""
+    """PPO only: an iteration of SAC may be one episode."""
     if _is_sac(records):
         return None
     rewards = [record.mean_reward for record in records[-REWARD_WINDOW:]]
@@ -203,11 +178,9 @@ def _steering_zigzags(records: Sequence[IterationRecord]) -> Alarm | None:
 
 
 def _of_stage(records: Sequence[IterationRecord]) -> Sequence[IterationRecord]:
-    """The records of the newest one's stage, track and phase: those before drove another one."""
     return [record for record in records if record.continues(records[-1])]
 
 
 def _means(values: Sequence[float], window: int) -> list[float]:
-    """Means over so many values in a row."""
     ends = range(window, len(values) + 1)
     return [sum(values[end - window : end]) / window for end in ends]

@@ -1,4 +1,4 @@
-"""The bucket as a file system of Apache Arrow, which Ray Tune writes to."""
+"""The bucket as an Apache Arrow file system, for Ray Tune."""
 
 from typing import Any
 
@@ -9,10 +9,10 @@ from drcli.store.server import server
 
 
 def arrow_files(storage: StorageConfig) -> Any:
-    """The file system; its paths begin with the name of the bucket.
+    """The file system; paths begin with the bucket's name.
 
-    It can be sent to other machines. They get keys that come from the environment or a profile;
-    without these, Arrow looks on each machine for its own, such as those of its role.
+    Other machines get keys from the environment or a profile; without these, Arrow finds their own,
+    as those of a role.
 
     Raises:
         StorageError: The server does not answer, or the profile does not exist.

@@ -1,7 +1,6 @@
-"""Decides which checkpoint is the best, and reads and writes evaluation results and scores.
+"""Decides which checkpoint is best; reads and writes evaluation results and scores.
 
-Worker 0 writes an evaluation result for a checkpoint, the trainer compares it with the best one so
-far (`drcli.workers.scoring`) and keeps best and last in `deepracer_checkpoints.json`.
+Worker 0 writes results; the trainer compares them (`drcli.workers.scoring`).
 """
 
 import re
@@ -16,22 +15,20 @@ from drcli.store.bucket import Bucket, ObjectMissing, read_record
 from drcli.store.remedies import remedy_of
 
 UNFINISHED_MS = 999_999.0
-"""Lap time of an unfinished lap, milliseconds. Source: the reference simulator."""
+"""Source: the reference simulator."""
 
 RELIABLE = share_interval(20 + CONFIRMING_CLEAN, 20 + CONFIRMING_LAPS)[0]
-"""Lower bound of the share of clean laps above which the faster checkpoint is the better one.
+"""Lower bound of the share of clean laps above which the faster checkpoint is better.
 
-It is what a goal asks for: 20 laps of an evaluation, and then 38 of 40. Without a limit, a slow
-checkpoint with one clean lap more could be replaced by luck only.
+It is a goal's: 20 laps, then 38 of 40. Without it, one lucky clean lap more could decide.
 """
 
 PRESUMED = share_interval(5, 5)[0]
-"""The same bound of a checkpoint of which only a mean is known, if that is of five clean laps, as
-evaluations of version 0.1.0 and of DeepRacer-for-Cloud had."""
+"""The bound where only a mean is known: of five clean laps, as in DeepRacer-for-Cloud."""
 
 
 def metric_of(metric: str, episodes: EvaluationEpisodes) -> float:
-    """An evaluation by DR_TRAIN_BEST_MODEL_METRIC: percent, reward or milliseconds."""
+    """Percent, reward or milliseconds."""
     if metric == "laptime":
         unfinished = len(episodes.progress) - len(episodes.lap_s)
         times = [1000.0 * lap_s for lap_s in episodes.lap_s]
@@ -42,14 +39,13 @@ def metric_of(metric: str, episodes: EvaluationEpisodes) -> float:
 def score_of(
     checkpoint: str, episodes: EvaluationEpisodes, metric: str, time_stamp: float
 ) -> Score:
-    """The score of a checkpoint that was made at some simulated time, seconds."""
     return Score(checkpoint, metric_of(metric, episodes), time_stamp, episodes)
 
 
 def with_evaluation(
     scores: Scores, score: Score, metric: str, *, reaches_goal: bool = False
 ) -> Scores:
-    """The scores after the evaluation of a checkpoint; one that reaches a goal is the best."""
+    """A checkpoint that reaches a goal is the best."""
     best, last = scores.best_checkpoint, scores.last_checkpoint
     is_best = reaches_goal or score.name == best.name or is_better(score, best, metric)
     return Scores(
@@ -59,17 +55,11 @@ def with_evaluation(
 
 
 def is_better(score: Score, best: Score, metric: str) -> bool:
-    """Whether a checkpoint that is evaluated later is better than the best one so far.
+    """Whether a checkpoint that is evaluated later is better than the best so far.
 
-    With DR_TRAIN_BEST_MODEL_METRIC "reward", the higher mean reward is better. Otherwise, and
-    between equal rewards: the higher lower bound of the share of clean laps, up to `RELIABLE`;
-    then the lower median time of clean laps, or without any the higher mean progress. Where
-    everything is equal, the later one is better. One that was never evaluated is the worst.
-
-    Args:
-        score: Of the later one.
-        best: Of the other.
-        metric: DR_TRAIN_BEST_MODEL_METRIC.
+    By metric "reward", the higher mean. Otherwise, and between equals: the higher lower bound of
+    the share of clean laps, up to `RELIABLE`; then the lower median clean lap, or without any the
+    higher mean progress; then the later. Never evaluated is worst.
     """
     if best.avg_eval_metric is None or score.avg_eval_metric is None:
         return best.avg_eval_metric is None
@@ -86,9 +76,9 @@ def is_better(score: Score, best: Score, metric: str) -> bool:
 
 
 def is_hopeful(scores: Scores | None, result: EvaluationResult, metric: str) -> bool:
-    """Whether a checkpoint would be the best if it drove as well again as in this evaluation.
+    """Whether it would be the best if it drove as well again.
 
-    One that completed no lap need not drive again: how far such checkpoints get varies little.
+    Without a completed lap it need not: how far such checkpoints get varies little.
     """
     if scores is None or not result.lap_s:
         return False
@@ -98,7 +88,6 @@ def is_hopeful(scores: Scores | None, result: EvaluationResult, metric: str) -> 
 
 
 def _rank(episodes: EvaluationEpisodes) -> tuple[float, float]:
-    """What is compared of two checkpoints, the higher the better."""
     laps = episodes.laps
     median_s = laps.median_s
     bound = min(RELIABLE, laps.interval[0])
@@ -106,7 +95,7 @@ def _rank(episodes: EvaluationEpisodes) -> tuple[float, float]:
 
 
 def read_scores(bucket: Bucket, prefix: str) -> Scores | None:
-    """The scores of a model, None before its first checkpoint; ObjectDamaged if unreadable."""
+    """None before the first checkpoint; raises ObjectDamaged."""
     key = keys.deepracer_checkpoints(prefix)
     try:
         return read_record(bucket, key, Scores.decode, remedy_of(key))
@@ -115,14 +104,13 @@ def read_scores(bucket: Bucket, prefix: str) -> Scores | None:
 
 
 def write_scores(bucket: Bucket, prefix: str, scores: Scores) -> None:
-    """Write `deepracer_checkpoints.json`."""
     bucket.put(keys.deepracer_checkpoints(prefix), scores.encode())
 
 
 def forget_scores(bucket: Bucket, prefix: str) -> None:
-    """Keep the best checkpoint, but not its score: the next evaluation beats it.
+    """Keep the best checkpoint without its score, which any evaluation beats.
 
-    That of the newest checkpoint is not the next one: it is driven again.
+    Unless it is the newest, which is driven again.
     """
     known = read_scores(bucket, prefix)
     if known is not None:
@@ -132,23 +120,20 @@ def forget_scores(bucket: Bucket, prefix: str) -> None:
 
 
 def unscored(score: Score) -> Score:
-    """A checkpoint as if it was not evaluated yet."""
     return replace(score, avg_eval_metric=None, episodes=None)
 
 
 def read_evaluation(bucket: Bucket, prefix: str, number: int) -> EvaluationResult:
-    """The result of a checkpoint, by its number; ObjectMissing or ObjectDamaged."""
+    """Raises ObjectMissing or ObjectDamaged."""
     key = keys.evaluation_result(prefix, number)
     return read_record(bucket, key, EvaluationResult.decode, remedy_of(key))
 
 
 def write_evaluation(bucket: Bucket, prefix: str, number: int, result: EvaluationResult) -> None:
-    """Publish the result of a checkpoint, by its number."""
     bucket.put(keys.evaluation_result(prefix, number), result.encode())
 
 
 def evaluated_numbers(bucket: Bucket, prefix: str) -> list[int]:
-    """Numbers of the evaluated checkpoints, in order."""
     folder = keys.evaluations_folder(prefix)
     found = (
         re.fullmatch(r"(\d+)\.json", info.key.removeprefix(folder)) for info in bucket.list(folder)

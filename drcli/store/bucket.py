@@ -1,4 +1,4 @@
-"""The interface of a bucket: on any S3 server, in a folder, or in the memory of a test."""
+"""The interface of a bucket: S3, folder, or a test's memory."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -22,17 +22,14 @@ class ObjectDamaged(StorageError):
 
 
 class ObjectNewer(StorageError):
-    """A newer version of drcli has written the object; this one leaves it alone."""
+    """A newer drcli wrote it; this one leaves it alone."""
 
     final = True
 
 
 @dataclass(frozen=True)
 class ObjectInfo:
-    """One line of a listing.
-
-    `etag` changes with the content. It need not be an MD5, and is empty where there is no server.
-    """
+    """`etag` changes with the content, need not be an MD5, and is empty without a server."""
 
     key: str
     size_bytes: int
@@ -41,43 +38,35 @@ class ObjectInfo:
 
 
 Watch = Callable[[int], None]
-"""Called with the number of bytes transferred since the last call; negative after a failure."""
+"""Takes the bytes since the last call; negative after a failure."""
 
 T = TypeVar("T")
 
 Listing = list[ObjectInfo]
-"""Has a name because `list` is a method of a bucket."""
 
 
 class Bucket(Protocol):
-    """Objects by key. Every method may raise StorageError."""
+    """Every method may raise StorageError."""
 
     name: str
-    """Of the bucket."""
 
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
-        """Read a whole object; ObjectMissing if it does not exist."""
+        """ObjectMissing if it does not exist."""
 
     def get_with_age(self, key: str) -> tuple[bytes, float | None]:
-        """Read a whole object and its age; ObjectMissing if it does not exist.
-
-        The age is in seconds by the server's clock, None if the server does not return it.
-        """
+        """As `get`, with the age in seconds by the server's clock, or None."""
 
     def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> None:
-        """Write an object, which readers see completely or not at all. May be repeated."""
+        """Readers see all or nothing. May be repeated."""
 
     def delete(self, keys: Iterable[str]) -> None:
-        """Delete objects, which need not exist."""
+        """Keys need not exist."""
 
     def exists(self, key: str) -> bool:
-        """Whether an object with this key exists."""
+        """Whether there is such an object."""
 
     def list(self, folder: str) -> Listing:
-        """All objects below a folder, which ends with a slash or is empty, sorted by key.
-
-        Placeholders of folders are left out, see `without_placeholders`.
-        """
+        """Sorted by key, without placeholders; the folder ends with a slash or is empty."""
 
 
 READS, READS_FAR = 2, 16
@@ -86,7 +75,6 @@ processor, and from one elsewhere, where each read waits for a round trip. By th
 docs/scale.md, 100 workers are three times as fast so as with one read after the other."""
 
 _OVERWRITTEN_S = (0.005, 0.03)
-"""Pauses before an object is read again that looked damaged or missing."""
 
 
 def read_record(
@@ -100,22 +88,14 @@ def read_record(
 ) -> T:
     """Read an object and decode it.
 
-    While an object is overwritten, the embedded server may answer with the new content cut to the
-    length of the old one, or that there is no such object (1 in 200 reads beside a client that
-    writes all the time, rclone 1.75). So what looks damaged is read again.
-
-    Args:
-        bucket: Where it is.
-        key: Of the object.
-        decode: Raises RecordError if the object is damaged.
-        remedy: What to do about a damaged object.
-        written: It is known to exist, so it is read again also if it looks missing.
-        pause: Waits for so many seconds.
+    While an object is overwritten, the embedded server may answer with new content cut to the old
+    length, or that there is none (1 in 200 reads beside a constant writer, rclone 1.75). So what
+    looks damaged, or missing although `written`, is read again.
 
     Raises:
         ObjectMissing: It does not exist.
-        ObjectNewer: `decode` has raised NewerFormat.
-        ObjectDamaged: `decode` has raised another RecordError; the remedy is that of the error.
+        ObjectNewer: `decode` raised NewerFormat.
+        ObjectDamaged: `decode` raised another RecordError.
     """
     for pause_s in _OVERWRITTEN_S:
         try:
@@ -143,15 +123,13 @@ def _decoded(bucket: Bucket, key: str, decode: Callable[[bytes], T], remedy: str
 
 
 _PLACEHOLDERS = ("_$folder$", "/.keep", "/.gitkeep", "/.bzEmpty", "/.emptyFolderPlaceholder")
-"""Ends of keys of empty objects that stand for a folder: Hadoop writes the first, Backblaze and
-Supabase the last two."""
+"""Empty objects for folders: of Hadoop; the last two of Backblaze and Supabase."""
 
 
 def without_placeholders(listed: Iterable[ObjectInfo]) -> Listing:
-    """The objects without those that other programs write for a folder, sorted by key.
+    """The objects without those that other programs write for a folder, sorted.
 
-    S3 browsers write `model/`, which some servers list as an empty object `model` beside what is
-    below `model/`. A copy of either would be a file where a folder must be.
+    S3 browsers write `model/`, which some servers list as `model`: a file where a folder must be.
     """
     objects = [info for info in listed if not info.key.endswith("/")]
     empty = {info.key for info in objects if not info.size_bytes}
@@ -164,14 +142,13 @@ def without_placeholders(listed: Iterable[ObjectInfo]) -> Listing:
 
 
 def keys_above(key: str) -> Iterator[str]:
-    """The keys of objects that are where some servers need a folder for an object."""
     for end, character in enumerate(key):
         if character == "/":
             yield key[:end]
 
 
 def checked_folder(folder: str) -> str:
-    """The folder itself; `model-1` without a slash would also list `model-10`."""
+    """`model-1` without a slash would also list `model-10`."""
     if folder and not folder.endswith("/"):
         raise ValueError(f"List folders only, with a slash at the end: {folder!r}.")
     return folder

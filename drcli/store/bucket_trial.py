@@ -1,7 +1,6 @@
-"""Tries what drcli does with a bucket, folder by folder, and measures how fast that is.
+"""Tries what drcli does with a bucket, folder by folder, and measures the speed.
 
-Test objects have names that no tool takes for a model, and are deleted again. Where objects cannot
-be deleted, one of them stays in each folder, always under the same name.
+Test objects are deleted; where that fails, one stays in each folder, always the same.
 """
 
 import hashlib
@@ -24,19 +23,12 @@ Action = Literal["write", "read", "overwrite", "list", "delete", "multipart"]
 
 _ROUND_TRIPS = 5
 _SPEED_BYTES = (1 << 16, 1 << 19, 1 << 22, 1 << 24)
-"""Sizes with which speed is measured, until one takes long enough."""
-
 _LONG_S = 0.3
-"""A transfer that takes so long says how fast the bucket is."""
-
 _RESERVE_S = 0.5
-"""Time that is left for deleting."""
 
 
 @dataclass(frozen=True)
 class Refused:
-    """An action that the server refuses in a folder."""
-
     folder: str
     action: Action
     reason: str
@@ -48,17 +40,11 @@ class Trial:
     """What was found out about a bucket.
 
     Attributes:
-        worked: Folders in which everything worked.
-        refused: What did not.
-        round_trip_ms: Of a request for a small object, median of several.
-        write_mb_s: Millions of bytes that are written in a second.
-        read_mb_s: The same for reading.
-        clock_ahead_s: How far the clock of this machine is ahead of the server's.
-        conditional: Whether the server refuses to overwrite an object that must not exist yet; None
-            if unknown. drcli does not need it.
-        wrong: What the server did that loses data; empty if nothing.
-        left: Keys of test objects that could not be deleted.
-        late: Whether time ran out before everything was tried.
+        round_trip_ms: Median, small object.
+        conditional: The server refuses to overwrite if asked so; drcli does not need it.
+        wrong: What it did that loses data.
+        left: Test objects that could not be deleted.
+        late: Time ran out.
     """
 
     worked: list[str] = field(default_factory=list)
@@ -76,10 +62,7 @@ class Trial:
 def try_bucket(bucket: S3Bucket, folders: Sequence[str], *, seconds: float) -> Trial:
     """Try everything in each folder, then measure speed in the first that works.
 
-    Args:
-        bucket: To try. Its calls should not be repeated for long.
-        folders: With a slash at their ends.
-        seconds: After this time nothing more is begun.
+    After `seconds`, nothing more is begun.
 
     Raises:
         StorageError: The server cannot be reached, does not know the keys, or has no such bucket.
@@ -88,12 +71,10 @@ def try_bucket(bucket: S3Bucket, folders: Sequence[str], *, seconds: float) -> T
 
 
 class _OutOfTime(Exception):
-    """There is no time left for another attempt."""
+    """No time for another attempt."""
 
 
 class _Attempts:
-    """The attempts at one bucket."""
-
     def __init__(self, bucket: S3Bucket, folders: Sequence[str], deadline_s: float) -> None:
         self._bucket = bucket
         self._deadline_s = deadline_s
@@ -105,7 +86,6 @@ class _Attempts:
         bucket.client.meta.events.register("after-call.s3", self._read_clock)
 
     def all(self) -> Trial:
-        """Try everything."""
         trial = self._trial
         try:
             for folder in self._folders:
@@ -119,7 +99,6 @@ class _Attempts:
         return trial
 
     def _try_folder(self, folder: str) -> bool:
-        """Whether everything works in a folder."""
         refused = len(self._trial.refused)
         test, key = f"{folder}{self._place}", f"{folder}{self._place}object.txt"
         first, second = os.urandom(64), os.urandom(64)
@@ -144,11 +123,7 @@ class _Attempts:
     def _allowed(
         self, action: Action, folder: str, call: Callable[[], object], *, always: bool = False
     ) -> bool:
-        """Make a call; a refusal is recorded, once for each action and folder.
-
-        Raises:
-            StorageError: The server has not answered anything yet, and does not now.
-        """
+        """Record a refusal once; StorageError if the server never answered."""
         if not always:
             self._check_time()
         try:
@@ -196,7 +171,6 @@ class _Attempts:
         self._trial.round_trip_ms = median(times) if times else None
 
     def _try_condition(self, key: str) -> None:
-        """Overwrite an object on the condition that it does not exist."""
         from botocore.exceptions import BotoCoreError, ClientError
 
         self._check_time()
@@ -212,7 +186,6 @@ class _Attempts:
             self._trial.conditional = False
 
     def _try_parts(self, folder: str) -> None:
-        """Write an object in parts, as those are that are too large for one request."""
         from botocore.exceptions import BotoCoreError, ClientError
 
         self._check_time()
@@ -246,7 +219,7 @@ class _Attempts:
                 self._delete(key)
 
     def _measure(self, key: str) -> None:
-        """Speed of writing and reading, with objects that no server can compress."""
+        """Objects are such that no server can compress them."""
         trial = self._trial
         try:
             for size in _SPEED_BYTES:
@@ -277,7 +250,6 @@ class _Attempts:
             raise _OutOfTime
 
     def _read_clock(self, http_response: Any = None, **_: Any) -> None:
-        """Compare the clocks, also where the server refuses a request because of the difference."""
         said = getattr(http_response, "headers", {}).get("date")
         if said is None:
             return

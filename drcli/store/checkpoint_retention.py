@@ -1,8 +1,7 @@
-"""Which checkpoints of a training stay besides the newest ones and the best.
+"""Which checkpoints of a training stay besides the newest and the best.
 
-Milestones and every n-th checkpoint stay, up to a size. Beyond it, those of every n-th go first, so
-that the rest stays evenly spread over the training; then the first lap, the three laps, and last of
-all the fastest lap.
+Milestones and every n-th, up to a size. Beyond it, every n-th go first, so that the rest stays
+evenly spread; then first lap, three laps, and last the fastest lap.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -17,10 +16,9 @@ class KeepRules:
     """What stays.
 
     Attributes:
-        milestones: Whether milestones stay: DR_TRAIN_KEEP_MILESTONES.
-        every: Numbers that are multiples of this stay; 0 for none: DR_TRAIN_KEEP_EVERY.
-        max_bytes: Largest size of everything that these rules keep; 0 for no limit:
-            DR_TRAIN_KEEP_MAX_MB.
+        milestones: DR_TRAIN_KEEP_MILESTONES.
+        every: DR_TRAIN_KEEP_EVERY; 0 for none.
+        max_bytes: DR_TRAIN_KEEP_MAX_MB; 0 for no limit.
     """
 
     milestones: bool = True
@@ -28,18 +26,15 @@ class KeepRules:
     max_bytes: int = 0
 
     def spaces(self, name: CheckpointName) -> bool:
-        """Whether this is an n-th checkpoint; the first one, which has learned nothing, is not."""
+        """Whether it is an n-th; the first has learned nothing."""
         return self.every > 0 and name.number > 0 and name.number % self.every == 0
 
 
 KEEP_ALL_MARKED = KeepRules()
-"""Keeps the milestones, and what was kept as every n-th, whatever its size."""
 
 
 @dataclass(frozen=True)
 class Kept:
-    """What stays: the checkpoints, and which of them stay as every n-th."""
-
     names: frozenset[CheckpointName]
     spaced: tuple[str, ...]
 
@@ -51,16 +46,7 @@ def kept_besides(
     rules: KeepRules,
     newest: CheckpointName,
 ) -> Kept:
-    """What the rules keep besides those that always stay.
-
-    Args:
-        sizes: All checkpoints that are there, each with the size of its files in bytes.
-        always: Those that stay whatever the rules say: the newest ones and the best.
-        milestones: The milestones, and what was kept as every n-th until now. That stays when
-            DR_TRAIN_KEEP_EVERY changes.
-        rules: What stays.
-        newest: The newest checkpoint.
-    """
+    """What the rules keep besides those that `always` stay; sizes in bytes."""
     known = {checkpoint_name(name) for name in milestones.spaced}
     spaced = {name for name in sizes if name in known or rules.spaces(name)}
     reached = [m.name for _, m in milestones.reached()] if rules.milestones else []
@@ -76,15 +62,12 @@ def kept_besides(
 
 
 def _last_first(reached: list[CheckpointName]) -> list[CheckpointName]:
-    """Each once, at the place of its last milestone: the fastest lap is the last to go."""
+    """At the place of its last milestone: the fastest lap goes last."""
     return list(reversed(list(dict.fromkeys(reversed(reached)))))
 
 
 def _by_crowding(names: Iterable[CheckpointName], newest: CheckpointName) -> list[CheckpointName]:
-    """In the order in which they go: each time the one whose neighbours are closest to each other.
-
-    Of equally crowded ones, the oldest goes first.
-    """
+    """Next goes the one with the closest neighbours; of equals, the oldest."""
     left = sorted(names)
     order = []
     while left:

@@ -1,7 +1,7 @@
 """Checkpoints of a model in the bucket, written so that no reader uses an incomplete one.
 
-A checkpoint has tensors, maybe an optimizer state, and a record with sizes, hashes and counters.
-Readers use it when the pointer names it, which is written last. Only the trainer writes here.
+Tensors, maybe an optimizer state, then a record with sizes, hashes and counters; last the pointer,
+from which readers start. Only the trainer writes here.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -30,26 +30,18 @@ from drcli.store.remedies import remedy_of
 from drcli.store.s3_bucket import S3Bucket
 
 KEEP = 4
-"""How many of the newest checkpoints stay at least, besides the best. Source: the reference
-simulator."""
+"""As in the reference simulator; the best stays besides."""
 
 
 class CheckpointsLost(StorageError):
-    """A model was trained, but none of its checkpoints can be read."""
+    """None of a trained model's checkpoints can be read."""
 
     final = True
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A complete checkpoint.
-
-    Args:
-        record: Name, hashes and counters.
-        tensors: Weights, a safetensors file.
-        optimizer: State, a safetensors file; None if it was not saved or not requested.
-        damaged: Newer checkpoints that were skipped, each with the reason.
-    """
+    """A complete checkpoint; `damaged` are skipped newer ones, with reasons."""
 
     record: CheckpointRecord
     tensors: bytes
@@ -58,10 +50,7 @@ class Checkpoint:
 
 
 class CheckpointStore:
-    """The checkpoints below one model prefix.
-
-    The newest `keep` of them stay, and those that the `rules` name.
-    """
+    """The checkpoints below a prefix: the newest `keep`, and those by `rules`, stay."""
 
     def __init__(
         self, bucket: Bucket, prefix: str, rules: KeepRules = KEEP_ALL_MARKED, keep: int = KEEP
@@ -85,14 +74,7 @@ class CheckpointStore:
     ) -> CheckpointRecord:
         """Write a checkpoint, point to it, and delete old ones.
 
-        Args:
-            number: One more than the checkpoint before, from 0.
-            steps: Environment steps learned from until now.
-            tensors: Weights, a safetensors file.
-            optimizer: State to continue with, a safetensors file.
-            sim_time_s: Simulated seconds driven until now.
-            counters: The trainer continues with them.
-            on_pointed: Called as soon as others can load the weights.
+        `on_pointed` is called as soon as others can load the weights.
         """
         name = str(CheckpointName(number, steps))
         record = CheckpointRecord(
@@ -117,10 +99,10 @@ class CheckpointStore:
         return record
 
     def attach_optimizer(self, record: CheckpointRecord, optimizer: bytes) -> CheckpointRecord:
-        """Add the optimizer state to a published checkpoint, and delete those of older ones.
+        """Add the optimizer state to a published checkpoint, and delete older ones.
 
-        The workers wait for the weights, so these are published first if the bucket is elsewhere;
-        the state, twice their size, follows while the workers drive.
+        Workers wait for the weights, so for a bucket elsewhere these come first; the state, twice
+        their size, follows while they drive.
         """
         complete = replace(record, optimizer=Fingerprint.of(optimizer))
         self._bucket.put(keys.checkpoint_optimizer(self._prefix, record.name), optimizer)
@@ -129,10 +111,7 @@ class CheckpointStore:
         return complete
 
     def forget_older_states(self, name: str) -> None:
-        """Delete all optimizer states but that of a checkpoint and the one before.
-
-        A trainer may have to go back to that one.
-        """
+        """Keeps that of the one before, too: a trainer may go back to it."""
         newest = checkpoint_name(name)
         objects = checkpoint_objects(self._bucket, self._prefix)
         states = {key: name for key, name in objects.items() if keys.is_optimizer(key)}
@@ -140,11 +119,10 @@ class CheckpointStore:
         self._bucket.delete(key for key, name in states.items() if name not in (before, newest))
 
     def rewrite(self, record: CheckpointRecord) -> None:
-        """Write the record of a published checkpoint again, with other counters."""
         self._bucket.put(keys.checkpoint_record(self._prefix, record.name), record.encode())
 
     def drop_newer(self, name: CheckpointName) -> None:
-        """Delete the checkpoints after the one that the pointer names, which nobody uses."""
+        """Delete checkpoints after the pointer's, which nobody uses."""
         objects, theirs = self._own(checkpoint_objects(self._bucket, self._prefix))
         newer = {key: each for key, each in objects.items() if each.number > name.number}
         numbers = {each.number for each in newer.values()} - theirs
@@ -152,15 +130,10 @@ class CheckpointStore:
         self._bucket.delete([*newer, *sorted(graphs)])
 
     def attach_graph(self, number: int, graph: bytes) -> None:
-        """Add the frozen graph of a published checkpoint, which the physical car loads."""
         self._bucket.put(keys.checkpoint_graph(self._prefix, number), graph)
 
     def point_to(self, record: CheckpointRecord) -> None:
-        """Make this checkpoint the one that all processes use.
-
-        `save` does this. A trainer that goes back to an older checkpoint points to that one, so
-        that the workers use it too.
-        """
+        """`save` does it; a trainer that goes back, too, so that workers follow."""
         self._put_pointer(record)
         self._put_last_score(record)
 
@@ -178,12 +151,9 @@ class CheckpointStore:
         write_scores(self._bucket, self._prefix, Scores(best, last))
 
     def repair_pointer(self, name: CheckpointName) -> bool:
-        """Write the pointer again if it is missing, damaged, or names an older checkpoint.
+        """Write a missing, damaged or older pointer again; True if written.
 
-        If it names a newer one, another trainer has continued from this one.
-
-        Returns:
-            Whether it was written.
+        If it names a newer checkpoint, another trainer has continued from this one.
         """
         pointed = self.pointed()
         if pointed is not None and pointed.number >= name.number:
@@ -192,21 +162,16 @@ class CheckpointStore:
         return True
 
     def pointed(self) -> CheckpointName | None:
-        """The checkpoint that the pointer names; None before the first, or if it is damaged.
-
-        The trainer repairs a damaged pointer.
-        """
+        """None before the first, or if damaged: the trainer repairs it."""
         try:
             return decode_pointer(self._bucket.get(keys.coach_checkpoint(self._prefix)))
         except (ObjectMissing, RecordError):
             return None
 
     def stage_of_newest(self) -> StageMark | None:
-        """The stage of the checkpoint that the pointer names; None if that is not known."""
         return self.counters_of_newest().stage
 
     def counters_of_newest(self) -> Counters:
-        """What was counted until the checkpoint that the pointer names; zeros if not known."""
         name = self.pointed()
         try:
             return Counters() if name is None else self.record(str(name)).counters
@@ -214,10 +179,9 @@ class CheckpointStore:
             return Counters()
 
     def drivers(self, newest: CheckpointName, oldest: int) -> list[str]:
-        """Checkpoints whose rollouts may be learned from while this is the newest one.
+        """Checkpoints whose rollouts still count: the newest, back to `oldest`.
 
-        These are the newest and those before it from the number `oldest` on, because workers drive
-        while the trainer learns.
+        Workers drive while the trainer learns.
         """
         if oldest >= newest.number:
             return [str(newest)]
@@ -226,37 +190,30 @@ class CheckpointStore:
         return [*map(str, before), str(newest)]
 
     def record(self, name: str) -> CheckpointRecord:
-        """Sizes, hashes and counters of a checkpoint; ObjectMissing or ObjectDamaged."""
+        """Raises ObjectMissing or ObjectDamaged."""
         key = keys.checkpoint_record(self._prefix, name)
         decode = partial(CheckpointRecord.decode_of, name)
         # `attach_optimizer` writes it a second time, just when the workers read it.
         return read_record(self._bucket, key, decode, remedy_of(key), written=True)
 
     def load(self, name: str, *, with_optimizer: bool = False) -> Checkpoint:
-        """Read one checkpoint and check it; ObjectMissing or ObjectDamaged names the file."""
+        """Raises ObjectMissing or ObjectDamaged, with the file."""
         record = self.record(name)
         tensors = self.tensors(record)
         optimizer = self._optimizer(record) if with_optimizer else None
         return Checkpoint(record, tensors, optimizer)
 
     def tensors(self, record: CheckpointRecord) -> bytes:
-        """The weights of a checkpoint, a safetensors file; ObjectMissing or ObjectDamaged."""
+        """Safetensors; raises ObjectMissing or ObjectDamaged."""
         return self._checked(keys.checkpoint_tensors(self._prefix, record.name), record.tensors)
 
     def load_latest(
         self, *, with_optimizer: bool = False, newest: CheckpointName | None = None
     ) -> Checkpoint | None:
-        """Read the checkpoint that the pointer names, or an older one if that is damaged.
-
-        Args:
-            with_optimizer: Whether to read its optimizer state, too.
-            newest: Begin with this one instead of the one that the pointer names.
-
-        Returns:
-            None if the model has no checkpoint.
+        """The pointer's (or `newest`), else the next older undamaged checkpoint, or None.
 
         Raises:
-            CheckpointsLost: All checkpoints are damaged.
+            CheckpointsLost: All are damaged.
         """
         damaged: list[str] = []
         for name in self._newest_first(newest):
@@ -276,7 +233,6 @@ class CheckpointStore:
         )
 
     def best_name(self) -> str | None:
-        """The checkpoint with the best evaluation so far, None before the first checkpoint."""
         scores = read_scores(self._bucket, self._prefix)
         return None if scores is None else scores.best_checkpoint.name
 
@@ -288,15 +244,9 @@ class CheckpointStore:
         *,
         reaches_goal: bool = False,
     ) -> bool:
-        """Record the evaluation of a checkpoint; True if it is now the best.
+        """Record an evaluation; True if the checkpoint is now the best, unless deleted.
 
-        A checkpoint that was deleted in the meantime cannot become the best.
-
-        Args:
-            result: Of its evaluation.
-            metric: DR_TRAIN_BEST_MODEL_METRIC.
-            world: DR_TRAIN_BEST_MODEL_WORLD; milestones are of the training track in any case.
-            reaches_goal: Whether it ends a training or a stage, and so is the best.
+        Milestones are of the training track whatever `world` says.
         """
         scores = read_scores(self._bucket, self._prefix)
         try:
@@ -315,11 +265,9 @@ class CheckpointStore:
     def restore_milestones(
         self, newest: CheckpointName, records: Sequence[IterationRecord]
     ) -> None:
-        """Find the milestones again when a trainer starts; see `MarkedCheckpoints.restore`."""
         self._marked.restore(newest, records)
 
     def _unmarked(self) -> list[str]:
-        """The checkpoints that nothing but a record of milestones can have kept."""
         names = sorted(set(checkpoint_objects(self._bucket, self._prefix).values()))
         try:
             best = self.best_name()
@@ -328,11 +276,7 @@ class CheckpointStore:
         return [str(name) for name in names[: -self._keep] if str(name) != best]
 
     def forget_damaged_best(self) -> str | None:
-        """If the best checkpoint is damaged, the last one becomes the best until an evaluation.
-
-        Returns:
-            A sentence about the damage, None if there is none.
-        """
+        """If damaged, the last becomes the best; says so in a sentence."""
         known = read_scores(self._bucket, self._prefix)
         if known is None:
             return None
@@ -345,10 +289,7 @@ class CheckpointStore:
         return None
 
     def begin_stage(self, first: int) -> None:
-        """Forget the best checkpoint and the fastest lap from before this number.
-
-        The last checkpoint becomes the best until it is evaluated.
-        """
+        """Forget best and fastest lap from before; until evaluated, the last is best."""
         self._marked.begin_stage(first)
         known = read_scores(self._bucket, self._prefix)
         if known is None or checkpoint_name(known.best_checkpoint.name).number >= first:
@@ -357,9 +298,9 @@ class CheckpointStore:
         write_scores(self._bucket, self._prefix, Scores(last, last))
 
     def begin_track(self, first: int, *, judged: bool) -> None:
-        """Forget the fastest lap from before this number, which was driven on another track.
+        """Forget the fastest lap from before, which was on another track.
 
-        With `judged`, such laps decide about the best checkpoint: it stays, without its score.
+        If such laps are `judged`, the best stays, without its score.
         """
         self._marked.begin_stage(first)
         known = read_scores(self._bucket, self._prefix) if judged else None
@@ -372,11 +313,6 @@ class CheckpointStore:
             best_checkpoint.forget_scores(self._bucket, self._prefix)
 
     def best_of_stage(self, first: int) -> Checkpoint | None:
-        """The best checkpoint from this number on.
-
-        Returns:
-            None if none of them was evaluated, or if the best is missing or damaged.
-        """
         try:
             known = read_scores(self._bucket, self._prefix)
             if known is None or known.best_checkpoint.avg_eval_metric is None:
@@ -387,7 +323,6 @@ class CheckpointStore:
             return None
 
     def _optimizer(self, record: CheckpointRecord) -> bytes | None:
-        """The optimizer state, None if it is missing or damaged: the weights are enough."""
         if record.optimizer is None:
             return None
         key = keys.checkpoint_optimizer(self._prefix, record.name)
@@ -406,11 +341,6 @@ class CheckpointStore:
         return data
 
     def _newest_first(self, newest: CheckpointName | None) -> list[str]:
-        """Checkpoints that may be complete, up to `newest`.
-
-        One that is newer than the pointer was never published, and one without a record was never
-        finished.
-        """
         objects = checkpoint_objects(self._bucket, self._prefix)
         found = {name for key, name in objects.items() if key.endswith(".ckpt.json")}
         pointed = self.pointed()
@@ -423,19 +353,11 @@ class CheckpointStore:
     def _own(
         self, objects: dict[str, CheckpointName]
     ) -> tuple[dict[str, CheckpointName], set[int]]:
-        """The objects without TensorFlow checkpoints, and the numbers of those.
-
-        They came with the model from another system and stay, and so do their frozen graphs.
-        """
         theirs = {key for key in objects if keys.is_tensorflow_part(key)}
         own = {key: name for key, name in objects.items() if key not in theirs}
         return own, {objects[key].number for key in theirs}
 
     def _prune(self, newest: CheckpointRecord) -> None:
-        """Delete all checkpoints that nothing keeps, and their evaluations.
-
-        One with a higher number than the newest was never published, or was skipped as damaged.
-        """
         listed = self._bucket.list(keys.model_folder(self._prefix))
         objects, theirs = self._own(_of_checkpoints(self._prefix, [info.key for info in listed]))
         names = set(objects.values())
@@ -469,7 +391,6 @@ class CheckpointStore:
 
 
 def checkpoint_objects(bucket: Bucket, prefix: str) -> dict[str, CheckpointName]:
-    """Keys of all objects of checkpoints of a model, each with its checkpoint."""
     return _of_checkpoints(prefix, [info.key for info in bucket.list(keys.model_folder(prefix))])
 
 

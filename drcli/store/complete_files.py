@@ -1,4 +1,4 @@
-"""Files of a running training that grow, read as the one complete file that they will be."""
+"""Growing files of a running training, read as if complete."""
 
 import csv
 import io
@@ -14,10 +14,7 @@ from drcli.store.growing_file import read_parts
 
 
 def read_complete(bucket: Bucket, key: str) -> bytes:
-    """The content of an object with its parts, ObjectMissing if there is neither.
-
-    A damaged object is returned as it is: those who use it say so.
-    """
+    """With its parts; ObjectMissing without any. Damage is left to others."""
     name = key.rpartition("/")[2]
     combine: Callable[[bytes, Sequence[bytes]], bytes] | None = None
     if name == keys.history("").rpartition("/")[2]:
@@ -39,7 +36,6 @@ def read_complete(bucket: Bucket, key: str) -> bytes:
 def combined_history(
     whole: Sequence[IterationRecord], parts: Sequence[Sequence[IterationRecord]]
 ) -> list[IterationRecord]:
-    """The records of `history.json` and its parts, by iteration."""
     if not parts:
         return list(whole)
     known = {record.iteration: record for record in whole}
@@ -54,7 +50,6 @@ def combined_history(
 def combined_metrics(
     whole: Sequence[EpisodeMetrics], parts: Sequence[Sequence[EpisodeMetrics]]
 ) -> list[EpisodeMetrics]:
-    """The records of a `TrainingMetrics.json` and its parts, in order of their iterations."""
     if not parts:
         return list(whole)
     in_parts: dict[int, list[EpisodeMetrics]] = {}
@@ -78,7 +73,6 @@ def _metrics(whole: bytes, parts: Sequence[bytes]) -> bytes:
 
 
 def _rows(whole: bytes, parts: Sequence[bytes]) -> bytes:
-    """Rows of CSV files by their first column, an iteration."""
     found: dict[int, dict[str, str]] = {}
     columns: dict[str, None] = {}
     for data in (whole, *parts):

@@ -1,4 +1,4 @@
-"""Opens the bucket of a run, for writers or readers, and the bucket for uploads."""
+"""Opens the bucket of a run, for writers or readers, and that for uploads."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,17 +13,13 @@ from drcli.store.s3_bucket import S3Bucket
 from drcli.store.server import server
 
 COMMAND_PATIENCE_S = 5.0
-"""How long a command waits for a bucket that does not answer, before it starts or copies."""
-
 OUTAGE_PATIENCE_S = 900.0
-"""How long what nobody watches waits for one on another machine: an outage of some minutes costs no
-more than its duration."""
+"""Of what nobody watches: outages of minutes cost no more than their duration."""
 
 _READ_TIMEOUT_S, _LOCAL_READ_TIMEOUT_S = 60.0, 30.0
 """How long an answer may stall before the request is repeated. The local server has no network."""
 
 _LOOK_TIMEOUT_S = 2.0
-"""The same for readers, which read once more when they are stopped."""
 
 
 def open_bucket(
@@ -34,7 +30,7 @@ def open_bucket(
     hurried: Callable[[], bool] = lambda: False,
     unattended: bool = False,
 ) -> S3Bucket:
-    """The bucket; its local server is started if needed. The last arguments are of `S3Bucket`.
+    """The bucket, whose local server is started if needed; options as of `S3Bucket`.
 
     Raises:
         StorageError: The server cannot be started or found.
@@ -53,8 +49,7 @@ def open_bucket(
 def open_running_bucket(config: StorageConfig) -> Bucket | None:
     """The bucket for readers, which starts no server.
 
-    The objects of rclone are plain files, and are read directly. For another local server, the
-    result is None if it does not run.
+    rclone's objects are plain files, read directly; None if another local server does not run.
     """
     if config.cloud == "local" and config.engine == "rclone":
         folder = config.data_dir / config.bucket
@@ -70,16 +65,9 @@ def open_upload_bucket(
     names: SettingNames = UPLOADS,
     patience_s: float = 60.0,
 ) -> S3Bucket:
-    """A bucket on the server that models are copied to and from.
+    """A bucket on the server for uploads.
 
-    That server is DR_UPLOAD_S3_ENDPOINT_URL, or that of DR_UPLOAD_S3_PROFILE in the AWS files, or
-    Amazon's.
-
-    Args:
-        config: Of the server.
-        name: A bucket other than DR_UPLOAD_S3_BUCKET.
-        names: Names of the settings in errors.
-        patience_s: As for `S3Bucket`.
+    That is DR_UPLOAD_S3_ENDPOINT_URL, else DR_UPLOAD_S3_PROFILE's in the AWS files, else Amazon's.
 
     Raises:
         StorageError: The profile does not exist.
@@ -98,5 +86,4 @@ def open_upload_bucket(
 
 @lru_cache(maxsize=4)
 def _impatient(endpoint: Endpoint, name: str) -> Bucket:
-    """Cached, because a new client takes longer than reading an object."""
     return S3Bucket(endpoint, name, patience_s=2.0, read_timeout_s=_LOOK_TIMEOUT_S)

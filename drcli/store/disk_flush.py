@@ -1,9 +1,8 @@
-"""Brings the objects of a bucket on this machine to its disk, so that a power cut leaves them.
+"""Brings the objects of a local bucket to its disk, so that a power cut leaves them.
 
-The embedded server (rclone) writes files and never flushes them. It also deletes an old file before
-it gives the new one its name, so file systems take no care of their order: for half a minute after
-each write, a power cut leaves an empty file. So each process flushes what it has written, in a
-thread and at once, and whoever relies on that waits for it (`flush`).
+rclone writes files without flushing, and deletes an old file before renaming the new one, so file
+systems ignore their order: for half a minute, a power cut leaves an empty file. So each process
+flushes what it wrote at once, in a thread; who relies on it waits (`flush`).
 """
 
 import threading
@@ -16,11 +15,7 @@ from drcli.base.system_calls import flush_to_disk, is_disk_full
 
 
 class DiskFlush:
-    """Flushes the files of one bucket. Several threads may use it at once.
-
-    Args:
-        folder: Of the bucket.
-    """
+    """Flushes the files of a bucket's folder. Thread-safe."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder.absolute()
@@ -42,10 +37,10 @@ class DiskFlush:
             self._begin()
 
     def flush(self) -> None:
-        """Return when everything that was noted is on the disk.
+        """Wait until all noted objects are on the disk.
 
         Raises:
-            StorageError: It is not, or something that was noted earlier is not.
+            StorageError: One is not, or was not earlier.
         """
         self._begin().result()
         with self._lock:

@@ -1,4 +1,4 @@
-"""The address of an S3 server with the access keys, and the settings that it came from."""
+"""The address of an S3 server, with keys and their settings."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,8 +8,6 @@ from drcli.config.bucket_config import Engine
 
 @dataclass(frozen=True)
 class SettingNames:
-    """Names of the settings of a bucket, for errors; `amazon` selects Amazon's server."""
-
     bucket: str = "DR_LOCAL_S3_BUCKET"
     prefix: str = "DR_LOCAL_S3_MODEL_PREFIX"
     profile: str = "DR_LOCAL_S3_PROFILE"
@@ -24,22 +22,21 @@ UPLOADS = SettingNames(
     address="DR_UPLOAD_S3_ENDPOINT_URL",
     amazon="DR_UPLOAD_S3_PROFILE",
 )
-"""Of the bucket that models are copied to."""
 
 
 @dataclass(frozen=True)
 class Endpoint:
-    """The address of an S3 server, and the keys for it.
+    """The address of an S3 server, and its keys.
 
     Args:
-        url: None for Amazon's server.
-        access_key: None if boto3 finds the keys (profile, environment, instance role).
+        url: None for Amazon's.
+        access_key: None if boto3 finds the keys.
         secret_key: Never printed.
         profile: In the AWS files.
-        region: Region to sign for.
-        engine: Program of the local server, None for another server.
-        pid: Process of the local server, if known.
-        data_dir: Folder of the local server.
+        region: To sign for.
+        engine: Of a local server, as the next two.
+        pid: If known.
+        data_dir: Its folder.
         names: Of the settings.
     """
 
@@ -55,14 +52,13 @@ class Endpoint:
 
     @property
     def setting(self) -> str:
-        """Name of the setting that selects this server."""
         if self.engine is not None:
             return "DR_CLOUD=local"
         return self.names.amazon if self.url is None else self.names.address
 
     @property
     def place(self) -> str:
-        """The address for a sentence, without a password."""
+        """For a sentence, without a password."""
         if self.url is None:
             return f"Amazon S3 ({self.region})"
         scheme, colon, rest = self.url.partition("://")

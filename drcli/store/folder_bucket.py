@@ -1,7 +1,7 @@
-"""Reads the embedded server's bucket directly, because its objects are plain files.
+"""Reads the embedded server's bucket directly, as its objects are plain files.
 
-This needs no server and no S3 client, which takes half a second to create. Only the server writes,
-because it would notice other changes late.
+An S3 client takes half a second to create. Only the server writes: it would notice other changes
+late.
 """
 
 import os
@@ -25,14 +25,13 @@ from drcli.store.server.engines import LEFTOVERS
 
 
 class FolderBucket:
-    """Reads objects; raises TypeError on writing."""
+    """Raises TypeError on writing."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self.name = folder.name
 
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
-        """Read a whole object; ObjectMissing if it does not exist."""
         path = self._folder / key
         try:
             data = path.read_bytes()
@@ -48,7 +47,6 @@ class FolderBucket:
         return data
 
     def get_with_age(self, key: str) -> tuple[bytes, float | None]:
-        """Read a whole object, and its age by the clock of this machine."""
         data = self.get(key)
         try:
             modified_s = (self._folder / key).stat().st_mtime
@@ -57,19 +55,15 @@ class FolderBucket:
         return data, time.time() - modified_s
 
     def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> NoReturn:
-        """Refused."""
         raise self._read_only()
 
     def delete(self, keys: Iterable[str]) -> NoReturn:
-        """Refused."""
         raise self._read_only()
 
     def exists(self, key: str) -> bool:
-        """Whether an object with this key exists."""
         return (self._folder / key).is_file()
 
     def list(self, folder: str) -> Listing:
-        """All objects below a folder (which ends with a slash), sorted by key."""
         top = self._folder / checked_folder(folder)
         found = []
         for place, _, names in os.walk(top):

@@ -1,10 +1,8 @@
-"""An object to which each iteration adds an entry, such as a learning curve, at constant cost.
+"""An object that grows with each iteration, as a learning curve does, at constant cost.
 
-S3 cannot append. A small object is written anew with each entry. A larger one is written only now
-and then, and the entries of the meantime are in parts, `history.json.part-000012` and so on: a
-part has the entries of a few iterations in the format of the whole object, which makes it small
-enough to be written anew with each of them. The object and its parts together are complete at any
-time, and readers combine them; where both have an entry, they had it from the same iteration.
+S3 cannot append. A small object is written anew each time; a larger one only now and then, with
+later entries in parts `history.json.part-000012`: a few iterations each, in the same format, small
+enough to write anew. Object and parts are complete at any time, and readers combine them.
 """
 
 import time
@@ -25,41 +23,28 @@ _logger = get_logger(__name__)
 T = TypeVar("T")
 
 SMALL_BYTES = 128 << 10
-"""Up to this size, the whole object is written with each entry."""
+"""Up to this size, it is written whole each time."""
 
 WHOLE_SHARE = 0.01
-"""Share of the time that may go into writing the whole object."""
+"""Of the time, at most, for writing the whole object."""
 
 WHOLE_EVERY_S = 5.0
-"""Least time between two writes of the whole object, once it is not small."""
-
 _BETWEEN = b"\0"
-"""Separates entries in memory; neither JSON nor CSV contains it."""
+"""Neither JSON nor CSV contains it."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The format: `head`, the entries with `separator` between them, `end`."""
-
     head: bytes
     separator: bytes
     end: bytes
 
     def text(self, entries: Iterable[bytes]) -> bytes:
-        """The content of an object with these entries."""
         return self.head + self.separator.join(entries) + self.end
 
 
 class GrowingFile:
-    """One such object. Only one process writes it, from one thread.
-
-    Args:
-        bucket: Where it is.
-        key: Of the whole object.
-        layout: Its format.
-        iterations_per_part: How many.
-        clock: Monotonic seconds, for tests.
-    """
+    """Written by one process, from one thread; `clock` is monotonic."""
 
     def __init__(
         self,
@@ -92,13 +77,9 @@ class GrowingFile:
     def restore(
         self, entries: Iterable[tuple[int, bytes]], parts: Iterable[str], *, outdated: bool = False
     ) -> None:
-        """Continue an object of an earlier process.
+        """Continue an object of an earlier process, with these parts (keys).
 
-        Args:
-            entries: By iteration, in order.
-            parts: Keys of the parts in the bucket.
-            outdated: Whether the object or a part has other entries than these; the whole object
-                is written with the next entry then.
+        `outdated`: it has other entries; it is written whole with the next.
         """
         self._fill(entries)
         numbers = (keys.part_number(self._key, part) for part in parts)
@@ -106,14 +87,13 @@ class GrowingFile:
         self._outdated = outdated
 
     def entry(self, iteration: int) -> bytes | None:
-        """The entry of an iteration, None if it has none."""
         group = iteration // self._per_part
         if group not in self._open and group in self._closed:
             return dict(self._unpacked(group)).get(iteration)
         return self._open.get(group, {}).get(iteration)
 
     def put(self, iteration: int, entry: bytes) -> None:
-        """Add or replace an entry, and store it; StorageError if that fails."""
+        """Raises StorageError."""
         self._set(iteration, entry)
         self._settle()
         if self._outdated or (self._size_bytes <= SMALL_BYTES and self._writing is None):
@@ -127,10 +107,10 @@ class GrowingFile:
             self._write_later()
 
     def drop_from(self, iteration: int) -> None:
-        """Remove the entries of this iteration and of later ones, in the bucket too.
+        """Remove this iteration's and later entries, in the bucket too.
 
-        Parts change before the whole object. So whenever this is interrupted, only entries that
-        were to be dropped are left over, and the next process drops them.
+        Parts first: if interrupted, only dropped entries are left over, for the next process to
+        drop.
         """
         first = iteration // self._per_part
         doomed = [n for g in self._groups() if g >= first for n, _ in self._unpacked(g)]
@@ -147,13 +127,13 @@ class GrowingFile:
         self._outdated = True  # the next entry writes the whole object
 
     def write(self) -> None:
-        """Write the whole object now if it lacks something; StorageError if that fails."""
+        """Write the whole object if it lacks something; StorageError."""
         self._wait()
         if self._parts or self._outdated:
             self._write_now()
 
     def finish(self) -> None:
-        """Write the whole object for the last time; failures are logged, the parts stay then."""
+        """Write the whole; on failure, log it and keep the parts."""
         try:
             self.write()
         except DrError as error:
@@ -162,13 +142,12 @@ class GrowingFile:
             self._writer.shutdown()
 
     def replace(self, layout: Layout, change: Callable[[bytes], bytes]) -> None:
-        """Change the format and every entry; the whole object is written with the next entry."""
+        """Written with the next entry."""
         self.layout = layout
         self._fill([(n, change(entry)) for n, entry in self._entries()])
         self._outdated = True
 
     def text(self) -> bytes:
-        """The content of the whole object."""
         return self.layout.text(entry for _, entry in self._entries())
 
     def _entries(self) -> Iterator[tuple[int, bytes]]:
@@ -223,7 +202,6 @@ class GrowingFile:
         self._delete_parts(list(self._parts))
 
     def _write_later(self) -> None:
-        """Write the whole object in another thread, from what is known now."""
         self._writer = self._writer or ThreadPoolExecutor(1, thread_name_prefix="whole-file")
         self._covered = dict(self._parts)
         layout, texts = self.layout, [self._snapshot(group) for group in self._groups()]
@@ -237,7 +215,6 @@ class GrowingFile:
         self._writing = self._writer.submit(write)
 
     def _snapshot(self, group: int) -> Callable[[], list[bytes]]:
-        """The entries of a group as they are now, for another thread."""
         if group in self._open:
             entries = [entry for _, entry in self._unpacked(group)]
             return lambda: entries
@@ -245,7 +222,6 @@ class GrowingFile:
         return lambda: zlib.decompress(packed).split(_BETWEEN)
 
     def _settle(self) -> None:
-        """If the whole object was written meanwhile, delete the parts that it has now."""
         if self._writing is None or not self._writing.done():
             return
         writing, self._writing = self._writing, None
@@ -278,16 +254,15 @@ class GrowingFile:
 
 
 def list_parts(bucket: Bucket, key: str) -> list[str]:
-    """Keys of the parts of an object, oldest first."""
     folder = key.rpartition("/")[0] + "/"
     found = [info.key for info in bucket.list(folder)]
     return [part for part in found if keys.part_number(key, part) is not None]
 
 
 def read_parts(bucket: Bucket, key: str, read: Callable[[str], T]) -> list[T]:
-    """What `read` returns for each part of an object, oldest first.
+    """Each part, oldest first.
 
-    Read the whole object afterwards: a part that is deleted meanwhile is in it.
+    Read the whole object afterwards: it has a part deleted meanwhile.
     """
     found = []
     for part in list_parts(bucket, key):

@@ -1,4 +1,4 @@
-"""The learning curve of a model: one record for each iteration, in an object that grows."""
+"""The learning curve of a model, in an object that grows."""
 
 from array import array
 from collections.abc import Iterable, Sequence
@@ -26,25 +26,19 @@ LAYOUT = Layout(HISTORY_HEAD, SEPARATOR, HISTORY_END)
 ITERATIONS_PER_PART = 64
 
 REMEMBERED = 1000
-"""How many of the newest records stay in memory; goals and scores need fewer."""
+"""Goals and scores need fewer."""
 
 SMOOTH = 3
-"""Iterations over which completion is averaged, because it varies by chance."""
-
 _PEAK = 40.0
-"""Mean completion, percent; a policy that was never so good cannot collapse."""
-
 _FALL = 0.6
-"""Share of the best completion below which the policy has collapsed."""
 
 
 class History:
     """All iterations of a model. Only the trainer writes it.
 
     Attributes:
-        records: All iterations until the first one is added, then the newest `REMEMBERED` at least,
-            and before them the newest that were evaluated.
-        count: How many iterations there are.
+        records: All until the first is added; then the newest `REMEMBERED` at least, and the newest
+            evaluated ones.
     """
 
     def __init__(self, bucket: Bucket, prefix: str) -> None:
@@ -61,12 +55,10 @@ class History:
         self._fall = Fall(self.records)
 
     def restore(self, iteration: int, last: IterationRecord | None) -> None:
-        """Go back to the time when a checkpoint was published.
+        """Go back to when a checkpoint was published, dropping its iteration and later ones.
 
-        Args:
-            iteration: Its number; this iteration and later ones are dropped and repeated.
-            last: The record before, from the checkpoint, which is published before the history: a
-                trainer may have ended between the two.
+        `last` is the record in the checkpoint, published before the history: a trainer may end
+        between.
         """
         self.records = [r for r in self.records if r.iteration < iteration]
         self._file.drop_from(iteration)
@@ -78,14 +70,12 @@ class History:
         self._file.write()
 
     def add(self, record: IterationRecord) -> None:
-        """Append an iteration and publish."""
         self._append(record)
         if len(self.records) > 2 * REMEMBERED:
             older = [r for r in self.records[:-REMEMBERED] if r.evaluation_progress]
             self.records = older[-REMEMBERED:] + self.records[-REMEMBERED:]
 
     def add_evaluation(self, iteration: int, result: EvaluationResult) -> None:
-        """Add the evaluation of the checkpoint of this number, and publish."""
         for at in reversed(range(len(self.records))):
             if self.records[at].iteration == iteration:
                 changed = with_evaluation(self.records[at], result)
@@ -94,7 +84,6 @@ class History:
                 break
 
     def iterations_of(self, steps: int) -> int:
-        """How many of the newest iterations have at least so many steps together."""
         count = 0
         while steps > 0 and count < len(self._steps):
             count += 1
@@ -102,11 +91,10 @@ class History:
         return count
 
     def collapse(self, best: str | None) -> str | None:
-        """As the function `collapse`, for all iterations."""
         return self._fall.sentence(best)
 
     def finish(self) -> None:
-        """Write the object that other programs read for the last time."""
+        """Write the whole object for other programs."""
         self._file.finish()
 
     def _append(self, record: IterationRecord) -> None:
@@ -118,7 +106,6 @@ class History:
 
 
 def with_evaluation(record: IterationRecord, result: EvaluationResult) -> IterationRecord:
-    """The record of an iteration with the evaluation of its checkpoint."""
     again, second = result.confirmation, result.second
     return replace(
         record,
@@ -134,13 +121,11 @@ def with_evaluation(record: IterationRecord, result: EvaluationResult) -> Iterat
 
 
 class HistoryReader:
-    """Reads the learning curve again and again, and only the objects that have changed."""
-
     def __init__(self) -> None:
         self._known: dict[str, tuple[ObjectInfo, list[IterationRecord]]] = {}
 
     def read(self, bucket: Bucket, prefix: str) -> list[IterationRecord]:
-        """All iterations so far, oldest first; ObjectDamaged if an object is unreadable."""
+        """Only what changed; oldest first. Raises ObjectDamaged."""
         key = keys.history(prefix)
         listed = bucket.list(key.rpartition("/")[0] + "/")
         infos = {
@@ -162,7 +147,7 @@ class HistoryReader:
 
 
 def read_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
-    """All iterations so far, oldest first; ObjectDamaged if an object is unreadable."""
+    """Oldest first; raises ObjectDamaged."""
     key = keys.history(prefix)
 
     def read(key: str) -> list[IterationRecord]:
@@ -176,15 +161,12 @@ def read_history(bucket: Bucket, prefix: str) -> list[IterationRecord]:
 
 
 def write_history(bucket: Bucket, prefix: str, records: Sequence[IterationRecord]) -> None:
-    """Publish all iterations, oldest first, as the whole object without parts."""
     parts = list_parts(bucket, keys.history(prefix))
     bucket.put(keys.history(prefix), encode_history(records))
     bucket.delete(parts)
 
 
 class Fall:
-    """Follows the completion of a policy, to see whether it has become far worse than it was."""
-
     def __init__(self, records: Iterable[IterationRecord] = ()) -> None:
         self._newest: list[float] = []
         self._highest = self._last = 0.0
@@ -193,7 +175,6 @@ class Fall:
             self.add(record)
 
     def add(self, record: IterationRecord) -> None:
-        """Add the next iteration."""
         if self._before is not None and not record.continues(self._before):
             self._newest, self._highest, self._last = [], 0.0, 0.0  # it drove another track
         self._before = record
@@ -205,7 +186,6 @@ class Fall:
             self._highest = max(self._highest, self._last)
 
     def sentence(self, best: str | None) -> str | None:
-        """What `collapse` returns."""
         if self._highest < _PEAK or self._last > _FALL * self._highest:
             return None
         name = CheckpointName.parse(best or "")
@@ -214,10 +194,4 @@ class Fall:
 
 
 def collapse(records: Iterable[IterationRecord], best: str | None) -> str | None:
-    """A sentence if the policy has become far worse than it was, None if not.
-
-    Args:
-        records: The iterations so far, oldest first.
-        best: Name of the best checkpoint.
-    """
     return Fall(records).sentence(best)

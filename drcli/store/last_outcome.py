@@ -1,4 +1,4 @@
-"""Reads and writes what the newest start of a run came to."""
+"""What the newest start of a run came to."""
 
 from drcli.base import notices
 from drcli.exchange.run_outcome import RunOutcome
@@ -8,12 +8,10 @@ from drcli.store.remedies import remedy_of
 
 
 def read_outcome(bucket: Bucket, prefix: str) -> RunOutcome | None:
-    """What the newest start came to; None if there is no record, or a damaged one.
-
-    A damaged record is shown to the user. The run then goes on as after the loss of a machine.
+    """None if missing or damaged, as after the loss of a machine.
 
     Raises:
-        ObjectNewer: A newer version of drcli has written it.
+        ObjectNewer: A newer drcli wrote it.
     """
     key = keys.outcome(prefix)
     try:
@@ -26,5 +24,4 @@ def read_outcome(bucket: Bucket, prefix: str) -> RunOutcome | None:
 
 
 def write_outcome(bucket: Bucket, prefix: str, outcome: RunOutcome) -> None:
-    """Write what the newest start came to."""
     bucket.put(keys.outcome(prefix), outcome.encode())

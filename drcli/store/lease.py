@@ -1,10 +1,9 @@
-"""The lease says who trains on a model prefix: how it is taken, and how writers check it.
+"""Who trains on a model prefix: how the lease is taken, and how writers check it.
 
-The lease is a record in the bucket that its owner renews often (`drcli.runs.lease_renewal`). It is
-not a lock: nothing waits for it, and after a minute without renewal it has expired. Another machine
-may then take the prefix although the owner is only suspended or without network. So every writer
-reads the lease first, and ends if it has another owner. This needs no conditional writes, which not
-all S3 servers know, and no equal clocks: the age of the lease comes from the server's clock.
+The owner renews this record often (`drcli.runs.lease_renewal`). Nothing waits for it: it is not a
+lock. After a minute it expires, and another machine may take the prefix, though the owner may only
+be suspended. So every writer reads it first, and ends if it lost. This needs neither conditional
+writes, which not all S3 servers know, nor equal clocks: its age is by the server's.
 """
 
 import os
@@ -22,29 +21,25 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
 STALE_S = 60.0
-"""Age at which a lease has expired. Its owner renews it every ten seconds."""
+"""Its owner renews it every ten seconds."""
 
 POINTER_TRUSTED_S = 0.1
-"""How long a read lease is valid before a pointer is written: two in a row need one read."""
+"""How long a read lease is valid before a pointer; two in a row need one read."""
 
 OTHERS_TRUSTED_S = 1.0
-"""The same before other objects (`keys.decides`). A new owner's processes take longer to start."""
+"""Before other objects (`keys.decides`): a new owner takes longer to start."""
 
 
 class ModelInUse(SettingsError):
-    """Another start trains the model, or had trained it until a moment ago."""
+    """Another start trains the model, or did a moment ago."""
 
 
 def read_lease(bucket: Bucket, prefix: str) -> Lease | None:
-    """The lease of the training on a prefix, as `read_lease_at`."""
     return read_lease_at(bucket, keys.lease(prefix))
 
 
 def read_lease_at(bucket: Bucket, key: str) -> Lease | None:
-    """The lease of this key, however old; None if it does not exist or is damaged.
-
-    Of the lease of a newer drcli, only `newer` is known.
-    """
+    """However old; None if missing or damaged, only `newer` of a newer drcli's."""
     try:
         data, age_s = bucket.get_with_age(key)
         lease = Lease.decode(data)
@@ -56,14 +51,13 @@ def read_lease_at(bucket: Bucket, key: str) -> Lease | None:
 
 
 def write_lease(bucket: Bucket, prefix: str, lease: Lease) -> None:
-    """Write the lease."""
     bucket.put(keys.lease(prefix), lease.encode())
 
 
 def holder(bucket: Bucket, prefix: str) -> Lease | None:
-    """The lease of the training on the prefix; None if there is none, or it has expired.
+    """None if missing or expired.
 
-    The lease of a newer drcli never expires: its owner would not recognise a lease of ours.
+    A newer drcli's never expires: its owner would not recognise ours.
     """
     lease = read_lease(bucket, prefix)
     if lease is not None and lease.newer:
@@ -74,17 +68,16 @@ def holder(bucket: Bucket, prefix: str) -> Lease | None:
 
 
 def live_holder(bucket: Bucket, prefix: str) -> Lease | None:
-    """The lease of the training on the prefix; None if there is none, or its owner has ended."""
     held = holder(bucket, prefix)
     return held if held is not None and is_owner_alive(held) else None
 
 
 def refuse_other_owner(bucket: Bucket, prefix: str, session: str = "") -> None:
-    """Return if no start other than this session trains on the prefix.
+    """Return unless another session trains on the prefix.
 
     Raises:
         ModelInUse: One does.
-        SettingsError: The owner is a newer version of drcli.
+        SettingsError: The owner is a newer drcli.
     """
     held = live_holder(bucket, prefix)
     if held is None or held.session == session:
@@ -108,15 +101,15 @@ def _owned_by_newer(bucket: Bucket, prefix: str) -> SettingsError:
 
 
 def is_owner_alive(lease: Lease) -> bool:
-    """Whether the owner may still run; on another machine, this is assumed."""
+    """On another machine, this is assumed."""
     return lease.newer or lease.machine != this_machine() or is_alive(lease.pid, lease.pid_started)
 
 
 def take(bucket: Bucket, prefix: str, session: str) -> Lease:
-    """Make this process the owner of the prefix; the lease must then be renewed.
+    """Own the prefix, then renew the lease.
 
     Raises:
-        SettingsError: The prefix belongs to a newer version of drcli.
+        SettingsError: A newer drcli owns it.
     """
     before = read_lease(bucket, prefix)
     if before is not None and before.newer:
@@ -136,14 +129,12 @@ def take(bucket: Bucket, prefix: str, session: str) -> Lease:
 
 
 def release(bucket: Bucket, prefix: str, session: str) -> None:
-    """Release the prefix if this session is its owner."""
     lease = read_lease(bucket, prefix)
     if lease is not None and lease.session == session and not lease.released:
         write_lease(bucket, prefix, replace(lease, released=True, renewed=time.time()))
 
 
 def lost_to(bucket: Bucket, prefix: str, lease: Lease) -> OwnershipLost:
-    """The error of a start that has lost the prefix to another one."""
     is_or_was = "was" if lease.released else "is"
     return OwnershipLost(
         f"s3://{bucket.name}/{prefix} {is_or_was} trained by {lease.owner}, "
@@ -155,16 +146,9 @@ def lost_to(bucket: Bucket, prefix: str, lease: Lease) -> OwnershipLost:
 
 
 class Ownership:
-    """Checks for a process of a training that the prefix is still its own. For several threads.
+    """Checks for a process of a training that the prefix is still its own. Thread-safe.
 
-    Args:
-        bucket: Contains the lease.
-        prefix: Of the model.
-        session: Of the start that this process belongs to.
-        term: Of its lease; 0 if unknown.
-        trainer: As in `Job`.
-        trusted_s: How long a read lease is valid before a pointer is written.
-        clock: Seconds that also pass while this process is suspended, for tests.
+    `trainer` is as in `Job`; `trusted_s` is for pointers; `clock` counts suspended time.
     """
 
     def __init__(
@@ -188,13 +172,12 @@ class Ownership:
         self._read_s = -OTHERS_TRUSTED_S
 
     def check(self, key: str) -> None:
-        """Return if the prefix still belongs to this start; called before `key` is written.
+        """Return if this start still owns the prefix; called before `key` is written.
 
-        A missing or damaged lease is no problem: the supervisor writes it again.
+        Missing or damaged leases count as owned: the supervisor rewrites them.
 
         Raises:
-            OwnershipLost: The prefix belongs to another start, or another process of this start is
-                its trainer now.
+            OwnershipLost: Another start or trainer process has it.
             StorageError: The lease cannot be read.
         """
         began_s = self._clock()

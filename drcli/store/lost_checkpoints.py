@@ -1,6 +1,6 @@
 """Tells a model whose checkpoints are all lost from one that was never trained.
 
-A training that began again at iteration 0 would overwrite what is left of it.
+Beginning again at iteration 0 would overwrite the rest of it.
 """
 
 import re
@@ -27,13 +27,9 @@ class Lost:
     """What a model without a readable checkpoint has lost, and what is left of it.
 
     Attributes:
-        model: Its address.
         trained: Iterations.
-        checkpoints: Those that are lost; like the next two, a number with its first and last one.
-        curve: Iterations in the learning curve.
-        traces: Iterations with traces.
-        files: Number of objects with content.
-        beside: A model prefix with nothing below it.
+        checkpoints: Like the next two, a number with first and last.
+        beside: An unused prefix.
     """
 
     model: str
@@ -45,13 +41,7 @@ class Lost:
     beside: str
 
     def refusal(self, *also: str, set_in_environment: bool = False) -> CheckpointsLost:
-        """The error, with the command that starts over.
-
-        Args:
-            also: Other assignments that this takes.
-            set_in_environment: Whether the model's prefix is set there, so that run.env would not
-                change it.
-        """
+        """The error, with the command that starts over."""
         values = " ".join((f"{_PREFIX}={self.beside}", *also))
         command = f"dr-config set {values} && dr-start-training"
         if set_in_environment:
@@ -67,9 +57,9 @@ class Lost:
 
 
 def find_lost(bucket: Bucket, prefix: str) -> Lost | None:
-    """What is lost; None if a checkpoint can be read or reconstructed, or none was ever published.
+    """None if a checkpoint can be read or reconstructed, or none was published.
 
-    A checkpoint of the reference counts as readable. Nothing is changed.
+    The reference's count as readable. Nothing is changed.
     """
     listed = {info.key: info.size_bytes for info in bucket.list(keys.folder(prefix))}
     if not any(_tells_of_training(prefix, key) for key in listed):
@@ -102,7 +92,7 @@ def find_lost(bucket: Bucket, prefix: str) -> Lost | None:
 
 
 def refuse_lost(bucket: Bucket, prefix: str) -> None:
-    """Raise CheckpointsLost if a training must not begin below this prefix."""
+    """Raise CheckpointsLost if a training must not begin here."""
     lost = find_lost(bucket, prefix)
     if lost is not None:
         raise lost.refusal()
@@ -126,7 +116,6 @@ def _free_name(bucket: Bucket, prefix: str) -> str:
 
 
 def _counted(numbers: Sequence[int], what: str) -> str:
-    """Such as `3 checkpoints (1 to 3)`; the numbers are in order."""
     if not numbers:
         return f"no {what}"
     if len(numbers) == 1:

@@ -1,4 +1,4 @@
-"""The milestones of a model as its trainer knows them, in memory and in the bucket."""
+"""A trainer's milestones, in memory and in the bucket."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -19,13 +19,7 @@ from drcli.store.milestones import (
 
 
 class MarkedCheckpoints:
-    """Reads the record once, and writes it when it has changed. Only a trainer writes it.
-
-    Args:
-        bucket: Holds the model.
-        prefix: Of the model.
-        unmarked: Names the checkpoints that all stay if the record is lost.
-    """
+    """Only a trainer writes it. If it is lost, `unmarked` checkpoints stay."""
 
     def __init__(self, bucket: Bucket, prefix: str, unmarked: Callable[[], list[str]]) -> None:
         self._bucket = bucket
@@ -35,7 +29,6 @@ class MarkedCheckpoints:
 
     @property
     def milestones(self) -> Milestones:
-        """The milestones until now."""
         if self._known is None:
             try:
                 found = read_milestones(self._bucket, self._prefix)
@@ -45,29 +38,22 @@ class MarkedCheckpoints:
         return self._known
 
     def add(self, result: EvaluationResult) -> None:
-        """Note what an evaluation has reached."""
         self.write(with_results(self.milestones, [result]))
 
     def begin_stage(self, first: int) -> None:
-        """Forget the fastest lap of the stage before; `first` is the new one's first checkpoint."""
         self.write(self.milestones.of_stage(first))
 
     def restore(self, newest: CheckpointName, records: Sequence[IterationRecord]) -> None:
-        """Find the milestones again when a trainer starts, and write them if they have changed.
+        """Find the milestones again when a trainer starts.
 
-        A trainer may have ended between an evaluation and the record of a milestone, or have gone
-        back to an older checkpoint. If the record is lost, every checkpoint that is there stays.
-
-        Args:
-            newest: The checkpoint that the trainer continues from.
-            records: The learning curve until then.
+        It may have ended between evaluation and record, or have gone back. If the record is lost,
+        every checkpoint stays.
         """
         if not self._bucket.exists(keys.milestones(self._prefix)):
             self._known = replace(NO_MILESTONES, spaced=self._unmarked())
         self.write(with_history(self.milestones.until(newest), records))
 
     def write(self, milestones: Milestones) -> None:
-        """Write the record, unless it says this already."""
         if milestones != self._known:
             write_milestones(self._bucket, self._prefix, milestones)
         self._known = milestones

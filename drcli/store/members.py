@@ -1,4 +1,4 @@
-"""The records of simulation workers that have joined a training, as its trainer reads them."""
+"""Records of joined simulation workers, as the trainer reads them."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -20,20 +20,18 @@ from drcli.store.bucket import (
 from drcli.store.remedies import remedy_of
 
 RENEWED_S = 5.0
-"""How often a worker renews its record."""
-
 GONE_S = 20.0
-"""A worker whose record has not changed for so long is gone, or cannot reach the bucket."""
+"""A worker that did not renew its record for so long is gone."""
 
 MISSED_S = 2.0 * RENEWED_S
-"""A worker that has missed two renewals is not waited for, while it still may come back."""
+"""After two missed renewals, a worker is not waited for."""
 
 FORGOTTEN_S = 600.0
-"""After this time without a change, a record is deleted, and its worker loses its number."""
+"""Then the record is deleted and the worker loses its number."""
 
 
 def read_shares_record(bucket: Bucket, prefix: str) -> SharesRecord | None:
-    """Who drives what; None if no worker has joined yet, or if the object is damaged."""
+    """None before a worker joined, or if damaged."""
     key = keys.shares(prefix)
     try:
         return read_record(bucket, key, SharesRecord.decode, remedy_of(key))
@@ -42,26 +40,17 @@ def read_shares_record(bucket: Bucket, prefix: str) -> SharesRecord | None:
 
 
 def read_shares(bucket: Bucket, prefix: str, session: str, iteration: int) -> Shares | None:
-    """Who drives an iteration in this start of the training; None if that is lost."""
     record = read_shares_record(bucket, prefix)
     return record.at(iteration) if record is not None and record.session == session else None
 
 
 @dataclass(frozen=True)
 class Member:
-    """A worker that has joined, as the reader of its record sees it.
-
-    Attributes:
-        record: Its newest record.
-        silent_s: How long ago that was seen to change, on the reader's clock.
-    """
-
     record: MemberRecord
     silent_s: float
 
     @property
     def is_alive(self) -> bool:
-        """Whether it has renewed its record lately."""
         return self.silent_s < GONE_S
 
 
@@ -73,14 +62,7 @@ class _Seen:
 
 
 class MemberReader:
-    """Reads the records of one training again and again; only those that changed cost a request.
-
-    Args:
-        bucket: Of the model.
-        prefix: Of the model.
-        session: Of the training: records for another start of it do not count.
-        clock: Seconds, for tests.
-    """
+    """Reads records of one session; only changed ones cost a request."""
 
     def __init__(
         self,
@@ -96,8 +78,6 @@ class MemberReader:
         self._seen: dict[str, _Seen] = {}
 
     def _records(self, changed: Mapping[str, ObjectInfo]) -> dict[str, MemberRecord | None]:
-        """The records in some objects, read at the same time; None for a missing or damaged one."""
-
         def read(info: ObjectInfo) -> MemberRecord | None:
             try:
                 return MemberRecord.decode(self._bucket.get(info.key))
@@ -110,11 +90,7 @@ class MemberReader:
             return dict(zip(changed, readers.map(read, changed.values()), strict=True))
 
     def read(self) -> dict[str, Member]:
-        """All workers that have joined, by name.
-
-        Raises:
-            StorageError: The bucket does not answer.
-        """
+        """Raises StorageError."""
         found: dict[str, _Seen] = {}
         changed: dict[str, ObjectInfo] = {}
         for info in self._bucket.list(keys.members_folder(self._prefix)):

@@ -1,4 +1,4 @@
-"""Reads the episodes of a training again and again, and only the objects that have changed."""
+"""Reads a training's episodes again and again, but only changed objects."""
 
 import re
 from typing import NamedTuple
@@ -12,14 +12,7 @@ _METRICS = re.compile(r"(TrainingMetrics(?:_\d+)?\.json)(\.part-\d+)?")
 
 
 class DrivenEpisode(NamedTuple):
-    """An episode of a training.
-
-    Attributes:
-        iteration: In which it was driven; of an evaluation, of which checkpoint.
-        evaluation: 1 if it was an evaluation, else 0.
-        reward: Its sum.
-        progress: Percent of a lap at its end.
-    """
+    """An episode; `evaluation` is 1 or 0, `progress` percent."""
 
     iteration: int
     evaluation: int
@@ -28,18 +21,16 @@ class DrivenEpisode(NamedTuple):
 
 
 class MetricsReader:
-    """Reads `TrainingMetrics.json` of all workers and their parts."""
-
     def __init__(self) -> None:
         self._known: dict[str, tuple[ObjectInfo, list[EpisodeMetrics]]] = {}
         self._episodes: list[DrivenEpisode] = []
         self.damaged: list[str] = []
 
     def read(self, bucket: Bucket, metrics_prefix: str) -> list[DrivenEpisode]:
-        """All episodes so far, by iteration; the same list while nothing has changed.
+        """By iteration; the same list if nothing has changed.
 
-        Damaged objects are left out, and noted in `damaged`. Episodes of version 0.1.0, whose
-        iteration is not known, are left out, too.
+        Without damaged objects (noted in `damaged`) and without episodes of version 0.1.0, whose
+        iteration is unknown.
 
         Raises:
             StorageError: The bucket does not answer.

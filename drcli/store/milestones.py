@@ -1,4 +1,4 @@
-"""Reads and writes the milestones of a model, and works them out from its evaluations."""
+"""The milestones of a model: read, written, worked out from evaluations."""
 
 from collections.abc import Iterable
 
@@ -14,9 +14,10 @@ NO_MILESTONES = Milestones()
 
 
 def read_milestones(bucket: Bucket, prefix: str) -> Milestones | None:
-    """The record of the milestones, None if there is none; ObjectDamaged if it is unreadable.
+    """None if missing, as in version 0.1.0 (see `with_history`).
 
-    Models of version 0.1.0 have no record; `with_history` works their milestones out.
+    Raises:
+        ObjectDamaged: It is unreadable.
     """
     key = keys.milestones(prefix)
     try:
@@ -26,12 +27,10 @@ def read_milestones(bucket: Bucket, prefix: str) -> Milestones | None:
 
 
 def write_milestones(bucket: Bucket, prefix: str, milestones: Milestones) -> None:
-    """Write `milestones.json`."""
     bucket.put(keys.milestones(prefix), milestones.encode())
 
 
 def with_history(known: Milestones, records: Iterable[IterationRecord]) -> Milestones:
-    """The milestones with all evaluations of the learning curve."""
     before: IterationRecord | None = None
     for record in records:
         if record.stage if before is None else not record.compares_with(before):
@@ -44,17 +43,13 @@ def with_history(known: Milestones, records: Iterable[IterationRecord]) -> Miles
 
 
 def _evaluated(record: IterationRecord) -> str:
-    """Name of the checkpoint of an iteration's evaluation.
-
-    Where driving and learning overlap, the checkpoint before it drove the iteration.
-    """
+    """Where driving and learning overlap, an earlier checkpoint drove."""
     if checkpoint_name(record.checkpoint).number == record.iteration:
         return record.checkpoint
     return str(CheckpointName(record.iteration, max(0, record.total_steps - record.steps)))
 
 
 def with_results(known: Milestones, results: Iterable[EvaluationResult]) -> Milestones:
-    """The milestones with these evaluations, of which the learning curve may not know yet."""
     for result in results:
         known = known.with_evaluation(result.checkpoint, result.progress, result.lap_s)
     return known
@@ -63,10 +58,7 @@ def with_results(known: Milestones, results: Iterable[EvaluationResult]) -> Mile
 def readable_milestones(
     bucket: Bucket, prefix: str, records: Iterable[IterationRecord]
 ) -> tuple[Milestones, list[str]]:
-    """The milestones for a reader that writes nothing, and a sentence if they are damaged.
-
-    `records` is the learning curve, which fills in what the record lacks.
-    """
+    """For readers that never write, filled in from the learning curve; and a sentence on damage."""
     damaged: list[str] = []
     try:
         known = read_milestones(bucket, prefix)

@@ -1,4 +1,4 @@
-"""What kind of model lies below a prefix, and which command works on it as it stands."""
+"""What lies below a prefix, and which command works on it."""
 
 import re
 from collections.abc import Collection
@@ -9,9 +9,7 @@ from drcli.store.bucket import TEST_FOLDER, Bucket
 from drcli.store.model_prefix import is_used
 
 Kind = Literal["drcli", "tensorflow", "upload", "traces", "files", "nothing"]
-"""A model of ours; one of DeepRacer-for-Cloud or a console, with TensorFlow checkpoints; a policy
-that is not laid out as a model; traces or metrics without a checkpoint; other files, such as those
-of a start that ended early; nothing."""
+"""A lone policy is "upload"; traces or metrics without a checkpoint are "traces"."""
 
 _OURS = re.compile(r"model/\d+_Step-\d+\.ckpt\.(safetensors|json)")
 _TENSORFLOW = re.compile(r"model/\d+_Step-\d+\.ckpt\.(index|data-\d{5}-of-\d{5})")
@@ -20,7 +18,6 @@ _TRACES = re.compile(r"(.*/)?(training|evaluation)-simtrace/[^/]+\.csv|metrics/.
 
 
 def kind_of(names: Collection[str]) -> Kind:
-    """The kind of a model that consists of these objects, by their keys below its prefix."""
     for pattern, kind in _PATTERNS:
         if any(map(pattern.fullmatch, names)):
             return kind
@@ -36,20 +33,16 @@ _PATTERNS: tuple[tuple[re.Pattern[str], Kind], ...] = (
 
 
 def is_tensorflow(listed: Collection[str], prefix: str, name: str) -> bool:
-    """Whether a checkpoint is the reference's alone, by the keys in the folder of checkpoints.
+    """Whether a checkpoint is only the reference's, by the listed keys.
 
-    The record of one of ours is written last, so weights without it do not count.
+    Ours have their record last, so weights without it do not count.
     """
     index = keys.checkpoint_part(prefix, name, ".index")
     return index in listed and keys.checkpoint_record(prefix, name) not in listed
 
 
 def model_kind(bucket: Bucket, prefix: str) -> Kind:
-    """The kind of model below a prefix.
-
-    Raises:
-        StorageError: The bucket does not answer, so the kind is unknown.
-    """
+    """Raises StorageError."""
     folder = keys.folder(prefix)
     test = folder + TEST_FOLDER
     listed = [info.key for info in bucket.list(folder)]
@@ -67,14 +60,9 @@ KIND_WORDS: dict[Kind, str] = {
 
 
 def what_helps(bucket: Bucket, prefix: str, *, setting: str = "", variables: str = "") -> str:
-    """The advice for a command that misses a checkpoint or a file of a model: one that works.
+    """For a command that misses a checkpoint or file: one that works.
 
-    Args:
-        bucket: With the model.
-        prefix: Of the model.
-        setting: Names the model; empty for the prefix itself.
-        variables: What a shell needs before a command, each with a space behind it, if the bucket
-            is not that of the settings.
+    `variables` (each followed by a space) precede it if the bucket is not that of the settings.
     """
     kind = model_kind(bucket, prefix)
     url = f"s3://{bucket.name}/{prefix}"
@@ -95,13 +83,7 @@ def what_helps(bucket: Bucket, prefix: str, *, setting: str = "", variables: str
 
 
 def import_command(bucket: Bucket, prefix: str, *, local: bool) -> str:
-    """The command that makes a model of ours from what lies below a prefix.
-
-    Args:
-        bucket: With the files.
-        prefix: Of the files.
-        local: Whether the bucket is that of the settings; else it is the one of uploads.
-    """
+    """Makes a model of ours; unless `local`, from the bucket of uploads."""
     name = f"{prefix}-imported"
     if local:
         number = 1

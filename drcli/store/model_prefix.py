@@ -1,4 +1,4 @@
-"""One model in a bucket: whether it exists, its newest checkpoint, and how to delete it."""
+"""One model in a bucket: exists, newest checkpoint, deletion."""
 
 from collections.abc import Collection
 
@@ -18,15 +18,11 @@ def is_used(bucket: Bucket, prefix: str) -> bool:
 
 
 def newest_checkpoint(bucket: Bucket, prefix: str) -> CheckpointName | None:
-    """The newest checkpoint, complete or not; None if there is none."""
     return max(checkpoint_objects(bucket, prefix).values(), default=None)
 
 
 def delete_unlearned(bucket: Bucket, prefix: str) -> None:
-    """Delete rollouts that nobody learns from any more, when a training is complete.
-
-    Workers that drive ahead of the trainer leave one such iteration.
-    """
+    """Workers that drive ahead of a trainer that ended leave such an iteration."""
     newest = newest_checkpoint(bucket, prefix)
     if newest is None:
         return
@@ -39,31 +35,24 @@ def delete_unlearned(bucket: Bucket, prefix: str) -> None:
 
 
 def contains(outer: str, inner: str) -> bool:
-    """Whether deleting `outer` would delete `inner`, because it is the same or below it."""
     return keys.folder(inner).startswith(keys.folder(outer))
 
 
 def wipe(bucket: Bucket, prefix: str, *, spared: Collection[str] = ()) -> None:
-    """Delete the model, its rollouts and the records of its runs."""
     for folder in (keys.folder(prefix), keys.rollouts_folder(prefix), keys.run_folder(prefix)):
         bucket.delete([item.key for item in bucket.list(folder) if item.key not in spared])
 
 
 def has_checkpoint(bucket: Bucket, prefix: str) -> bool:
-    """Whether there is a checkpoint, ours or TensorFlow's, written to its end, damaged or not."""
+    """Ours or TensorFlow's, maybe damaged."""
     ends = (".ckpt.json", ".ckpt.index")
     return any(key.endswith(ends) for key in checkpoint_objects(bucket, prefix))
 
 
 def is_aborted_start(bucket: Bucket, prefix: str, parameter_files: Collection[str]) -> bool:
-    """Whether the prefix holds nothing but what a start wrote that ended before its checkpoint.
+    """Whether there is only what a start wrote before its checkpoint.
 
-    Then nothing is lost if a new start writes these objects again.
-
-    Args:
-        bucket: Of the model.
-        prefix: The model.
-        parameter_files: Names of the parameter files that a start writes.
+    A new start may overwrite that.
     """
     known = {
         keys.reward_function(prefix),

@@ -1,6 +1,6 @@
-"""All objects of a model, and the order in which they can be deleted.
+"""All objects of a model, in an order to delete them.
 
-A model may be inside another one (`team` and `team/1`); what belongs to the inner one is left out.
+Without those of a model inside it (`team` and `team/1`).
 """
 
 import re
@@ -11,11 +11,7 @@ from drcli.store import keys, race_keys
 from drcli.store.bucket import Bucket, ObjectInfo
 
 POINTERS = ("model/deepracer_checkpoints.json", "model/.coach_checkpoint")
-"""Ends of the keys of a model's pointers, below its prefix."""
-
 _MARKS = (*POINTERS, "ip/run.json", "ip/hyperparameters.json", "model/model_metadata.json")
-"""Ends of keys that only a model has below its prefix, whole or not."""
-
 _CHECKPOINT = re.compile(r"(.+)/model/\d+_Step-\d+\.ckpt\..+")
 
 _RUN_MARKS = ("lease.json", "outcome.json")
@@ -31,10 +27,8 @@ class ModelTraces:
     """Everything that a model has in a bucket.
 
     Attributes:
-        prefix: Of the model.
-        objects: In the order in which they are to be deleted: what makes it a model comes first,
-            its lease last.
-        whole: Whether it has a pointer, so that lists show it.
+        objects: In order of deletion: what makes it a model first, its lease last.
+        whole: It has a pointer, so lists show it.
     """
 
     prefix: str
@@ -43,17 +37,14 @@ class ModelTraces:
 
     @property
     def size_bytes(self) -> int:
-        """Size of all objects."""
         return sum(info.size_bytes for info in self.objects)
 
     @property
     def first(self) -> tuple[str, ...]:
-        """Keys that go in the first request: without them, nothing looks like a whole model."""
         return tuple(info.key for info in self.objects if _rank(self.prefix, info.key) == 0)
 
     @property
     def checkpoints(self) -> int:
-        """How many checkpoints it has, complete or not."""
         found = {keys.checkpoint_of(self.prefix, info.key) for info in self.objects}
         return len(found - {None})
 
@@ -62,7 +53,6 @@ _NO_MODELS = ("runs/", "rollouts/", keys.training_records_folder(), race_keys.fo
 
 
 def models_in(listed: Iterable[ObjectInfo]) -> dict[str, bool]:
-    """Prefixes of all models in a listing of a whole bucket, and whether each has a pointer."""
     found: dict[str, bool] = {}
     for info in listed:
         key = info.key
@@ -81,14 +71,7 @@ def models_in(listed: Iterable[ObjectInfo]) -> dict[str, bool]:
 def traces_of(
     bucket: Bucket, prefix: str, *, metrics_prefix: str | None = None, spared: Collection[str] = ()
 ) -> ModelTraces:
-    """Find everything that a model has.
-
-    Args:
-        bucket: Holds it.
-        prefix: The model.
-        metrics_prefix: Its folder of metrics, if it is known.
-        spared: Folders whose objects are never part of a model, such as the racer's own files.
-    """
+    """All of a model; `spared` folders, as the racer's files, never belong to it."""
     listed = list(bucket.list(keys.folder(prefix)))
     nested = {other for other in models_in(listed) if other != prefix}
     runs = list(bucket.list(keys.run_folder(prefix)))
@@ -118,7 +101,6 @@ def traces_of(
 
 
 def _rank(prefix: str, key: str) -> int:
-    """The place of an object in the order of deletion."""
     pointers = [keys.folder(prefix) + pointer for pointer in POINTERS]
     if key in pointers or key.endswith((".ckpt.json", ".ckpt.index")):
         return 0

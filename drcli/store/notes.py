@@ -1,4 +1,4 @@
-"""Notes of a model in the bucket: each is an object of its own, so none can overwrite another."""
+"""Notes of a model, each an object, so none can overwrite another."""
 
 import re
 import secrets
@@ -20,22 +20,13 @@ from drcli.store.bucket import (
 from drcli.store.remedies import remedy_of
 
 DESCRIPTION = "000-description"
-"""Name of the description; it comes before all other notes."""
-
 
 _STAMPED = re.compile(r"\d{18}-")
-"""Begins with the microseconds at which it was written."""
 
 
 @dataclass(frozen=True)
 class StoredNote:
-    """A note and its name in the bucket.
-
-    Attributes:
-        name: Of the object, without its folder and end.
-        record: None if the object is damaged.
-        problem: What is wrong with it; empty if it is in order.
-    """
+    """`name` is without folder and end; `record` is None if damaged."""
 
     name: str
     record: NoteRecord | None
@@ -43,7 +34,7 @@ class StoredNote:
 
 
 def read_notes(bucket: Bucket, prefix: str) -> list[StoredNote]:
-    """All notes of a model, the description first, then the oldest first."""
+    """The description, then oldest first."""
     found = []
     for info in bucket.list(keys.notes_folder(prefix)):
         name = _name_of(prefix, info.key)
@@ -54,10 +45,6 @@ def read_notes(bucket: Bucket, prefix: str) -> list[StoredNote]:
 
 
 def headline(bucket: Bucket, prefix: str, objects: Mapping[str, ObjectInfo]) -> str:
-    """The description of a model, else its newest note, else nothing; reads at most one object.
-
-    `objects` are those of the model, by key.
-    """
     names = sorted(name for key in objects if (name := _name_of(prefix, key)) is not None)
     if not names:
         return ""
@@ -66,7 +53,6 @@ def headline(bucket: Bucket, prefix: str, objects: Mapping[str, ObjectInfo]) -> 
 
 
 def add_note(bucket: Bucket, prefix: str, text: str, checkpoint: int | None) -> StoredNote:
-    """Write a new note."""
     now = time.time()
     listed = bucket.list(keys.notes_folder(prefix))
     known = [_name_of(prefix, info.key) or "" for info in listed]
@@ -78,25 +64,21 @@ def add_note(bucket: Bucket, prefix: str, text: str, checkpoint: int | None) -> 
 
 
 def change_note(bucket: Bucket, prefix: str, note: StoredNote, text: str) -> StoredNote:
-    """Replace the text of a note, also of a damaged one."""
     now = time.time()
     record = note.record or NoteRecord(now, text, socket.gethostname())
     return _write(bucket, prefix, note.name, replace(record, text=text, edited_at=now))
 
 
 def remove_note(bucket: Bucket, prefix: str, note: StoredNote) -> None:
-    """Delete a note."""
     bucket.delete([keys.note(prefix, note.name)])
 
 
 def describe(bucket: Bucket, prefix: str, text: str, *, is_new: bool = True) -> None:
-    """Write the description of a model; of one that is not new, only if it has none."""
     if text.strip() and (is_new or not bucket.exists(keys.note(prefix, DESCRIPTION))):
         write_description(bucket, prefix, text)
 
 
 def write_description(bucket: Bucket, prefix: str, text: str) -> StoredNote:
-    """Write the description of a model, or replace it."""
     return _write(bucket, prefix, DESCRIPTION, NoteRecord(time.time(), text, socket.gethostname()))
 
 

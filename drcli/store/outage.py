@@ -1,4 +1,4 @@
-"""Says once that a server does not answer, however many calls notice it."""
+"""Says only once that a server does not answer."""
 
 import threading
 from collections.abc import Callable
@@ -7,17 +7,11 @@ from functools import lru_cache
 from drcli.base import notices
 
 _SAID_AGAIN_S = 60.0
-"""How long after an outage the next one is not worth a message."""
-
 _LONG_S = 10.0
-"""An outage whose end is worth a message."""
 
 
 class Outage:
-    """Says once that a server does not answer, and once that it answers again.
-
-    Failures that come in quick succession are one outage.
-    """
+    """Says once that a server is silent, and once that it is back."""
 
     def __init__(self, place: str, clock: Callable[[], float]) -> None:
         self._place = place
@@ -27,7 +21,6 @@ class Outage:
         self._told_s = -_SAID_AGAIN_S
 
     def note(self, began_s: float, reason: str = "") -> None:
-        """Note that there has been no useful answer since then, and why not if that is known."""
         with self._lock:
             if self._began_s is not None:
                 return
@@ -39,7 +32,6 @@ class Outage:
             notices.show(reason or f"Waiting for an answer from {self._place} ...")
 
     def end(self) -> None:
-        """Note an answer."""
         if self._began_s is None:
             return
         with self._lock:
@@ -52,5 +44,5 @@ class Outage:
 
 @lru_cache(maxsize=16)
 def outage_of(place: str, clock: Callable[[], float]) -> Outage:
-    """The outage of a server, which all buckets of this process there share, in all threads."""
+    """Shared by all buckets and threads of this process."""
     return Outage(place, clock)

@@ -1,4 +1,4 @@
-"""Profiles in the AWS files: access keys, server and region."""
+"""Profiles in the AWS files: keys, server and region."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -12,24 +12,21 @@ if TYPE_CHECKING:
     from botocore.session import Session as CoreSession
 
 DEFAULT = "default"
-"""A profile that need not exist: without it the AWS library looks for keys in other places, such as
-the role of a rented machine."""
+"""Need not exist: AWS then looks elsewhere, as for a role."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Server and region of a profile in the AWS files."""
-
     endpoint_url: str | None
     region: str | None
 
 
 @cache
 def session_of(profile: str | None, setting: str) -> "Session":
-    """The boto3 session of a profile; it keeps the description of S3, slow to load, for reuse.
+    """The boto3 session of a profile, reused as the description of S3 is slow to load.
 
     Raises:
-        StorageError: The profile does not exist, or the files cannot be read.
+        StorageError: There is no such profile, or the files cannot be read.
     """
     # Imported here: boto3 takes a quarter of a second, which other commands do not need.
     from boto3.session import Session
@@ -38,11 +35,9 @@ def session_of(profile: str | None, setting: str) -> "Session":
 
 
 _used: list[object] = []
-"""The credentials of boto3 that this process uses."""
 
 
 def keys_in_use() -> set[str]:
-    """The access keys, secret keys and tokens that boto3 has found; no request is sent."""
     found: set[str] = set()
     for credentials in _used:
         names = ("_access_key", "_secret_key", "_token", "access_key", "secret_key", "token")
@@ -52,9 +47,9 @@ def keys_in_use() -> set[str]:
 
 
 def lend_to_refreshes(credentials: object) -> None:
-    """Put the withheld secrets into the environment whenever boto3 renews temporary keys.
+    """Put withheld secrets into the environment whenever boto3 renews keys.
 
-    boto3 then needs the token of a container, or runs a program. Fixed keys are never renewed.
+    It then needs a container's token, or runs a program. Fixed keys never renew.
     """
     if credentials is not None:
         _used.append(credentials)
@@ -71,10 +66,10 @@ def lend_to_refreshes(credentials: object) -> None:
 
 
 def read_profile(profile: str | None, setting: str) -> Profile:
-    """Server and region of a profile, from the environment and the AWS files.
+    """From environment and AWS files.
 
     Raises:
-        StorageError: The profile does not exist, or the files cannot be read.
+        StorageError: There is no such profile, or the files cannot be read.
     """
     from botocore.configprovider import ConfiguredEndpointProvider
 

@@ -1,4 +1,4 @@
-"""Computes the content of a damaged object of a model from the undamaged ones; writes nothing."""
+"""Computes damaged objects of a model from undamaged ones; writes nothing."""
 
 import json
 import math
@@ -39,7 +39,6 @@ T = TypeVar("T")
 
 
 def whole_records(data: bytes, read: Callable[[Any], T]) -> list[T]:
-    """The undamaged records in a damaged file; `read` decodes one, or raises RecordError."""
     text = data.decode("utf-8", "replace")
     decoder = json.JSONDecoder()
     found: list[T] = []
@@ -55,7 +54,6 @@ def whole_records(data: bytes, read: Callable[[Any], T]) -> list[T]:
 
 
 def whole_checkpoints(bucket: Bucket, prefix: str) -> list[CheckpointName]:
-    """Checkpoints that have weights and a record, damaged or not, oldest first."""
     objects = checkpoint_objects(bucket, prefix)
     return sorted(
         name
@@ -66,7 +64,6 @@ def whole_checkpoints(bucket: Bucket, prefix: str) -> list[CheckpointName]:
 
 
 def readable_records(bucket: Bucket, prefix: str) -> list[CheckpointRecord]:
-    """Undamaged records of checkpoints, oldest first."""
     store = CheckpointStore(bucket, prefix)
     found = []
     for name in whole_checkpoints(bucket, prefix):
@@ -78,7 +75,6 @@ def readable_records(bucket: Bucket, prefix: str) -> list[CheckpointRecord]:
 
 
 def readable_evaluations(bucket: Bucket, prefix: str) -> dict[int, EvaluationResult]:
-    """Undamaged evaluations during the training, by the number of their checkpoint."""
     found = {}
     for number in evaluated_numbers(bucket, prefix):
         try:
@@ -89,7 +85,6 @@ def readable_evaluations(bucket: Bucket, prefix: str) -> dict[int, EvaluationRes
 
 
 def readable_objects(bucket: Bucket, keys_: Iterable[str]) -> list[bytes]:
-    """The content of those objects that exist."""
     found = []
     for key in keys_:
         with suppress(ObjectMissing):
@@ -100,10 +95,7 @@ def readable_objects(bucket: Bucket, keys_: Iterable[str]) -> list[bytes]:
 def reconstruct_history(
     bucket: Bucket, prefix: str, damaged: Iterable[bytes] = ()
 ) -> list[IterationRecord]:
-    """The learning curve, from the checkpoints' records, its own objects and the traces.
-
-    `damaged` has objects that are not in their places any more.
-    """
+    """From records, its own objects (also moved, `damaged` ones) and traces."""
     records = readable_records(bucket, prefix)
     key = keys.history(prefix)
     objects = [*damaged, *readable_objects(bucket, [key, *list_parts(bucket, key)])]
@@ -126,11 +118,9 @@ def reconstruct_history(
 def reconstruct_record(
     bucket: Bucket, prefix: str, name: CheckpointName, history: Iterable[IterationRecord]
 ) -> CheckpointRecord | None:
-    """The record of a checkpoint, from its weights and the known iterations.
+    """From the weights and known iterations.
 
-    Returns:
-        None if its weights are damaged, or it is unknown how many episodes it has learned from: an
-        older checkpoint is used then.
+    None if weights are damaged or episodes unknown: an older checkpoint is used.
     """
     past = [r for r in history if r.iteration < name.number]
     if len(past) != name.number:
@@ -154,7 +144,6 @@ def reconstruct_record(
 
 
 def _rollbacks(bucket: Bucket, prefix: str) -> int:
-    """How often the training went back: a checkpoint without its record was made after that."""
     try:
         return read_rollbacks(bucket, prefix).count
     except ObjectDamaged:
@@ -162,9 +151,9 @@ def _rollbacks(bucket: Bucket, prefix: str) -> int:
 
 
 def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | None:
-    """The newest checkpoint and the best one by its evaluation; None without any checkpoint.
+    """Newest and best by DR_TRAIN_BEST_MODEL_METRIC, or None.
 
-    The metric is DR_TRAIN_BEST_MODEL_METRIC. Laps of an earlier stage or track do not count.
+    Without laps of an earlier stage or track.
     """
     records = readable_records(bucket, prefix)
     pointed = CheckpointStore(bucket, prefix).pointed()
@@ -188,9 +177,9 @@ def reconstruct_scores(bucket: Bucket, prefix: str, metric: str) -> Scores | Non
 
 
 def reconstruct_milestones(bucket: Bucket, prefix: str, damaged: bytes = b"") -> Milestones:
-    """The milestones, from the learning curve, the evaluations and what is left of the record.
+    """From learning curve, evaluations and the record's rest.
 
-    It is unknown which checkpoints were kept as every n-th, so all that are there stay.
+    All checkpoints stay: every n-th are unknown.
     """
     found = whole_records(damaged, partial(from_json, Milestone))
     names = whole_checkpoints(bucket, prefix)
@@ -211,7 +200,6 @@ def reconstruct_milestones(bucket: Bucket, prefix: str, damaged: bytes = b"") ->
 def reconstruct_metrics(
     bucket: Bucket, prefix: str, worker: int, files: Iterable[bytes]
 ) -> list[EpisodeMetrics]:
-    """The records of a worker's TrainingMetrics.json, from its damaged files and the traces."""
     found = [r for data in files for r in whole_records(data, EpisodeMetrics.from_json)]
     # The whole file and a part may both have an episode.
     own = {(r.iteration, r.phase, r.trial, r.episode, r.metric_time): r for r in found}
@@ -234,7 +222,6 @@ def reconstruct_metrics(
 
 
 def traced_iterations(bucket: Bucket, prefix: str) -> dict[int, dict[int, str]]:
-    """Keys of the training traces of a model, by iteration and worker."""
     start = keys.folder(prefix)
     found: dict[int, dict[int, str]] = {}
     for info in bucket.list(start):
@@ -247,7 +234,6 @@ def traced_iterations(bucket: Bucket, prefix: str) -> dict[int, dict[int, str]]:
 def _traced_history(
     bucket: Bucket, prefix: str, known: Mapping[int, IterationRecord]
 ) -> list[IterationRecord]:
-    """Iterations that are not known otherwise, from their traces, without the learner's numbers."""
     found: list[IterationRecord] = []
     traced = traced_iterations(bucket, prefix)
     total: int | None = 0
@@ -297,7 +283,6 @@ def _found(bucket: Bucket, key: str) -> bytes:
 
 
 def _is_safetensors(data: bytes) -> bool:
-    """Whether all tensors that the file's header lists are in it."""
     from safetensors import SafetensorError, deserialize  # here, to keep commands fast
 
     try:

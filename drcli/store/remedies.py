@@ -1,4 +1,4 @@
-"""What to do about a damaged object: the one place that knows it, by the kind of its key."""
+"""What to do about a damaged object, by its key."""
 
 import re
 
@@ -49,10 +49,8 @@ _REMEDIES: tuple[tuple[str, str], ...] = (
     ),
     (r".*", "Restore it from a copy."),
 )
-"""The first pattern that fits a whole key counts."""
 
 
 def remedy_of(key: str) -> str:
-    """What to do about the object of this key if it is damaged."""
     found = next(remedy for pattern, remedy in _REMEDIES if re.fullmatch(pattern, key))
     return found.format(key=key)

@@ -1,8 +1,7 @@
 """Finds damaged objects of a model, sets them aside and reconstructs them.
 
-A full disk, an interrupted copy or an editor can damage an object. It is kept under
-`runs/<prefix>/damaged/`. Only a process that may write to the model repairs it: the trainer, or a
-command while no training runs; others only report what `find_damage` returns.
+A full disk, interrupted copy or editor damages objects; they stay in `runs/<prefix>/damaged/`. Only
+who may write repairs: the trainer, or a command while none runs. Others report `find_damage`.
 """
 
 import time
@@ -52,8 +51,6 @@ from drcli.store.remedies import remedy_of
 from drcli.store.training_records import at_once
 
 AGAIN_S = 0.03
-"""Pause before what looks damaged is read again."""
-
 _REWRITTEN = "It will be rewritten when the training continues."
 
 KEPT_DAMAGED, KEPT_BYTES = 100, 256 << 20
@@ -62,13 +59,6 @@ KEPT_DAMAGED, KEPT_BYTES = 100, 256 << 20
 
 @dataclass(frozen=True)
 class Model:
-    """A model whose objects are checked and repaired.
-
-    Attributes:
-        metric: DR_TRAIN_BEST_MODEL_METRIC.
-        workers: The simulation workers whose metrics are checked.
-    """
-
     bucket: Bucket
     prefix: str
     metrics_prefix: str
@@ -77,7 +67,6 @@ class Model:
 
     @staticmethod
     def of(config: ModelConfig, bucket: Bucket, prefix: str) -> "Model":
-        """A model in the bucket, which may be the model of the settings or another one."""
         if prefix == config.prefix:
             workers = range(config.workers)
             return Model(bucket, prefix, config.metrics_prefix, config.metric, workers)
@@ -85,16 +74,13 @@ class Model:
 
 
 def find_damage(model: Model) -> list[str]:
-    """What is wrong with each damaged object, and what to do about it; nothing is changed."""
+    """What is wrong, and what to do; nothing is changed."""
     found = (_told(model.bucket, item) for item in _objects(model, missing=False))
     return [text for text in found if text]
 
 
 def find_small_damage(model: Model, listed: Collection[str]) -> list[str]:
-    """The same for the objects that are small and have a fixed name, and for checkpoints' records.
-
-    `listed` are keys of the bucket, those of the model among them: no more are asked for.
-    """
+    """For small objects with fixed names and checkpoint records, by `listed` keys."""
     own = {keys.checkpoint_of(model.prefix, key) for key in listed} - {None}
     items = _small(model, [str(name) for name in own], missing=False)
     there = [item for item in items if item.key in listed]
@@ -102,10 +88,7 @@ def find_small_damage(model: Model, listed: Collection[str]) -> list[str]:
 
 
 def _told(bucket: Bucket, item: "_Object") -> str:
-    """What is wrong with an object and what to do about it; empty if nothing is.
-
-    It may be overwritten at the moment, so what looks damaged is read again, as by `read_record`.
-    """
+    """Reads damage again, as `read_record`: it may be being overwritten."""
     if _damage(bucket, item) is None:
         return ""
     time.sleep(AGAIN_S)
@@ -114,21 +97,16 @@ def _told(bucket: Bucket, item: "_Object") -> str:
 
 
 def repair(model: Model, *, missing: bool = True) -> list[str]:
-    """Set damaged objects aside and reconstruct them, and those that are missing.
+    """Set damaged objects aside and reconstruct them, and missing ones.
 
-    An object may be missing because the embedded server deletes an old object a moment before it
-    gives the new one its name. If it is killed just then, no client can write the object again.
-
-    Args:
-        model: Which.
-        missing: Whether a pointer to a checkpoint that does not exist counts as damaged.
+    The embedded server deletes an old object before renaming the new. If killed then, no client can
+    write it again. `missing`: a pointer to no checkpoint counts as damaged.
 
     Returns:
-        A text for each damaged object: what was wrong, and what was done.
+        For each, what was wrong, and what was done.
 
     Raises:
-        ObjectNewer: Something is damaged, but other records are newer than this version of drcli
-            can read. Nothing is changed.
+        ObjectNewer: Something is damaged, but some records are a newer drcli's; nothing is changed.
     """
     done = _repaired(model, _objects(model, missing=missing))
     with suppress(ObjectNewer):  # then what is missing may be in an object that cannot be read
@@ -138,17 +116,14 @@ def repair(model: Model, *, missing: bool = True) -> list[str]:
 
 
 def repair_metrics(model: Model) -> list[str]:
-    """Repair only the metrics of the workers, which each worker writes itself."""
+    """Each worker writes its own."""
     return [*_repaired(model, _metrics(model)), *_refilled_metrics(model)]
 
 
 def readable_history(
     model: Model, reader: HistoryReader | None = None
 ) -> tuple[list[IterationRecord], list[str]]:
-    """The learning curve for a reader that writes nothing, and a sentence if it is damaged.
-
-    A `reader` remembers what it has read before.
-    """
+    """For readers that never write; and a sentence on damage."""
     reader = reader or HistoryReader()
     try:
         return reader.read(model.bucket, model.prefix), []
@@ -157,7 +132,7 @@ def readable_history(
 
 
 def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
-    """The scores for a reader that writes nothing, and a sentence if they are damaged."""
+    """For readers that never write; and a sentence on damage."""
     try:
         return read_scores(model.bucket, model.prefix), []
     except ObjectDamaged as error:
@@ -166,12 +141,12 @@ def readable_scores(model: Model) -> tuple[Scores | None, list[str]]:
 
 
 def read_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
-    """The records of a worker's TrainingMetrics.json; ObjectMissing or ObjectDamaged."""
+    """Raises ObjectMissing or ObjectDamaged."""
     return read_record(bucket, key, decode_metrics, remedy_of(key))
 
 
 def read_all_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
-    """The records of a worker's TrainingMetrics.json and its parts; ObjectDamaged."""
+    """With parts; raises ObjectDamaged."""
     parts = read_parts(bucket, key, partial(read_metrics, bucket))
     try:
         return combined_metrics(read_metrics(bucket, key), parts)
@@ -180,12 +155,9 @@ def read_all_metrics(bucket: Bucket, key: str) -> list[EpisodeMetrics]:
 
 
 def set_aside(bucket: Bucket, prefix: str, key: str, data: bytes | None = None) -> str:
-    """Move a damaged object, or its bytes if they are given, out of the model.
+    """Move a damaged object, or the given bytes, to a returned key.
 
-    Of those that were moved before, the newest stay, at most `KEPT_DAMAGED` and `KEPT_BYTES`.
-
-    Returns:
-        Its new key.
+    Of older ones, `KEPT_DAMAGED` and `KEPT_BYTES` stay.
     """
     kept = keys.damaged(prefix, key, time.strftime("%Y%m%d%H%M%S", time.gmtime()))
     with suppress(ObjectMissing):
@@ -201,11 +173,11 @@ def set_aside(bucket: Bucket, prefix: str, key: str, data: bytes | None = None) 
 
 @dataclass(frozen=True)
 class _Object:
-    """An object of a model that may be damaged.
+    """A maybe damaged object.
 
     Attributes:
-        decode: Raises RecordError if the bytes are damaged.
-        reconstruct: Takes the damaged bytes, writes the object again, and says what was done.
+        decode: Raises RecordError.
+        reconstruct: Writes it from the damaged bytes; says what was done.
     """
 
     key: str
@@ -215,14 +187,11 @@ class _Object:
 
 @dataclass(frozen=True)
 class _Damage:
-    """What is wrong with an object, and its bytes."""
-
     sentence: str
     data: bytes
 
 
 def _damage(bucket: Bucket, item: _Object) -> _Damage | None:
-    """The damage of an object; a record of a newer format is not damaged."""
     try:
         data = bucket.get(item.key)
     except ObjectMissing:
@@ -237,7 +206,6 @@ def _damage(bucket: Bucket, item: _Object) -> _Damage | None:
 
 
 def _refuse_newer(model: Model) -> None:
-    """Raise ObjectNewer if a record cannot be read that others would be reconstructed from."""
     for item in _objects(model, missing=False):
         with suppress(ObjectMissing, ObjectDamaged):
             read_record(model.bucket, item.key, item.decode, remedy="")
@@ -260,7 +228,6 @@ def _repaired(model: Model, objects: Iterable[_Object]) -> list[str]:
 
 
 def _refilled(model: Model) -> list[str]:
-    """Write what the checkpoints say must be there, but is not."""
     bucket, prefix = model.bucket, model.prefix
     newest = max(whole_checkpoints(bucket, prefix), default=None)
     if newest is None:
@@ -288,7 +255,6 @@ def _refilled(model: Model) -> list[str]:
 
 
 def _refilled_metrics(model: Model) -> list[str]:
-    """Write the episodes of finished iterations that have a trace, but are not in the metrics."""
     bucket, prefix = model.bucket, model.prefix
     finished = max((name.number for name in whole_checkpoints(bucket, prefix)), default=0)
     traced = traced_iterations(bucket, prefix)
@@ -308,7 +274,6 @@ def _refilled_metrics(model: Model) -> list[str]:
 
 
 def _objects(model: Model, *, missing: bool) -> Iterator[_Object]:
-    """All objects, each after those that it is reconstructed from."""
     bucket, prefix = model.bucket, model.prefix
     for number in evaluated_numbers(bucket, prefix):
         key = keys.evaluation_result(prefix, number)
@@ -323,7 +288,6 @@ def _objects(model: Model, *, missing: bool) -> Iterator[_Object]:
 
 
 def _small(model: Model, names: Iterable[str], *, missing: bool) -> Iterator[_Object]:
-    """The records of these checkpoints, and what there is once in a model or its runs."""
     prefix = model.prefix
     for name in names:
         key = keys.checkpoint_record(prefix, name)
@@ -355,7 +319,7 @@ def _metrics(model: Model) -> Iterator[_Object]:
 
 
 def _refuse_missing(model: Model, *names: str) -> None:
-    """Raise RecordError if a checkpoint has no weights, neither PyTorch nor TensorFlow ones."""
+    """Raise RecordError without PyTorch or TensorFlow weights."""
     listed = {info.key for info in model.bucket.list(keys.model_folder(model.prefix))}
     for name in names:
         parts = (".safetensors", ".index")

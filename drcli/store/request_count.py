@@ -1,7 +1,6 @@
-"""Counts the requests of a process to S3 servers and their bytes, and adds them up for a run.
+"""Counts the requests and bytes of a process to S3, and adds them up for a run.
 
-Every process writes its counts into a small file in the run's folder. The file continues when a
-process is started again, so the files of a start together have all its requests.
+Each process has a small file in the run's folder, continued when it restarts.
 """
 
 import threading
@@ -14,36 +13,22 @@ from typing import Any
 from drcli.base.atomic_file import load_record, save_record
 
 WRITE_EVERY_S = 10.0
-"""How often a process writes its counts."""
-
 _END = ".requests.json"
 
 PUT_LIST_USD = 0.005 / 1000
-"""Price of a PUT, COPY, POST or LIST request to S3 Standard in us-east-1, USD. Source of the two:
-aws.amazon.com/s3/pricing, list prices in November 2026; other regions cost up to twice as much."""
+"""S3 Standard in us-east-1, November 2026, aws.amazon.com/s3/pricing. Elsewhere up to twice."""
 
 GET_USD = 0.0004 / 1000
-"""Price of a GET, HEAD or other request; those that delete are free."""
+"""Also HEAD and others; deleting is free."""
 
 NIGHT_HOURS = 10.0
-"""Length of a night for which requests are projected."""
-
 _FREE = ("DeleteObject", "DeleteObjects", "AbortMultipartUpload")
 _WRITING = ("Put", "Copy", "Post", "List", "Create", "Upload", "Complete")
 
 
 @dataclass(frozen=True)
 class RequestCount:
-    """Requests and bytes.
-
-    Attributes:
-        session: Of the start of the training that they belong to.
-        puts: Requests that S3 bills as PUT, COPY, POST or LIST.
-        gets: GET, HEAD and all others.
-        deletes: Requests that delete, which are free.
-        sent_bytes: In bodies of requests.
-        received_bytes: In bodies of answers.
-    """
+    """`puts` include COPY, POST and LIST, as billed; bytes are those of bodies."""
 
     session: str = ""
     puts: int = 0
@@ -54,16 +39,14 @@ class RequestCount:
 
     @property
     def requests(self) -> int:
-        """All of them."""
         return self.puts + self.gets + self.deletes
 
     @property
     def list_price_usd(self) -> float:
-        """What S3 bills for the requests by its list prices; traffic in one region is free."""
+        """Traffic in one region is free."""
         return PUT_LIST_USD * self.puts + GET_USD * self.gets
 
     def plus(self, other: "RequestCount") -> "RequestCount":
-        """The sum, with the session of this one."""
         return RequestCount(
             self.session,
             self.puts + other.puts,
@@ -75,25 +58,22 @@ class RequestCount:
 
 
 class RequestCounter:
-    """Counts the answered requests of clients. For several threads."""
+    """Only answered requests. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._count = RequestCount()
 
     def attach(self, client: Any) -> None:
-        """Count the requests of a boto3 client of S3 from now on."""
         events = client.meta.events
         events.register("before-send.s3", self._sent)
         events.register("response-received.s3", self._answered)
 
     def now(self) -> RequestCount:
-        """The count so far."""
         with self._lock:
             return self._count
 
     def add(self, operation: str) -> None:
-        """Count one request, by the name of its operation in the interface of S3."""
         kind = "gets"
         if operation in _FREE:
             kind = "deletes"
@@ -120,18 +100,10 @@ class RequestCounter:
 
 
 counter = RequestCounter()
-"""Counts all requests of this process."""
 
 
 class CountFile:
-    """Writes the count of this process to a file every few seconds, in a thread.
-
-    Args:
-        folder: Of the run.
-        name: Of the process, such as "sim-0".
-        session: Of this start of the training; the counts of an earlier start are dropped.
-        counted: What to write.
-    """
+    """Written by a thread; an earlier session's counts are dropped."""
 
     def __init__(
         self, folder: Path, name: str, session: str, counted: RequestCounter = counter
@@ -146,16 +118,14 @@ class CountFile:
         self._thread = threading.Thread(target=self._run, name="request count", daemon=True)
 
     def start(self) -> None:
-        """Begin."""
         self._thread.start()
 
     def end(self) -> None:
-        """Write the last count."""
         self._ending.set()
         self.write()
 
     def write(self) -> None:
-        """Write the count so far; a full disk only makes it incomplete."""
+        """A full disk only makes it incomplete."""
         with suppress(OSError):
             save_record(self._path, self._before.plus(self._counted.now()))
 
@@ -165,7 +135,6 @@ class CountFile:
 
 
 def read_counts(folder: Path, session: str) -> RequestCount:
-    """The sum of all processes of one start of a training."""
     total = RequestCount(session)
     for count in _counts(folder):
         if count.session == session:
@@ -181,7 +150,6 @@ def _counts(folder: Path) -> Iterable[RequestCount]:
 
 
 def _length(headers: Any) -> int:
-    """The length of a body as its headers have it; 0 if they do not."""
     value = headers.get("Content-Length") or headers.get("content-length") or 0
     try:
         return max(0, int(value))

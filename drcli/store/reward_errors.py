@@ -1,4 +1,4 @@
-"""Reads what the workers have counted of a reward function that fails."""
+"""Reads the counted failures of a reward function."""
 
 from drcli.base.json_record import RecordError
 from drcli.exchange.reward_error_record import RewardErrorRecord
@@ -7,7 +7,7 @@ from drcli.store.bucket import Bucket, ObjectMissing
 
 
 def read_reward_errors(bucket: Bucket, prefix: str) -> list[RewardErrorRecord]:
-    """The records of all workers that have one, by worker; damaged ones are left out.
+    """By worker, without damaged ones.
 
     Raises:
         StorageError: The bucket does not answer.

@@ -1,4 +1,4 @@
-"""Reads and writes the rollbacks of a model in the bucket."""
+"""Reads and writes the rollbacks of a model."""
 
 from drcli.exchange.rollback_record import Rollbacks
 from drcli.store import keys
@@ -7,7 +7,7 @@ from drcli.store.remedies import remedy_of
 
 
 def read_rollbacks(bucket: Bucket, prefix: str) -> Rollbacks:
-    """The rollbacks of a model, mostly none; ObjectDamaged if they cannot be read."""
+    """Raises ObjectDamaged."""
     key = keys.rollbacks(prefix)
     try:
         return read_record(bucket, key, Rollbacks.decode, remedy_of(key))
@@ -16,5 +16,5 @@ def read_rollbacks(bucket: Bucket, prefix: str) -> Rollbacks:
 
 
 def write_rollbacks(bucket: Bucket, prefix: str, rollbacks: Rollbacks) -> None:
-    """Publish them; with this write, the newest rollback has happened."""
+    """With this write, the newest one has happened."""
     bucket.put(keys.rollbacks(prefix), rollbacks.encode())

@@ -1,4 +1,4 @@
-"""Waits for the rollouts of the workers and reads them, for the trainer."""
+"""Waits for the workers' rollouts and reads them."""
 
 import time
 from collections import deque
@@ -23,7 +23,7 @@ from drcli.store.bucket import (
 from drcli.store.remedies import remedy_of
 
 PREFETCH_BYTES = 24 << 20
-"""Limit for downloads ahead of their use: three thousand steps."""
+"""Three thousand steps."""
 
 FIRST_LOOK_S, WOKEN_LOOK_S = 0.1, 0.5
 """First pause between two looks for rollouts: in any case, and for a trainer that its workers wake.
@@ -34,17 +34,12 @@ QUIET_SHARE, REMEMBERED = 0.7, 5
 asks for manifests: to list a folder costs twelve times as much as to read an object."""
 
 LATE_SHARE = 0.05
-"""How much later than the shortest of them it may notice that rollouts are there."""
-
 QUIET_STEP_S = 1.0
-"""How often it checks meanwhile whether it should stop."""
-
 REPORT_EVERY_S = 10.0
-"""Seconds between two reports about missing workers."""
 
 
 def find_manifest(bucket: Bucket, prefix: str, iteration: int, worker: int) -> Manifest | None:
-    """The manifest of a worker; None if it does not exist yet or is damaged."""
+    """None if missing or damaged."""
     key = keys.rollout_manifest(prefix, iteration, worker)
     try:
         return read_record(bucket, key, Manifest.decode, remedy_of(key))
@@ -53,13 +48,11 @@ def find_manifest(bucket: Bucket, prefix: str, iteration: int, worker: int) -> M
 
 
 class RolloutReader:
-    """Reads the rollouts of one model from the bucket. Close it when done.
+    """Reads the rollouts of one model. Close it when done.
 
-    Rollouts from another start of the training than `session` may come from other weights, so they
-    count as missing, unless the session is empty. A `frugal` one looks less often, for buckets that
-    are not on this machine. What was driven with weights that were given up in one of the
-    `rollbacks` counts as missing, too. `pause` waits, and returns True if it was ended early
-    because there may be something new; the first one lasts `first_look_s`. Tests replace `clock`.
+    Rollouts of another `session` (if not empty), or with weights given up in `rollbacks`, count as
+    missing. A `frugal` one, for a bucket elsewhere, looks less often. `pause` returns True if
+    woken; the first lasts `first_look_s`.
     """
 
     def __init__(
@@ -101,24 +94,15 @@ class RolloutReader:
         should_stop: Callable[[], bool] = lambda: False,
         goes_on: Callable[[Mapping[int, Manifest], float], bool] = lambda arrived, waited_s: False,
     ) -> dict[int, Manifest]:
-        """Wait until the workers have delivered their rollouts, and fetch parts that have come.
+        """Wait for the workers' rollouts, and fetch parts that have come.
 
-        Args:
-            iteration: Of the rollouts.
-            checkpoints: That may have driven them. Rollouts of others, from a run that was stopped
-                or went back, count as missing.
-            workers: Who drives.
-            patience_s: After this time, go on with the rollouts that have come.
-            enough: How many manifests to wait for; all if left out.
-            arrived: Manifests that have already come.
-            on_wait: Takes a sentence with the missing workers, every `REPORT_EVERY_S` and at the
-                end of the patience.
-            should_stop: Asked at every look; ends the wait early.
-            goes_on: Asked at every look with the manifests that have come and the seconds waited so
-                far: whether to go on with them now.
+        Rollouts of other than `checkpoints`, of a stopped or rolled-back run, count as missing. It
+        ends with `enough` manifests (all by default) or after `patience_s`; each look asks
+        `should_stop` and `goes_on`, with the manifests and seconds so far. `on_wait` gets a
+        sentence every `REPORT_EVERY_S` and at the end.
 
         Returns:
-            The manifests that have come, by worker.
+            The manifests, by worker.
         """
         wanted = sorted(workers)
         enough = len(wanted) if enough is None else enough
@@ -160,19 +144,16 @@ class RolloutReader:
         return dict(sorted(known.items()))
 
     def _quiet_s(self) -> float:
-        """How long rollouts cannot be there yet, by the last waits; 0 if that is not known."""
         if not self._frugal or len(self._waits_s) < 2:
             return 0.0
         return QUIET_SHARE * min(self._waits_s)
 
     def _keep_quiet(self, until_s: float, should_stop: Callable[[], bool]) -> None:
-        """Ask for nothing until then, or until it should stop."""
         while (left_s := until_s - self._clock()) > 0.0 and not should_stop():
             if self._pause(min(left_s, QUIET_STEP_S)):
                 return
 
     def find_manifests(self, iteration: int) -> list[Manifest]:
-        """The manifests of all workers for an iteration, from any checkpoint."""
         listing = self._bucket.list(keys.iteration_folder(self._prefix, iteration))
         named = (keys.rollout_key(self._prefix, info.key) for info in listing)
         workers = sorted(key.worker for key in named if key is not None and key.is_manifest)
@@ -180,13 +161,12 @@ class RolloutReader:
         return [each for each in found if each is not None and self._counts(each)]
 
     def iterations(self) -> list[int]:
-        """Iterations with rollouts, in order."""
         listing = self._bucket.list(keys.rollouts_folder(self._prefix))
         found = (keys.rollout_key(self._prefix, info.key) for info in listing)
         return sorted({key.iteration for key in found if key is not None})
 
     def read(self, manifests: Iterable[Manifest]) -> Episodes:
-        """The episodes of some workers, each part checked; ObjectMissing or ObjectDamaged."""
+        """Raises ObjectMissing or ObjectDamaged."""
         wanted = [(manifest, part) for manifest in manifests for part in manifest.parts]
         reading = ""
 
@@ -222,7 +202,7 @@ class RolloutReader:
         return data
 
     def delete_learned(self, iteration: int) -> None:
-        """Delete the rollouts of this iteration and of all before it; any thread may do that."""
+        """With those before. Thread-safe."""
         learned = []
         for info in self._bucket.list(keys.rollouts_folder(self._prefix)):
             key = keys.rollout_key(self._prefix, info.key)
@@ -231,16 +211,15 @@ class RolloutReader:
         self._bucket.delete(learned)
 
     def reject(self, iteration: int, workers: Iterable[int]) -> None:
-        """Delete the manifests of some workers for an iteration, which must be driven again."""
+        """These must be driven again."""
         self.forget()
         self._bucket.delete([keys.rollout_manifest(self._prefix, iteration, k) for k in workers])
 
     def look_often(self) -> None:
-        """Look as often as if nobody would wake this reader: workers elsewhere do not."""
+        """For workers elsewhere, which cannot wake it."""
         self._first_look_s = FIRST_LOOK_S
 
     def close(self) -> None:
-        """End the background downloads."""
         self.forget()
         self._fetcher.shutdown(wait=True, cancel_futures=True)
 
@@ -251,7 +230,6 @@ class RolloutReader:
         wanted: list[int],
         arrived: dict[int, Manifest],
     ) -> None:
-        """Read new manifests, and begin to fetch new parts."""
         delivered = []
         for info in self._bucket.list(keys.iteration_folder(self._prefix, iteration)):
             key = keys.rollout_key(self._prefix, info.key)
@@ -271,7 +249,7 @@ class RolloutReader:
         wanted: list[int],
         arrived: dict[int, Manifest],
     ) -> None:
-        """Read new manifests without a listing: for up to twelve workers that is cheaper."""
+        """Without a listing: cheaper for up to twelve workers."""
         missing = [worker for worker in wanted if worker not in arrived]
         self._take_manifests(iteration, checkpoints, missing, arrived)
 
@@ -295,7 +273,6 @@ class RolloutReader:
                 arrived[worker] = found
 
     def _counts(self, manifest: Manifest) -> bool:
-        """Whether the weights that drove were not given up since."""
         number = checkpoint_name(manifest.checkpoint).number
         return self._rollbacks.allows(number, manifest.rollbacks)
 
@@ -309,7 +286,6 @@ class RolloutReader:
         self._fetched[key] = self._fetcher.submit(self._bucket.get, key)
 
     def _take(self, key: str) -> bytes:
-        """The part that was fetched ahead, or is fetched now."""
         early = self._fetched.pop(key, None)
         if early is None:
             return self._bucket.get(key)
@@ -318,7 +294,6 @@ class RolloutReader:
         return data
 
     def forget(self) -> None:
-        """Give up what was fetched ahead of its use."""
         for early in self._fetched.values():
             early.cancel()
         self._fetched.clear()

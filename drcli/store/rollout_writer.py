@@ -1,7 +1,7 @@
-"""Sends the episodes of a simulation worker to the bucket while it goes on driving.
+"""Sends a worker's episodes to the bucket while it drives on.
 
-The parts are written first, the manifest that names them last. Keys of parts contain the session of
-their writer, so a restarted worker never overwrites a part that is being read.
+Parts first, then the manifest that names them. Their keys have the session, so a restarted worker
+never overwrites a part that is read.
 """
 
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -15,13 +15,13 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 
 _UNSENT_PARTS = 4
-"""How many parts may wait in memory for a slow bucket before driving stops to wait."""
+"""Then driving waits for a slow bucket."""
 
 
 class RolloutWriter:
-    """Sends the episodes of one worker in one iteration; end it with `finish` or `abandon`.
+    """One worker and iteration; end it with `finish` or `abandon`.
 
-    The manifest has no parts yet.
+    `manifest` has no parts yet.
     """
 
     def __init__(self, bucket: Bucket, prefix: str, manifest: Manifest) -> None:
@@ -33,7 +33,7 @@ class RolloutWriter:
         self._room = BoundedSemaphore(_UNSENT_PARTS)
 
     def add(self, episodes: Episodes) -> None:
-        """Send whole episodes in the background; their arrays must not change.
+        """Send in the background; arrays must not change.
 
         Raises:
             StorageError: An earlier part could not be sent.
@@ -45,10 +45,10 @@ class RolloutWriter:
         self._uploads.append(self._sender.submit(self._send, len(self._uploads), episodes))
 
     def finish(self, notes: Driving) -> Manifest:
-        """Wait until everything is sent, then write the manifest, from which readers start.
+        """Wait, then write the manifest.
 
         Raises:
-            StorageError: A part could not be sent; there is no manifest then.
+            StorageError: A part could not be sent, so there is none.
         """
         self._sender.shutdown(wait=True)
         parts = tuple(upload.result() for upload in self._uploads)
@@ -58,7 +58,7 @@ class RolloutWriter:
         return manifest
 
     def abandon(self) -> None:
-        """Stop without a manifest; the trainer deletes the parts."""
+        """The trainer deletes the parts."""
         self._sender.shutdown(wait=True, cancel_futures=True)
 
     def _send(self, number: int, episodes: Episodes) -> Part:

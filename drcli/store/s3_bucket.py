@@ -1,4 +1,4 @@
-"""A bucket on any S3 server; calls are repeated while the server starts again."""
+"""A bucket on any S3 server; calls repeat while it restarts."""
 
 import copy
 import io
@@ -45,34 +45,32 @@ if TYPE_CHECKING:
     from mypy_boto3_s3.client import S3Client
 
 MULTIPART_FROM_BYTES = 64 << 20
-"""Smaller objects are sent in one request, which a server keeps completely or not at all."""
+"""Smaller ones are one request, kept completely or not at all."""
 
 PART_BYTES = 16 << 20
 HURRIED_PATIENCE_S = 2.0
-"""How long a call is repeated after its process was asked to stop."""
+"""Once asked to stop."""
 
 _READ_BYTES = 1 << 18
 _CONNECT_TIMEOUT_S = 5
 _PAGE_KEYS = 1000
-"""Limit of S3 for a request that lists or deletes."""
+"""S3's limit for listing and deleting."""
 
 T = TypeVar("T")
 
 
 class S3Bucket:
-    """A bucket of any S3 server, through boto3. Several threads may use it at once.
+    """A bucket through boto3. Thread-safe.
 
     Args:
         endpoint: Server and keys.
         name: Of the bucket.
-        patience_s: How long calls are repeated if the server does not answer; a supervisor starts a
-            dead local server within seconds.
-        read_timeout_s: How long an answer may stall.
-        hurried: Whether this process was asked to stop; calls are hardly repeated then.
-        unattended: Whether to wait, too, if the clock of this machine is wrong, or if it has no
-            access keys.
-        clock: Monotonic seconds, for tests.
-        pause: Waits the given seconds, for tests.
+        patience_s: For a silent server; supervisors restart a local one in seconds.
+        read_timeout_s: For a stalled answer.
+        hurried: Asked to stop, so hardly repeat.
+        unattended: Also wait for the clock or access keys.
+        clock: Monotonic.
+        pause: Waits.
 
     Raises:
         StorageError: The profile does not exist.
@@ -106,28 +104,26 @@ class S3Bucket:
             self._disk = DiskFlush(endpoint.data_dir / name)
 
     def close(self) -> None:
-        """Close the connections; not needed if the process ends."""
         self._client.close()
 
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
-        """Read a whole object; ObjectMissing if it does not exist."""
         return self._retry(lambda: self._get(key, watch), "read", key)[0]
 
     def get_with_age(self, key: str) -> tuple[bytes, float | None]:
-        """Read a whole object, and its age in seconds by the server's clock."""
+        """By the server's clock."""
         return self._retry(lambda: self._get(key), "read", key)
 
     def fenced(self, check: Callable[[str], None]) -> Self:
-        """The same bucket, which calls `check` with a key each time before it writes or deletes it.
+        """The same, but calls `check` with each key before writing or deleting.
 
-        An error of `check` ends the call. Repeated calls check again, because a minute may pass.
+        Its error ends the call. Repeated calls check again: a minute may pass.
         """
         fenced = copy.copy(self)
         fenced._before_write = check
         return fenced
 
     def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> None:
-        """Write an object, in one request below 64 MiB and in parts above."""
+        """One request below 64 MiB, parts above."""
         if watch is None and len(data) < MULTIPART_FROM_BYTES:
             call = partial(self._put_whole, key, data)
         else:
@@ -143,23 +139,21 @@ class S3Bucket:
             self._disk.note(key)
 
     def flush(self) -> None:
-        """Return when what was written is on the disk, if the bucket is plain files here.
+        """Wait until all is on the disk, if local files.
 
         Raises:
-            StorageError: The disk has refused some of it.
+            StorageError: The disk refused some.
         """
         if self._disk is not None:
             self._disk.flush()
 
     def delete(self, keys: Iterable[str]) -> None:
-        """Delete objects, a thousand in a request."""
         everything = tuple(keys)
         for start in range(0, len(everything), _PAGE_KEYS):
             batch = everything[start : start + _PAGE_KEYS]
             self._retry(partial(self._delete_batch, batch), "delete", batch[0])
 
     def exists(self, key: str) -> bool:
-        """Whether an object with this key exists."""
         try:
             self._retry(partial(self._look_up, key), "look up", key)
         except ObjectMissing:
@@ -167,12 +161,11 @@ class S3Bucket:
         return True
 
     def list(self, folder: str) -> Listing:
-        """All objects below a folder (which ends with a slash), sorted by key."""
         call = partial(self._list_all, checked_folder(folder))
         return self._retry(call, "list", folder)
 
     def accepts_keys(self) -> bool:
-        """Whether the server answers now and accepts our access keys."""
+        """Whether it answers now and accepts our keys."""
         from botocore.exceptions import BotoCoreError, ClientError
 
         try:
@@ -182,7 +175,6 @@ class S3Bucket:
         return True
 
     def is_created(self) -> bool:
-        """Whether the server has this bucket."""
         from botocore.exceptions import ClientError
 
         def look() -> bool:
@@ -197,13 +189,13 @@ class S3Bucket:
         return self._retry(look, "look up", "")
 
     def ensure_exists(self) -> None:
-        """Create the bucket if it is missing; only on our server."""
+        """Only on our server."""
         if not self.is_created():
             self._retry(partial(self._client.create_bucket, Bucket=self.name), "create", "")
 
     @property
     def client(self) -> "S3Client":
-        """The client of boto3, for requests that no other method makes; they are not repeated."""
+        """For requests that no other method makes; not repeated."""
         return self._client
 
     def _retry(
@@ -215,7 +207,6 @@ class S3Bucket:
         *,
         patient: bool = True,
     ) -> T:
-        """Repeat a call while its failure may be temporary; the rest is for `Attempt`."""
         from boto3.exceptions import Boto3Error
         from botocore.exceptions import BotoCoreError, ClientError, NoCredentialsError
         from botocore.parsers import ResponseParserError  # no BotoCoreError
@@ -249,7 +240,6 @@ class S3Bucket:
                     self._client = _client(self.endpoint, self._read_timeout_s)
 
     def _look_up(self, key: str) -> int:
-        """Size of an object in bytes."""
         from botocore.exceptions import ClientError
 
         try:
@@ -277,13 +267,13 @@ class S3Bucket:
         return b"".join(chunks), age_s
 
     def _deleted_above(self, key: str) -> bool:
-        """Delete the empty object that is where our server needs a folder for a key.
+        """Delete the empty object where our server needs a folder.
 
-        S3 browsers write `model/` for a folder; servers that store objects as files make an empty
-        file `model` of it, and refuse whatever belongs below. False if there is no such object.
+        S3 browsers write `model/`; servers with plain files make a file `model` of it, and refuse
+        all below.
 
         Raises:
-            StorageError: The object has content, or the server is another one.
+            StorageError: It has content, or the server is another.
         """
         for above in keys_above(key):
             try:
@@ -306,7 +296,6 @@ class S3Bucket:
         self._client.put_object(Bucket=self.name, Key=key, Body=data)
 
     def _put_in_parts(self, key: str, data: bytes, watch: Watch | None) -> None:
-        """Write an object with boto3's function that sends large ones in parts and counts bytes."""
         from boto3.s3.transfer import TransferConfig
 
         self._before_write(key)
@@ -353,7 +342,6 @@ class S3Bucket:
 
 @contextmanager
 def _counting(watch: Watch | None) -> Iterator[Watch]:
-    """Report transferred bytes, and subtract them again if the transfer fails."""
     total = 0
 
     def count(more: int) -> None:
@@ -370,7 +358,7 @@ def _counting(watch: Watch | None) -> Iterator[Watch]:
 
 
 _making_clients = threading.Lock()
-"""Threads may share a client, but not create clients at the same time."""
+"""Threads may share clients, not create them."""
 
 
 def _client(endpoint: Endpoint, read_timeout_s: float) -> "S3Client":

@@ -1,4 +1,4 @@
-"""Explains botocore's exceptions: a sentence, a remedy, and whether to try again."""
+"""Explains botocore's exceptions: a sentence, a remedy, and whether to repeat."""
 
 import re
 import shutil
@@ -21,15 +21,13 @@ _KEY_CODES = frozenset(
         "SignatureDoesNotMatch",
     }
 )
-"""The server does not know the access keys."""
-
 _EXPIRED_CODES = frozenset({"ExpiredToken", "ExpiredTokenException", "TokenRefreshRequired"})
-"""Temporary keys, such as those of a session, of a role or of single sign-on, are too old."""
+"""Of sessions, roles and single sign-on."""
 
 _DENIED_CODES = frozenset({"AccessDenied", "AllAccessDisabled", "AccessDeniedException"})
 _CLOCK_CODES = frozenset({"RequestTimeTooSkewed", "RequestExpired"})
 _MOST_SKEW_S = 14.5 * 60.0
-"""Servers accept requests that are signed up to 15 minutes before or after their time."""
+"""Servers accept 15 minutes."""
 
 _REGION_CODES = frozenset(
     {"PermanentRedirect", "IllegalLocationConstraintException", "TemporaryRedirect"}
@@ -42,12 +40,10 @@ _PERMISSIONS = {
     "delete": "s3:DeleteObject",
     "create": "s3:CreateBucket",
 }
-"""What a request needs, by the action of its `Attempt`; all others need s3:ListBucket."""
-
 _DENIED_ACTION = re.compile(
     r"not authorized to perform: ([a-z0-9-]+:[A-Za-z]+)(?: on resource: \"?(arn:[^\s\"]+))?"
 )
-"""Amazon's text of a denied request. Source: its page on messages for denied access."""
+"""Source: Amazon's page on access denied messages."""
 
 _EXPLICIT = {
     "resource-based policy": "the policy of the bucket",
@@ -55,10 +51,9 @@ _EXPLICIT = {
     "permissions boundary": "a permissions boundary",
     "identity-based policy": "the policy of these keys",
 }
-"""Who denies a request explicitly, by the words in Amazon's text."""
 _BUSY_CODES = frozenset({"SlowDown", "ServiceUnavailable", "RequestTimeout", "Throttling"})
 _BLOCKED_CODES = frozenset({"XMinioParentIsObject", "ExistingObjectIsFile", "ObjectParentIsFile"})
-"""An object is where a folder must be: of MinIO, SeaweedFS and VersityGW. rclone answers 500."""
+"""An object where a folder must be: MinIO, SeaweedFS, VersityGW. rclone: 500."""
 
 _FULL_CODES = frozenset({"XMinioStorageFull", "QuotaExceeded", "InsufficientStorage"})
 
@@ -68,18 +63,13 @@ _FRESH_KEYS = (
 )
 
 _SPARE_BYTES = 1_000_000
-"""A disk with less space than this besides the object counts as full."""
+"""A disk with less counts as full."""
 
 
 class AccessRefused(StorageError):
-    """The server knows the access keys, but they lack a permission.
+    """The access keys are known, but lack a permission.
 
-    Args:
-        message: The whole sentence.
-        remedy: Where to add the permission.
-        reason: The part of the sentence that does not name the request, without a full stop.
-        folder: Objects for which the remedy gives a permission, `arn:aws:s3:::bucket/folder/*`;
-            empty if it names none.
+    `folder` is `arn:aws:s3:::bucket/folder/*`, or empty.
     """
 
     def __init__(self, message: str, *, remedy: str, reason: str, folder: str = "") -> None:
@@ -88,10 +78,7 @@ class AccessRefused(StorageError):
         self._folder = folder
 
     def below(self, folders: Iterable[str]) -> "AccessRefused":
-        """The same refusal of a trial, with a remedy that names all folders that are needed.
-
-        They end with a slash.
-        """
+        """For a trial, with all needed folders (ending with a slash)."""
         if not self._folder:
             return self
         bucket = self._folder.split("/", 1)[0]
@@ -102,15 +89,7 @@ class AccessRefused(StorageError):
 
 @dataclass(frozen=True)
 class Attempt:
-    """A request, for the text of an error.
-
-    Args:
-        action: A verb, such as `write`.
-        endpoint: The server.
-        bucket: Name of the bucket.
-        key: Of the object; empty for the bucket.
-        size_bytes: Bytes to be written.
-    """
+    """`action` is a verb such as `write`; `key` is empty for the bucket."""
 
     action: str
     endpoint: Endpoint
@@ -124,18 +103,12 @@ class Attempt:
 
 
 def patience_share(error: Exception, *, ours: bool, unattended: bool = False) -> float:
-    """For which part of the patience a call is repeated: all (1), a little (0.1) or none (0).
+    """For which part of the patience a call is repeated: 1, 0.1 or 0.
 
-    A server that is silent or busy may be starting again. Our own one with an internal error may be
-    overwriting the object; rclone then fails for a moment, and what lasts longer is a full disk.
-    Other servers have internal errors that pass. An `unattended` process also waits for the clock
-    of its machine to be set right, and for access keys: the service that has them may be busy while
-    the machine boots. A person wants to know at once.
-
-    Args:
-        error: Of boto3.
-        ours: Whether the server is the embedded one.
-        unattended: Whether nobody waits for the process.
+    A silent or busy server may be restarting. Ours (`ours`), with an internal error, may be
+    overwriting the object, when rclone fails for a moment; what lasts is a full disk. Others'
+    internal errors pass. `unattended` also waits for the clock and for access keys, which may come
+    late at boot.
     """
     from botocore import exceptions as boto
     from botocore.parsers import ResponseParserError
@@ -158,10 +131,7 @@ def patience_share(error: Exception, *, ours: bool, unattended: bool = False) ->
 
 
 def local_trouble(error: Exception, endpoint: Endpoint) -> str:
-    """What to say to the owner of this machine if it is not the server that is to blame.
-
-    Its clock is wrong, or it has no access keys; empty for other errors.
-    """
+    """What to say if this machine is to blame: its clock, or missing keys; else empty."""
     from botocore.exceptions import NoCredentialsError
 
     if isinstance(error, NoCredentialsError):
@@ -180,17 +150,15 @@ def local_trouble(error: Exception, endpoint: Endpoint) -> str:
 
 
 def hides_its_code(error: Exception) -> bool:
-    """Whether the answer to a HEAD request has a reason that only the body of a GET would tell."""
+    """Whether a HEAD's reason needs the body of a GET."""
     return _answer(error)[1] in (400, 401, 403)
 
 
 def passes(code: str) -> bool:
-    """Whether an object of a deletion may be deleted when it is tried again."""
     return code in _BUSY_CODES | {"InternalError"}
 
 
 def needs_folder(error: BaseException | None) -> bool:
-    """Whether a write may have failed because an object is where the server needs a folder."""
     if not isinstance(error, Exception):
         return False
     code, status = _answer(error)
@@ -198,7 +166,6 @@ def needs_folder(error: BaseException | None) -> bool:
 
 
 def blocked(attempt: Attempt, above: str, size_bytes: int) -> StorageError:
-    """The error if an object is where the server needs a folder for another object."""
     endpoint, place = attempt.endpoint, f"s3://{attempt.bucket}/{above}"
     own = endpoint.names.bucket == SettingNames.bucket
     program = "dr-local-aws" if own else f"aws --endpoint-url {endpoint.place}"
@@ -211,7 +178,6 @@ def blocked(attempt: Attempt, above: str, size_bytes: int) -> StorageError:
 
 
 def explain(error: Exception, attempt: Attempt) -> StorageError:
-    """Turn an exception of boto3 into the error that the user reads."""
     from botocore.exceptions import (
         ClientError,
         CredentialRetrievalError,
@@ -251,7 +217,7 @@ def explain(error: Exception, attempt: Attempt) -> StorageError:
 
 
 def explain_entry(code: str, said: str, attempt: Attempt) -> StorageError:
-    """The error for one object of an answer that is a success otherwise, such as a deletion's."""
+    """For one object of a success, such as a deletion."""
     if attempt.endpoint.engine is None and (code in _DENIED_CODES or code.startswith("KMS.")):
         return _explain_denial(code, " ".join(said.split()), attempt)
     return StorageError(
@@ -330,7 +296,6 @@ def _explain_answer(error: Exception, attempt: Attempt) -> StorageError:
 
 
 def _explain_denial(code: str, said: str, attempt: Attempt) -> AccessRefused:
-    """Name the permission that the keys lack, and where to add it."""
     found = _DENIED_ACTION.search(said)
     permission = found[1] if found else _PERMISSIONS.get(attempt.action, "s3:ListBucket")
     names, bucket = attempt.endpoint.names, f"arn:aws:s3:::{attempt.bucket}"
@@ -367,10 +332,9 @@ def _explain_denial(code: str, said: str, attempt: Attempt) -> AccessRefused:
 
 
 def _is_of_clock(error: Exception) -> bool:
-    """Whether the server refuses a request because of the clock of this machine.
+    """Whether this machine's clock is to blame.
 
-    Some servers call that AccessDenied, such as rclone (with status 400) if the clock is behind. So
-    the time in the answer decides.
+    By the answer's time, as rclone and others call it AccessDenied (status 400) if behind.
     """
     code, status = _answer(error)
     if code in _CLOCK_CODES or status not in (400, 403):
@@ -384,7 +348,6 @@ def _is_of_clock(error: Exception) -> bool:
 
 
 def _other_region(error: Exception) -> str | None:
-    """The region of a bucket that is not in ours, empty if unknown; None for another failure."""
     code, status = _answer(error)
     malformed = code == "AuthorizationHeaderMalformed" and "region" in _said(error)
     if code not in _REGION_CODES and status != 301 and not malformed:
@@ -397,35 +360,29 @@ def _other_region(error: Exception) -> str | None:
 
 
 def _response(error: Exception) -> dict[str, Any]:
-    """The answer of the server to which a ClientError belongs; empty for other exceptions."""
     found = getattr(error, "response", None)
     return found if isinstance(found, dict) else {}  # lost connections have a `response`, too: None
 
 
 def _said(error: Exception) -> str:
-    """The server's own text of a ClientError."""
     text = _response(error).get("Error", {}).get("Message") or ""
     return " ".join(str(text).split())
 
 
 def error_code(error: Exception) -> str:
-    """The error code in an answer of a server; empty for other exceptions."""
     return str(_response(error).get("Error", {}).get("Code", ""))
 
 
 def error_text(error: Exception) -> str:
-    """The sentence in an answer of a server, on one line; else that of the exception."""
     return (_said(error) or " ".join(str(error).split())).rstrip(".")
 
 
 def _answer(error: Exception) -> tuple[str, int]:
-    """Error code and HTTP status of a ClientError; 0 without a status."""
     metadata = _response(error).get("ResponseMetadata", {})
     return error_code(error), int(metadata.get("HTTPStatusCode", 0))
 
 
 def _disk_is_full(attempt: Attempt) -> bool:
-    """Whether the object does not fit on the disk of the local server."""
     data_dir = attempt.endpoint.data_dir
     if data_dir is None or not data_dir.exists():
         return False

@@ -1,8 +1,8 @@
-"""Keeps the training traces of a model within a limit: the older they are, the fewer stay.
+"""Limits the training traces of a model: the older, the fewer stay.
 
-Only deleting the oldest would take the beginning of the training from analysis tools. So every
-second of the older iterations is deleted first, then every second of those that are left, and so
-on. The newest stay, and iteration 0, from which tools learn how many episodes an iteration has.
+Deleting only the oldest would hide the beginning. So every second older iteration goes, then every
+second of the rest, and so on. The newest stay, and iteration 0, by which tools learn the episodes
+per iteration.
 """
 
 import math
@@ -13,44 +13,28 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 
 MOST_ITERATIONS = 2000
-"""How many iterations keep their traces, however small these are: the embedded server reads the
-whole folder again for a new object, 8 ms for a thousand objects (measured), and analysis tools read
-every object."""
+"""However small: for a new object the server reads the folder again (8 ms per thousand, measured);
+tools read all.
+"""
 
 NEWEST = 10
-"""Least number of the newest iterations whose traces stay: they may be driven again."""
+"""They may be driven again."""
 
 FREED_SHARE = 0.1
-"""Share of the limit that is freed at once, so that listings are rare."""
+"""Freed at once, so that listings are rare."""
 
 LOOK_EVERY = 100
-"""Most iterations between two listings."""
 
 
 @dataclass
 class Thinned:
-    """What was deleted.
-
-    Attributes:
-        iterations: How many lost their traces.
-        size_bytes: Size of those.
-        left: How many iterations still have traces.
-    """
-
     iterations: int
     size_bytes: int
     left: int
 
 
 class TraceRetention:
-    """Deletes training traces of one model.
-
-    Args:
-        bucket: Holds the model.
-        prefix: The model.
-        workers: How many simulation workers write traces.
-        max_bytes: Of the traces of all workers together; 0 keeps all traces.
-    """
+    """`max_bytes` is for all workers together; 0 keeps all."""
 
     def __init__(self, bucket: Bucket, prefix: str, workers: int, max_bytes: int) -> None:
         self._bucket = bucket
@@ -64,7 +48,6 @@ class TraceRetention:
             self.cover(0)  # others had joined an earlier start
 
     def cover(self, worker: int) -> None:
-        """Also delete traces of a worker that has joined the training."""
         folder = keys.training_traces_folder(self._prefix, worker, 2)
         if folder not in self._folders:
             self._folders.append(folder)
@@ -72,14 +55,7 @@ class TraceRetention:
             self.cover(0)  # the traces of the first worker move there
 
     def apply(self, newest: int) -> Thinned | None:
-        """Delete traces if there are too many; mostly, this only compares two numbers.
-
-        Args:
-            newest: Number of the newest iteration.
-
-        Returns:
-            What was deleted, or None.
-        """
+        """Mostly this only compares two numbers."""
         if not self._max_bytes or newest < self._next:
             return None
         traces = self._traces()
@@ -91,13 +67,11 @@ class TraceRetention:
         return Thinned(len(doomed), freed, len(sizes)) if doomed else None
 
     def delete_after(self, iteration: int) -> int:
-        """Delete the traces of later iterations, which were given up, and count them."""
         later = [key for n, of_n in self._traces().items() if n > iteration for key, _ in of_n]
         self._bucket.delete(later)
         return len(later)
 
     def _traces(self) -> dict[int, list[tuple[str, int]]]:
-        """Keys and sizes of the traces by iteration."""
         found: dict[int, list[tuple[str, int]]] = {}
         for folder in self._folders:
             for info in self._bucket.list(folder):
@@ -107,7 +81,6 @@ class TraceRetention:
         return found
 
     def _pause(self, sizes: dict[int, int]) -> int:
-        """After how many iterations the limits may be reached."""
         if not sizes:
             return 1
         mean = max(1.0, sum(sizes.values()) / len(sizes))
@@ -116,17 +89,7 @@ class TraceRetention:
 
 
 def chosen(sizes: dict[int, int], newest: int, max_bytes: int, most: int) -> list[int]:
-    """The iterations whose traces are deleted, so that the rest is within both limits.
-
-    Args:
-        sizes: Size of the traces of each iteration, bytes.
-        newest: Number of the newest iteration.
-        max_bytes: Limit of all of them.
-        most: Limit of their number.
-
-    Returns:
-        Iterations in the order in which they go; empty as long as no limit is exceeded.
-    """
+    """Until bytes and number fit; in this order."""
     total, count = sum(sizes.values()), len(sizes)
     if total <= max_bytes and count <= most:
         return []
@@ -150,5 +113,5 @@ def chosen(sizes: dict[int, int], newest: int, max_bytes: int, most: int) -> lis
 
 
 def _divisor(iteration: int) -> int:
-    """The largest power of two that divides a number: the larger, the longer its trace stays."""
+    """Largest power of two: the larger, the longer it stays."""
     return iteration & -iteration

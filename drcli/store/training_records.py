@@ -1,7 +1,6 @@
-"""Records of trainings in the bucket: one object for each, and one with the texts of its files.
+"""Records of trainings: one object each, and one with their files' texts.
 
-They lie outside the models, so that they stay when a model is deleted or begun anew. The owner of a
-model is the only writer of the record of its training.
+Outside the models, which they outlive. Only a model's owner writes its training's.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -14,17 +13,14 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer
 from drcli.store.remedies import remedy_of
 
 AT_ONCE = 16
-"""Requests at the same time: a bucket on another continent answers after a quarter of a second."""
+"""Another continent answers after a quarter of a second."""
 
 MOST_TEXT = 256 << 10
-"""Longest file whose text is kept, characters."""
-
 T = TypeVar("T")
 R = TypeVar("R")
 
 
 def at_once(function: Callable[[T], R], items: Iterable[T]) -> list[R]:
-    """The results of a function that asks a bucket, for each item; several at the same time."""
     known = list(items)
     if len(known) < 2:
         return [function(item) for item in known]
@@ -33,11 +29,11 @@ def at_once(function: Callable[[T], R], items: Iterable[T]) -> list[R]:
 
 
 def read_training(bucket: Bucket, prefix: str, training: str) -> TrainingRecord | None:
-    """The record of a training; None if there is none.
+    """None if missing.
 
     Raises:
         ObjectDamaged: It is unreadable.
-        ObjectNewer: A newer version of drcli has written it.
+        ObjectNewer: A newer drcli wrote it.
     """
     try:
         key = keys.training_record(prefix, training)
@@ -47,12 +43,11 @@ def read_training(bucket: Bucket, prefix: str, training: str) -> TrainingRecord 
 
 
 def write_training(bucket: Bucket, record: TrainingRecord) -> None:
-    """Write the record of a training."""
     bucket.put(keys.training_record(record.prefix, record.id), record.encode())
 
 
 def read_trainings(bucket: Bucket, prefix: str = "") -> tuple[list[TrainingRecord], list[str]]:
-    """All records of a bucket, or of one model, and a sentence about each that is unreadable."""
+    """Of a bucket or model; and a sentence for each unreadable one."""
     places = [
         (place, info.key)
         for info in bucket.list(keys.training_records_folder(prefix))
@@ -77,7 +72,6 @@ def read_trainings(bucket: Bucket, prefix: str = "") -> tuple[list[TrainingRecor
 
 
 def read_files(bucket: Bucket, prefix: str, training: str) -> Mapping[str, str]:
-    """The texts of the files of a training by fingerprint; none if they are missing or damaged."""
     try:
         key = keys.training_files(prefix, training)
         return read_record(bucket, key, TrainingFiles.decode, remedy_of(key)).texts
@@ -86,7 +80,6 @@ def read_files(bucket: Bucket, prefix: str, training: str) -> Mapping[str, str]:
 
 
 def add_files(bucket: Bucket, prefix: str, training: str, texts: Mapping[str, str]) -> None:
-    """Keep the texts of files, by fingerprint; those that are there already cost nothing."""
     known = read_files(bucket, prefix, training)
     fresh = {key: text for key, text in texts.items() if len(text) <= MOST_TEXT}
     if not fresh.keys() <= known.keys():
@@ -95,7 +88,6 @@ def add_files(bucket: Bucket, prefix: str, training: str, texts: Mapping[str, st
 
 
 def trainings_of(bucket: Bucket, prefix: str) -> list[str]:
-    """Ids of the trainings of a model that have a record, readable or not."""
     places = (
         keys.training_of(info.key) for info in bucket.list(keys.training_records_folder(prefix))
     )
@@ -103,5 +95,4 @@ def trainings_of(bucket: Bucket, prefix: str) -> list[str]:
 
 
 def forget_training(bucket: Bucket, prefix: str, training: str) -> None:
-    """Delete the record of a training, with its files."""
     bucket.delete([keys.training_record(prefix, training), keys.training_files(prefix, training)])

@@ -1,4 +1,4 @@
-"""Proves that a bucket can be written, before anything there is changed."""
+"""Proves that a bucket can be written, before anything changes."""
 
 from contextlib import suppress
 
@@ -9,21 +9,18 @@ from drcli.store.bucket import Bucket, ObjectMissing
 from drcli.store.s3_errors import AccessRefused
 
 NAME = ".drcli-write-test.txt"
-"""Name of the test object below the prefix.
+"""Of the test object.
 
-It is always the same: where objects cannot be deleted, only one of them stays. It is hidden, not in
-`model/`, and has an extension, so that no importer takes it for part of a model.
+Always the same, so only one stays where deleting fails. No importer takes it for a model's.
 """
 
 _CONTENT = b"Written by drcli to test whether uploads are possible. It can be deleted.\n"
 
 
 def prove_writing(bucket: Bucket, prefix: str, *, deletes: bool) -> None:
-    """Write, read and delete a test object below a prefix.
+    """Write, read and delete a test object, before anything else below a prefix.
 
-    Call it before the first object below the prefix is written or deleted. If objects can be
-    written and read but not deleted, this is a warning unless `deletes` says that the caller will
-    delete objects there.
+    Objects that cannot be deleted are a warning, unless the caller `deletes`.
 
     Raises:
         AccessRefused: A permission is missing.
@@ -62,7 +59,6 @@ def prove_writing(bucket: Bucket, prefix: str, *, deletes: bool) -> None:
 
 
 def _read_back(bucket: Bucket, key: str, place: str) -> None:
-    """Read the test object and compare it."""
     try:
         content = bucket.get(key)
     except ObjectMissing:
@@ -75,7 +71,6 @@ def _read_back(bucket: Bucket, key: str, place: str) -> None:
 
 
 def _unchanged(place: str, action: str, error: AccessRefused) -> AccessRefused:
-    """The same refusal in a sentence about the whole upload."""
     return AccessRefused(
         f"drcli cannot {action} {place}: {error.reason}; nothing there was changed.",
         remedy=error.remedy,

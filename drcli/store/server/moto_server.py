@@ -1,6 +1,6 @@
-"""An S3 server in memory, which loses its objects when it stops.
+"""An S3 server in memory, for tests, lost at its end.
 
-Started as `python -m drcli.store.server.moto_server PORT`.
+Run as `python -m drcli.store.server.moto_server PORT`.
 """
 
 import sys
@@ -12,7 +12,6 @@ from drcli.base.termination import handle
 
 
 def main(port: int) -> None:
-    """Serve until a signal asks to stop."""
     stop = threading.Event()
     handle(lambda *_: stop.set())
     server = ThreadedMotoServer("127.0.0.1", port, verbose=False)

@@ -1,4 +1,4 @@
-"""The server of the bucket: finds it, and starts the embedded one if needed."""
+"""Finds the bucket's server, and starts the embedded one."""
 
 import os
 import secrets
@@ -25,29 +25,29 @@ from drcli.store.server.state import ServerState, own_file, trim_log
 
 _LOCK_PATIENCE_S = 90.0
 _REVIVAL_PATIENCE_S = 5.0
-"""How long a server may be silent on a busy machine before it is replaced."""
+"""A silent server may only be busy."""
 
 _RELEASE_PATIENCE_S = 5.0
-"""How long to wait for the port of a dead server, which its clients use: the kernel removes the
-command line of a killed process, by which we recognise it, before it closes its sockets."""
+"""The kernel removes the command line of a dead server before it closes its port, which clients
+use.
+"""
 
 _PORTS = range(20_000, 30_000)
-"""Below the ports of outgoing connections, one of which could take the port of a dead server."""
+"""Below outgoing ports, which could take a dead server's."""
 
 _START_ATTEMPTS = 3
 
 _OLD = ("unknown protocol", "unknown flag")
-"""Messages of versions of rclone that cannot serve S3."""
+"""rclone that cannot serve S3."""
 
 
 def ensure_running(config: StorageConfig) -> Endpoint:
-    """Find the server of this configuration; a local one is started if it does not answer.
+    """Find this configuration's server; a silent local one is started.
 
-    Several commands may call it at once. A new server has the same keys, and the same port unless
-    another program took it.
+    Commands may call it at once. Keys stay, and the port unless taken.
 
     Raises:
-        StorageError: No address (DR_REMOTE_MINIO_URL), no program, or no free port.
+        StorageError: No address (DR_REMOTE_MINIO_URL), program, or free port.
     """
     if config.cloud == "aws":
         return Endpoint(None, profile=config.profile, region=config.region)
@@ -63,7 +63,6 @@ def ensure_running(config: StorageConfig) -> Endpoint:
 
 
 def _locked(config: StorageConfig, call: Callable[[StorageConfig], Endpoint]) -> Endpoint:
-    """Make a call while no other process can start or stop the local server."""
     try:
         config.data_dir.mkdir(parents=True, exist_ok=True)
         with exclusive(own_file(config.data_dir, "lock"), patience_s=_LOCK_PATIENCE_S):
@@ -79,9 +78,7 @@ def _locked(config: StorageConfig, call: Callable[[StorageConfig], Endpoint]) ->
 
 
 def restart(config: StorageConfig) -> Endpoint:
-    """Start the local server again, on the same port and files, even if it answers.
-
-    One that only has objects in memory (moto) goes on.
+    """Same port and files, even if it answers; moto, in memory, goes on.
 
     Raises:
         StorageError: As in `ensure_running`.
@@ -92,7 +89,7 @@ def restart(config: StorageConfig) -> Endpoint:
 
 
 def find_running(config: StorageConfig) -> Endpoint | None:
-    """The server, None if the local one does not run; starts nothing."""
+    """None if the local one does not run; starts nothing."""
     if config.cloud != "local":
         return ensure_running(config)
     state = ServerState.read(own_file(config.data_dir, "json"))
@@ -100,10 +97,7 @@ def find_running(config: StorageConfig) -> Endpoint | None:
 
 
 def last_known(config: StorageConfig) -> Endpoint | None:
-    """The server, even if the local one has ended (no `pid`); None if it was never started.
-
-    Sends no request.
-    """
+    """Even if ended (no `pid`); sends no request."""
     if config.cloud != "local":
         return ensure_running(config)
     state = ServerState.read(own_file(config.data_dir, "json"))
@@ -113,7 +107,7 @@ def last_known(config: StorageConfig) -> Endpoint | None:
 
 
 def stop(config: StorageConfig) -> bool:
-    """End the local server; True if it was running."""
+    """True if it was running."""
     path = own_file(config.data_dir, "json")
     lock = own_file(config.data_dir, "lock")
     # While the first start is under way, there is only the lock.
@@ -134,7 +128,7 @@ def stop(config: StorageConfig) -> bool:
 
 
 def stop_default(directory: Path) -> bool:
-    """End the server of data/s3, for a folder whose settings are wrong."""
+    """For a folder whose settings are wrong."""
     folder = directory / catalogue()["DR_S3_DATA_DIR"].default
     return stop(StorageConfig("local", "", folder))
 
@@ -160,7 +154,6 @@ def _ensure_local(config: StorageConfig, *, restarts: bool = False) -> Endpoint:
 
 
 def _start(state: ServerState, config: StorageConfig) -> ServerState | None:
-    """Start the server and wait until it answers; None if it ended or does not answer."""
     launch = engines.launch_of(
         state.engine,
         config.data_dir.absolute(),
@@ -189,11 +182,7 @@ def _start(state: ServerState, config: StorageConfig) -> ServerState | None:
 
 
 def _watched(state: ServerState, config: StorageConfig) -> ServerState:
-    """Start the process that stops the server when it is not used.
-
-    Not for moto, which would lose its objects, and not for MinIO, which always reads and writes
-    files, so that requests cannot be noticed.
-    """
+    """Not for moto, which would lose its objects, nor MinIO, always busy with files."""
     path = own_file(config.data_dir, "json")
     watched = replace(state, idle_minutes=config.idle_minutes)
     folder = str(config.data_dir.absolute())
@@ -213,9 +202,9 @@ def _watched(state: ServerState, config: StorageConfig) -> ServerState:
 
 
 def _start_process(command: list[str], config: StorageConfig, variables: Mapping[str, str]) -> int:
-    """Start a process without the racer's rclone settings, and without secrets.
+    """Without the racer's rclone settings, and without secrets.
 
-    `/proc` would show the secrets until the process ends.
+    `/proc` would show those.
     """
     plain, _ = secret_environment.split(os.environ)
     inherited = {k: v for k, v in plain.items() if not k.startswith("RCLONE_")}
@@ -228,7 +217,7 @@ def _start_process(command: list[str], config: StorageConfig, variables: Mapping
 
 
 def _answers(state: ServerState, config: StorageConfig) -> bool:
-    """Whether the server answers; one whose process lives may be slow."""
+    """A server whose process lives may be slow."""
     client = _client(state.endpoint(config), config.bucket)
     if client.accepts_keys():  # another program may have the port
         return True
@@ -243,15 +232,14 @@ def _answers(state: ServerState, config: StorageConfig) -> bool:
 
 @lru_cache(maxsize=4)
 def _client(endpoint: Endpoint, name: str) -> S3Bucket:
-    """Cached, because a supervisor checks the server every second and a new client takes 20 ms.
+    """Cached, as a supervisor checks each second and a client takes 20 ms.
 
-    It hardly waits, because only its caller can restart the server.
+    Impatient: only its caller can restart the server.
     """
     return S3Bucket(endpoint, name, patience_s=5, read_timeout_s=2)
 
 
 def _check_same_server(state: ServerState, config: StorageConfig) -> None:
-    """Refuse to replace a server that may be in use."""
     if state.engine != config.engine:
         raise StorageError(
             f"{state.engine} (process {state.pid}) serves {config.data_dir}, but "
@@ -267,7 +255,6 @@ def _check_same_server(state: ServerState, config: StorageConfig) -> None:
 
 
 def _ready(state: ServerState, config: StorageConfig) -> Endpoint:
-    """The address of the server, with its watcher and its bucket."""
     endpoint = _watched(state, config).endpoint(config)
     bucket = _client(endpoint, config.bucket)
     if state.engine == "rclone" and "." in config.bucket:
@@ -279,7 +266,6 @@ def _ready(state: ServerState, config: StorageConfig) -> Endpoint:
 
 
 def _choose_port(config: StorageConfig, state: ServerState | None) -> int:
-    """The port of the settings, or that of the last start, or any free one."""
     if config.port is not None:
         if not is_free(config.port):
             raise StorageError(
@@ -295,7 +281,6 @@ def _choose_port(config: StorageConfig, state: ServerState | None) -> int:
 
 
 def free_port() -> int:
-    """A port on which no program of this machine listens."""
     while True:
         port = secrets.choice(_PORTS)
         if is_free(port):
@@ -303,7 +288,6 @@ def free_port() -> int:
 
 
 def is_free(port: int) -> bool:
-    """Whether a server for this machine only could listen on a port."""
     with socket.socket() as test:
         # Like the server: connections that are being closed do not block the port.
         test.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -315,7 +299,6 @@ def is_free(port: int) -> bool:
 
 
 def _not_started(config: StorageConfig, port: int) -> DrError:
-    """Why the server did not start, by the last line of its log."""
     log = own_file(config.data_dir, "log")
     lines = log.read_text(errors="replace").splitlines() if log.exists() else []
     reason = lines[-1] if lines else "its log is empty."

@@ -1,4 +1,4 @@
-"""Starts, recognises and ends a server process that goes on after the command."""
+"""Server processes that outlive the command."""
 
 import os
 import signal
@@ -14,10 +14,10 @@ _TERM_PATIENCE_S = 5.0
 def start_detached(
     command: Sequence[str], *, environment: Mapping[str, str], log: Path, folder: Path
 ) -> int:
-    """Start a process that goes on after this one, and return its id.
+    """Start a process that goes on after this one; its id.
 
-    A shell starts it in a new session, prints its id and exits. So neither Ctrl-C in this terminal
-    nor the end of this command reaches it, and it does not become our zombie.
+    A shell starts it in a new session, prints its id and exits. So Ctrl-C and our end do not reach
+    it, and it is never our zombie.
     """
     script = 'log=$1; shift; "$@" >>"$log" 2>&1 </dev/null & echo $!'
     shell = subprocess.run(
@@ -32,15 +32,14 @@ def start_detached(
 
 
 def is_running(pid: int, mark: str) -> bool:
-    """Whether this process lives and has the mark in its command line.
+    """Lives, with the mark in its command line.
 
-    After a reboot, another process may have the same id.
+    After a reboot, the id may be another's.
     """
     return mark in _command_line(pid)
 
 
 def end(pid: int, mark: str) -> None:
-    """Ask the process to end, and kill it if it does not."""
     if not is_running(pid, mark):
         return
     os.kill(pid, signal.SIGTERM)
@@ -50,7 +49,6 @@ def end(pid: int, mark: str) -> None:
 
 
 def _command_line(pid: int) -> str:
-    """The command line of a process, empty when it has ended."""
     if Path("/proc/self/cmdline").exists():  # Linux, where a small image may lack `ps`
         try:
             # Decoded like a path, so that the mark is found in any locale.

@@ -1,4 +1,4 @@
-"""The file `.server.json` next to the buckets: port, keys and process of the local server."""
+"""`.server.json` beside the buckets: the local server's port, keys and process."""
 
 import json
 import os
@@ -17,19 +17,17 @@ from drcli.store.endpoint import Endpoint
 from drcli.store.server import server_process
 
 LOG_BYTES = 1_000_000
-"""Maximum size of the server's log."""
 
 
 @dataclass(frozen=True)
 class ServerState:
-    """The local server, in a file that only its owner can read. Keys and port stay the same.
+    """The local server, in a file that only its owner can read. Keys and port stay.
 
     Attributes:
-        pid: Its process; None if it was not started yet, or was stopped.
-        watcher: The process that stops it when it is not used; None if none was started.
-        idle_minutes: The server stops after so many minutes without use; 0 for never.
-        inode: Number of the folder that the file was written for. A copy of the folder has another
-            one: its server is another one too, or both folders would fill one bucket.
+        watcher: Stops it when idle.
+        idle_minutes: 0 for never.
+        inode: Of the folder. A copy has another one, and so another server: else both folders would
+            fill one bucket.
     """
 
     engine: Engine
@@ -43,7 +41,7 @@ class ServerState:
 
     @classmethod
     def read(cls, path: Path) -> "ServerState | None":
-        """Read the file; None if it does not exist or was copied. A damaged file is renamed.
+        """None if missing or copied; a damaged one is renamed.
 
         Raises:
             StorageError: It cannot be read.
@@ -70,7 +68,7 @@ class ServerState:
             return None
 
     def write(self, path: Path) -> None:
-        """Write the file in one step; other users can never read the keys."""
+        """In one step; others can never read the keys."""
         fresh = path.with_suffix(".new")
         fresh.unlink(missing_ok=True)
         try:
@@ -85,22 +83,19 @@ class ServerState:
 
     @property
     def mark(self) -> str:
-        """A text in the server's command line by which we recognise its process."""
+        """By which we recognise its process."""
         where = f"127.0.0.1:{self.port}"
         return f"drcli.store.server.moto_server {self.port}" if self.engine == "moto" else where
 
     @property
     def is_running(self) -> bool:
-        """Whether the server's process lives."""
         return self.pid is not None and server_process.is_running(self.pid, self.mark)
 
     def end(self) -> None:
-        """End the server's process."""
         if self.pid is not None:
             server_process.end(self.pid, self.mark)
 
     def endpoint(self, config: StorageConfig) -> Endpoint:
-        """The server as an address with keys."""
         return Endpoint(
             url=f"http://127.0.0.1:{self.port}",
             access_key=self.access_key,
@@ -113,12 +108,11 @@ class ServerState:
 
 
 def own_file(data_dir: Path, kind: Literal["json", "lock", "log", "users"]) -> Path:
-    """One of our files next to the buckets: state, lock on it, log, or lock of the users."""
     return data_dir / f".server.{kind}"
 
 
 def trim_log(data_dir: Path) -> None:
-    """Empty the server's log if it is large, because it repeats itself for months."""
+    """It repeats itself for months."""
     log = own_file(data_dir, "log")
     with suppress(OSError):
         if log.stat().st_size > LOG_BYTES:
