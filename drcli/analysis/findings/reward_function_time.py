@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 COLUMNS = {"reward_ms": 1.0, "reward_time_ms": 1.0, "reward_s": 1000.0, "reward_time": 1000.0}
-"""Of others' traces, in ms; ours is `reward_ms`."""
+"""Milliseconds in the unit of each column; ours is `reward_ms`."""
 
 _NO_CALL = ("prepare", "pause", "park")
 
