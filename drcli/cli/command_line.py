@@ -100,7 +100,7 @@ def load(command: Command) -> Any:
 
 
 class _Reading:
-    """Reads a parameter without pydantic, which Typer loads and which is slow."""
+    """Takes a value of the right type as it is: Typer would load pydantic, which is slow."""
 
     def __init__(self, typers: Callable[[], Any]) -> None:
         self._typers = typers

@@ -24,7 +24,7 @@ Advance = Callable[[int], None]
 
 
 class _Console(Console):
-    """Survives a closed pipe, as in `dr-status | head -1`, or terminal."""
+    """Survives a closed terminal, or a closed pipe as in `dr-status | head -1`."""
 
     def print(self, *objects: Any, **options: Any) -> None:
         try:

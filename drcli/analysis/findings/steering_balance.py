@@ -101,7 +101,7 @@ def _needed_deg(steps: DrivenSteps, track: Track | None) -> Floats | None:
 
 
 def _driven_curvature(steps: DrivenSteps, lines: list[Floats]) -> Floats:
-    """Positive to the left in the direction that is driven.
+    """Curvature at each step's waypoint, positive to the left in the direction that is driven.
 
     A lap that is driven backwards may be numbered in driving order or not. So each episode takes
     the line, shape (waypoints, 2), that its waypoints are nearest to.
@@ -128,7 +128,7 @@ def _driven_curvature(steps: DrivenSteps, lines: list[Floats]) -> Floats:
 
 
 def _mean_path(steps: DrivenSteps) -> Floats | None:
-    """Of the car near each waypoint, else NaN. Shape (waypoints, 2)."""
+    """Mean place of the car near each waypoint, else NaN. Shape (waypoints, 2)."""
     fine = np.isfinite(steps.x) & np.isfinite(steps.y) & (steps.waypoint >= 0)
     at = steps.waypoint[fine]
     if not len(at) or at.max() < 8:
@@ -141,7 +141,7 @@ def _mean_path(steps: DrivenSteps) -> Floats | None:
 
 
 def _curvature(line: Floats) -> Floats:
-    """At each vertex of a loop, positive to the left, over half a metre each way."""
+    """Curvature at each vertex of a loop, positive to the left, over half a metre each way."""
     whole = np.isfinite(line).all(axis=1)
     kept = np.flatnonzero(whole)
     result = np.full(len(line), np.nan)
