@@ -1,1 +1,1 @@
-"""What a training shows when its traces, metrics and files are read: tables, verdict, advice."""
+"""Analysis of a training's traces, metrics and files: tables, verdict, advice."""

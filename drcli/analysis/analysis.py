@@ -1,4 +1,4 @@
-"""The whole analysis of a training: tables, verdict and advice, for reports of every form."""
+"""An analysed training: tables, verdict and advice."""
 
 import dataclasses
 from dataclasses import dataclass, field
@@ -14,19 +14,11 @@ from drcli.analysis.run import Run, StoredEvaluation
 from drcli.exchange.track_limit import limit_text
 
 _NOT_FINDINGS = ("run", "curve", "fallen", "late")
-"""Fields of the evidence that are its input, or large."""
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """An analysed training.
-
-    Attributes:
-        run: What was read.
-        evidence: What was found in it.
-        verdict: What became of it.
-        advice: What to change, the most important first.
-    """
+    """An analysed training."""
 
     run: Run
     evidence: Evidence
@@ -34,12 +26,10 @@ class Analysis:
     advice: tuple[Advice, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """All numbers as JSON knows them; NaN becomes None."""
         report = self.report()
         return {item.name: getattr(report, item.name) for item in dataclasses.fields(report)}
 
     def report(self, *, html: str | None = None, png: tuple[str, ...] = ()) -> "AnalysisReport":
-        """The same as a record; `html` and `png` are the files that were written."""
         run = self.run
         laps = run.iterations["best_lap_s"].dropna()
         tables = run.iterations
@@ -91,8 +81,8 @@ class AnalysisReport:
         workers: Simulation workers whose steps were read.
         episodes: Training episodes.
         steps: Steps that were read.
-        complete_laps: Training episodes that were complete laps. All of them are clean: a training
-            episode ends where the car breaks a rule.
+        complete_laps: Training episodes that were complete laps. All are clean: a training episode
+            ends where the car breaks a rule.
         best_lap_s: The fastest of them; None without one.
         limit: How far that is from the limit of the car on the track; empty if unknown.
         iterations: The table `Run.iterations`, row by row.
@@ -138,7 +128,6 @@ class AnalysisReport:
 
 
 def analyse(run: Run) -> Analysis:
-    """Analyse a training."""
     evidence = gather(run)
     return Analysis(run, evidence, judge(evidence), advise(evidence))
 

@@ -1,4 +1,4 @@
-"""How sure a difference of two trainings is: bootstrap over iterations and their episodes."""
+"""Uncertainty of a difference of two trainings, by bootstrap."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,22 +10,12 @@ from drcli.analysis.spans import Numbers
 RESAMPLES = 2000
 
 SURE = 0.95
-"""Share of the resamples that the interval of a difference covers."""
-
 LEAST_GROUPS = 3
-"""Fewer iterations on a side say nothing about chance."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A difference of a second training from a first.
-
-    Attributes:
-        difference: Second less first.
-        low: Least difference that chance leaves plausible, with SURE.
-        high: Greatest such difference.
-        beyond_chance: Whether both have the same sign.
-    """
+    """Second training less first, with the interval that chance leaves plausible."""
 
     difference: float
     low: float
@@ -33,26 +23,16 @@ class Difference:
 
     @property
     def beyond_chance(self) -> bool:
-        """Whether the difference is larger than the noise of the trainings."""
         return self.low > 0.0 or self.high < 0.0
 
 
 def compare_means(
     first: Sequence[Numbers], second: Sequence[Numbers], *, seed: int = 0
 ) -> Difference | None:
-    """The difference of a mean over episodes, with its uncertainty.
+    """The difference of a mean over episodes; None where a side has too few iterations with values.
 
-    Episodes of one iteration were driven by the same weights, so they are alike, and treating all
-    as independent would call chance a difference. Therefore iterations are drawn first, then
-    episodes within each.
-
-    Args:
-        first: The values of each iteration of the first training, one for each episode.
-        second: The same of the second.
-        seed: Of the random numbers, so that the answer is always the same.
-
-    Returns:
-        The difference; None where a side has too few iterations with values.
+    Each array has the episodes of an iteration. They were driven by the same weights and are
+    alike, so iterations are drawn first, then episodes within each.
     """
     sides = [[group for group in side if len(group)] for side in (first, second)]
     if min(map(len, sides)) < LEAST_GROUPS:
@@ -65,7 +45,6 @@ def compare_means(
 
 
 def _drawn_means(random: np.random.Generator, groups: Sequence[Numbers]) -> Numbers:
-    """The mean of each resample. Shape (RESAMPLES,)."""
     sizes = np.array([len(group) for group in groups])
     table = np.zeros((len(groups), sizes.max()))
     for row, group in zip(table, groups, strict=True):

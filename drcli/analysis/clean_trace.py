@@ -1,8 +1,7 @@
-"""Repairs a damaged simtrace file, so that a strict reader can read what is left of it.
+"""Repairs a damaged simtrace file for strict readers.
 
-A disk that was full, a process that was killed and an editor leave half lines, empty files and
-words where numbers belong. deepracer-utils, or pandas below it, stops at some of these and turns
-whole columns into text at others.
+A full disk or a killed process leaves half lines, empty files and words where numbers belong.
+deepracer-utils (pandas) stops at some, and turns whole columns into text at others.
 """
 
 import csv
@@ -13,8 +12,6 @@ from dataclasses import dataclass
 from drcli.exchange.trace_rows import COLUMNS, TraceRow, number_or_nan, read_rows
 
 _UNTOLD = ("episode_status", "pause_duration", "obstacle_crash_counter", "wall_clock")
-"""Columns that older simulators do not write."""
-
 NEEDED = tuple(name for name in COLUMNS if name not in _UNTOLD)
 
 _WRITTEN = tuple(name for name in COLUMNS if name != "obstacle_crash_counter")
@@ -22,13 +19,6 @@ _WRITTEN = tuple(name for name in COLUMNS if name != "obstacle_crash_counter")
 
 @dataclass(frozen=True)
 class CleanTrace:
-    """What is left of a trace.
-
-    Attributes:
-        data: The file without damaged rows; None if nothing is left.
-        fault: What was wrong, to be read after the name of the file; None if nothing was.
-    """
-
     data: bytes | None
     fault: str | None
 
@@ -59,7 +49,7 @@ def clean(data: bytes) -> CleanTrace:
 
 
 def written(rows: Iterable[TraceRow], more: Iterable[str] = ()) -> bytes:
-    """Rows as a simtrace that deepracer-utils reads; `more` names the columns of their `more`."""
+    """Rows as a simtrace; `more` names further columns."""
     more = list(more)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

@@ -1,4 +1,4 @@
-"""Puts trainings side by side: their curves, what they cost, their files, and how they differ."""
+"""Compares trainings: curves, cost, files and statistical differences."""
 
 import difflib
 import json
@@ -14,14 +14,10 @@ from drcli.analysis.run import Run
 from drcli.analysis.spans import Numbers
 
 LATE_SHARE, LATE_LEAST, LATE_MOST = 0.2, 5, 30
-"""Newest iterations that show how a car drives now: this share of all, within these limits."""
-
 GOALS = (25.0, 50.0, 75.0)
-"""Mean progress, percent, for which is told when a training reached it."""
+"""Percent of mean progress."""
 
 SMOOTH = 3
-"""Iterations over which progress is averaged for that."""
-
 _DIFF_LINES = 400
 
 
@@ -36,7 +32,7 @@ class ComparedRun:
         iterations: Their number.
         episodes: Training episodes.
         steps: Steps of all iterations.
-        wall_s: Wall time of all iterations; None if the traces do not tell it.
+        wall_s: Wall time of all iterations; None if unknown.
         machine_hours: Of all starts; None if unknown.
         cost_usd: What they cost; None if unknown.
         complete_laps: Training episodes that were complete laps; all of them are clean.
@@ -126,10 +122,7 @@ class Comparison:
 
 
 def compare_runs(runs: Sequence[Run]) -> Comparison:
-    """Compare two or more trainings.
-
-    Those of one name are called by where they were read.
-    """
+    """Compare two or more trainings; those of one name are called by where they were read."""
     names = [run.name for run in runs]
     runs = [replace(run, name=run.origin) if names.count(run.name) > 1 else run for run in runs]
     compared = [_compared(run) for run in runs]
@@ -197,7 +190,6 @@ def _compared(run: Run) -> ComparedRun:
 
 
 def _late(run: Run) -> list[int]:
-    """The newest iterations."""
     count = len(run.iterations)
     kept = min(LATE_MOST, max(LATE_LEAST, round(LATE_SHARE * count)))
     return [int(n) for n in run.iterations.index[-kept:]]
@@ -223,13 +215,11 @@ def _curve(run: Run) -> dict[str, list[float | None]]:
 
 
 def _smooth(curve: dict[str, list[float | None]]) -> list[float]:
-    """Mean progress of the iterations up to each one."""
     values = [np.nan if value is None else value for value in curve["progress"]]
     return [float(np.mean(values[max(0, end - SMOOTH) : end])) for end in range(1, len(values) + 1)]
 
 
 def _goal(curve: dict[str, list[float | None]], goal: float) -> dict[str, Any]:
-    """When a mean progress was reached; None where it was not, or is not known."""
     reached = next((i for i, value in enumerate(_smooth(curve)) if value >= goal), None)
     found: dict[str, Any] = {"progress": goal, "iteration": reached}
     for name in ("steps", "wall_s", "usd"):
@@ -292,7 +282,6 @@ def _sentence(
     share: Difference | None,
     laps: Difference | None,
 ) -> str:
-    """What is larger than chance."""
     if progress is None:
         return "There are too few iterations with traces to tell a difference from chance."
     told = []
@@ -327,7 +316,6 @@ def _file_differences(first: Run, second: Run) -> dict[str, str]:
 
 
 def _lines(text: str) -> list[str]:
-    """Lines of a file; of JSON in one form, so that only other values differ."""
     try:
         return json.dumps(json.loads(text), indent=2, sort_keys=True).splitlines()
     except (ValueError, RecursionError):

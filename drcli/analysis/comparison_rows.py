@@ -1,4 +1,4 @@
-"""The rows of a comparison's table, for the terminal and for the page."""
+"""The rows of a comparison's table."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -8,23 +8,11 @@ if TYPE_CHECKING:
     from drcli.analysis.compare_runs import ComparedPair, Comparison
 
 Kind = Literal["count", "percent", "lap", "time", "usd", "number", "steps"]
-"""What a value is, which decides how it is written: a lap time, a wall time, and so on."""
-
 _USED: tuple[tuple[str, Kind], ...] = (("steps", "steps"), ("wall_s", "time"), ("usd", "usd"))
 
 
 @dataclass(frozen=True)
 class ComparisonRow:
-    """One row.
-
-    Attributes:
-        name: What it is about.
-        kind: What its values are.
-        values: One for each training; None where it is not known.
-        limit: A value that belongs to the name, and its kind; None without one.
-        unknown: What stands for None.
-    """
-
     name: str
     kind: Kind
     values: Sequence[float | None]
@@ -34,16 +22,7 @@ class ComparisonRow:
 
 @dataclass(frozen=True)
 class IntervalRow:
-    """A difference of two trainings, with the interval that chance leaves.
-
-    Attributes:
-        name: Of what.
-        unit: Of the numbers; may be empty.
-        difference: Of the second training from the first.
-        low: Least plausible difference.
-        high: Greatest plausible difference.
-        beyond_chance: Whether chance alone does not explain it.
-    """
+    """A difference of two trainings, with its interval."""
 
     name: str
     unit: str
@@ -54,7 +33,6 @@ class IntervalRow:
 
 
 def comparison_rows(report: "Comparison") -> Iterator[ComparisonRow]:
-    """All rows that have something to show."""
     runs = report.runs
     yield ComparisonRow("iterations", "count", [run.iterations for run in runs])
     yield ComparisonRow("steps", "count", [run.steps for run in runs])
@@ -83,7 +61,6 @@ def comparison_rows(report: "Comparison") -> Iterator[ComparisonRow]:
 
 
 def interval_rows(pair: "ComparedPair") -> Iterator[IntervalRow]:
-    """What differs, as far as it can be told from chance at all."""
     for name, found, unit in (
         ("progress", pair.progress, "%"),
         ("clean laps", pair.lap_share, "of 100"),

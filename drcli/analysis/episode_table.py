@@ -1,4 +1,4 @@
-"""Steps in order, with a number for each episode of all workers, and a row for each episode."""
+"""Numbers the episodes of all workers, and makes a row for each."""
 
 from typing import TYPE_CHECKING
 
@@ -20,12 +20,11 @@ EPISODE_COLUMNS = (
 def number_episodes(steps: "pd.DataFrame") -> "tuple[pd.DataFrame, list[str]]":
     """Sort steps by iteration, worker, episode and step, and number the episodes from 0.
 
-    The numbers are those of deepracer-utils (`DeepRacerLog.load_training_trace`) if that gives each
-    episode its own: its rule takes the number of episodes from iteration 0. Otherwise they follow
-    each other without a gap.
+    The numbers are those of deepracer-utils (`DeepRacerLog.load_training_trace`) if its rule, which
+    takes the number of episodes from iteration 0, gives each its own; else without a gap.
 
     Returns:
-        The steps with the column `unique_episode`, and what was wrong, a sentence each.
+        The steps with the column `unique_episode`, and sentences on what was wrong.
     """
     import pandas as pd
 
@@ -64,7 +63,6 @@ def number_episodes(steps: "pd.DataFrame") -> "tuple[pd.DataFrame, list[str]]":
 
 
 def _is_sorted(columns: list[Numbers]) -> bool:
-    """Whether rows are sorted by the first column, then by the second ..., as most traces are."""
     equal = np.ones(max(0, len(columns[0]) - 1), bool)
     for column in columns:
         if (equal & (column[1:] < column[:-1])).any():
@@ -78,7 +76,6 @@ def _as_the_library(
     worker: Numbers,
     episode: Numbers,
 ) -> Numbers | None:
-    """A number for each episode by the library's rule; None if it is undefined or not unique."""
     most = int(worker.max()) + 1
     share = np.zeros(most, np.int64)
     of_first = iteration == 0
@@ -96,11 +93,7 @@ def episode_table(steps: "pd.DataFrame") -> "pd.DataFrame":
     """A row for each episode; index unique_episode.
 
     Most numbers are those of deepracer-utils (`AnalysisUtils.simulation_agg`): progress is the
-    greatest of all steps, and the distance is a sum of differences that begins at the `prepare`
-    row. An episode that has lost this row begins at its first one.
-
-    Args:
-        steps: As `number_episodes` returns them, at least one.
+    greatest of all steps, and the distance is summed from the first row on.
     """
     import pandas as pd
 
@@ -129,10 +122,10 @@ def episode_table(steps: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def aggregated(steps: "pd.DataFrame", group: str, *, is_eval: bool = False) -> "pd.DataFrame":
-    """The aggregates of deepracer-utils, a row for each (iteration, `group`), in their order.
+    """The aggregates of deepracer-utils, a row for each (iteration, `group`).
 
-    But the time is that of the metrics: it counts the step of the `prepare` row, whose row is
-    stamped at its end. The library begins at that stamp.
+    But the time is that of the metrics: it counts the step of the `prepare` row, which the library
+    leaves out.
     """
     import pandas as pd
 

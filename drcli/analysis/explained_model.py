@@ -1,4 +1,4 @@
-"""Pictures for the report: what moves the action of a model in the bucket."""
+"""Pictures of what moves the action of a model."""
 
 from typing import TYPE_CHECKING
 
@@ -14,10 +14,7 @@ if TYPE_CHECKING:
     from drcli.saliency.explained_episode import ExplainedEpisode
 
 SOME_STEPS = Question(pictures=6, spacing=FAST_SPACING)
-"""Six steps, evenly spread over the episode."""
-
 _LIKELY = 3
-"""Actions whose probabilities are shown."""
 
 
 def explained_pictures(
@@ -25,14 +22,8 @@ def explained_pictures(
 ) -> tuple[Picture, ...]:
     """Drive an episode with a model's best checkpoint, and explain some of its steps.
 
-    Args:
-        settings: The track and the start.
-        bucket: Where the model is.
-        prefix: The model.
-        question: What to explain.
-
     Raises:
-        SettingsError: The model has no such checkpoint, or cannot be explained.
+        SettingsError: There is no such checkpoint, or it cannot be explained.
         StorageError: The bucket cannot be read.
     """
     from drcli.saliency import explain_model  # here: torch takes seconds to load
@@ -45,7 +36,6 @@ def explained_pictures(
 
 
 def _picture(explained: "ExplainedEpisode", number: int, title: str) -> Picture:
-    """An explained step: what the car saw and each map over it, in two columns."""
     from drcli.saliency.explanation_pictures import decision, finding, moment, pictures_of, png_of
 
     parts = pictures_of(explained, number)

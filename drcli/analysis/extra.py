@@ -1,4 +1,4 @@
-"""The libraries of the extra `analysis`, which take a second to load and may be missing."""
+"""Libraries of the extra `analysis`, which take a second to load and may be missing."""
 
 from types import ModuleType
 

@@ -1,8 +1,8 @@
-"""Where the files of a training lie below the root of its model, in every layout that there is.
+"""Where the files of a training lie, in every known layout.
 
-Sources: DeepRacer-for-Cloud writes `drfc` and `drfc-workers`, the DeepRacer console `console`,
-DeepRacer on AWS `droa`. deepracer-utils knows them too, but it takes an empty folder for a layout,
-and more than ten workers, archives of `drfc` and the root of an archive are beyond it.
+DeepRacer-for-Cloud writes `drfc` and `drfc-workers`, the DeepRacer console `console`, DeepRacer on
+AWS `droa`. deepracer-utils does not know more than ten workers, archives of `drfc` and the root of
+an archive.
 """
 
 import re
@@ -38,8 +38,6 @@ _TRACES: tuple[tuple[Layout, re.Pattern[str]], ...] = (
     # The folder of the traces itself, or a trace, was named.
     ("drfc", re.compile(r"(?P<root>)(?P<n>\d+)-iteration.csv")),
 )
-"""Training traces; the first pattern that matches wins."""
-
 _EVALUATIONS = (
     re.compile(
         r"(?P<root>(?:.*/)?)sim-trace/evaluation/(?P<stamp>[^/]+)/evaluation-simtrace/"
@@ -64,8 +62,6 @@ _ROOTED = (
     r"model_metadata\.json",
     r"hyperparameters\.json",
 )
-"""Other files that are read, below the root."""
-
 _OTHER = re.compile(rf"(?P<root>(?:[^/]+/)*?)(?:{'|'.join(_ROOTED)})")
 
 _MARK = re.compile(
@@ -73,14 +69,10 @@ _MARK = re.compile(
     r"|metrics/(?:TrainingMetrics|history|training/|evaluation/).*|TrainingMetrics\.json"
     r"|logs/(?:training|evaluation)/.+\.log)"
 )
-"""Files that show where the root of a model without traces is."""
-
 _STAMP = re.compile(r"\d{14}")
 
 
 class Trace(NamedTuple):
-    """A file of training steps."""
-
     name: str
     worker: int
     iteration: int
@@ -92,11 +84,9 @@ class ModelFiles:
 
     Attributes:
         root: Common beginning of their names, empty or with a slash at its end.
-        layout: How they lie.
-        traces: Training traces, by worker and iteration.
         evaluations: Names of the traces of each evaluation, by its stamp.
         others: The name of each other file by its name below the root.
-        problems: Files that were left aside, a sentence each.
+        problems: Files that were left aside.
     """
 
     root: str
@@ -115,7 +105,6 @@ class _Root:
 
 
 def is_read(name: str) -> bool:
-    """Whether the analysis reads a file of this name, as far as the name tells."""
     if is_left_behind(name):
         return False
     patterns = (*(pattern for _, pattern in _TRACES), *_EVALUATIONS, _OTHER)
@@ -123,11 +112,7 @@ def is_read(name: str) -> bool:
 
 
 def find_models(names: Iterable[str]) -> list[ModelFiles]:
-    """The models among some files, by root; those with training traces come first.
-
-    Args:
-        names: Of all files, with `/` between folders.
-    """
+    """The models among file names; first those with training traces."""
     names = sorted(name for name in names if not is_left_behind(name))
     roots: dict[str, _Root] = defaultdict(_Root)
     marked = {match["root"] for name in names if (match := _MARK.fullmatch(name))}

@@ -1,4 +1,4 @@
-"""Finds the track of a training: by what its files say, else by where its car drove."""
+"""Finds the track of a training, by files or driven positions."""
 
 import re
 from pathlib import Path
@@ -16,11 +16,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LENGTH_TOLERANCE = 0.02
-"""Greatest relative difference of a trace's track_len and the centre line of its track."""
-
 NEAR_M = 0.5
-"""The car is nearer than this to its closest waypoint in most rows: waypoints are 0.3 m apart, and
-the road is 0.6 to 1.5 m wide."""
+"""Waypoints are 0.3 m apart, the road is 0.6 to 1.5 m wide."""
 
 _SAMPLES = 2000
 
@@ -29,10 +26,7 @@ _LOG_WORLD = re.compile(r"(?:/WORLD_NAME: |'WORLD_NAME': ')([\w.-]+)")
 
 
 def world_in_parameters(text: str) -> str | None:
-    """The track in training_params.yaml or evaluation_params.yaml, as far as it can be read.
-
-    A list of several, one for each car, names the same track.
-    """
+    """The track in training_params.yaml or evaluation_params.yaml."""
     found = _WORLD.search(text)
     if found is None:
         return None
@@ -41,18 +35,12 @@ def world_in_parameters(text: str) -> str | None:
 
 
 def world_in_log(text: str) -> str | None:
-    """The track in the log of a simulation."""
     found = _LOG_WORLD.search(text)
     return found[1] if found else None
 
 
 def open_track(world: str, folder: Path) -> Track | None:
-    """The track of this name; None if it is not installed, or not a track.
-
-    Args:
-        world: Its name. A name is all that it may be: files come from strangers.
-        folder: The racer's own tracks.
-    """
+    """The installed track of this name, which may not be a path: files come from strangers."""
     if "/" in world or "\\" in world:
         return None
     try:
@@ -62,10 +50,7 @@ def open_track(world: str, folder: Path) -> Track | None:
 
 
 def directed_as_driven(track: Track, steps: "pd.DataFrame") -> Track | None:
-    """A track in the direction in which steps were driven; None if they were driven elsewhere.
-
-    Without steps, it is the track as it is defined.
-    """
+    """A track in the direction of the steps; None if they were driven elsewhere."""
     sample = _sample(steps)
     if not len(sample):
         return track
@@ -80,10 +65,7 @@ def directed_as_driven(track: Track, steps: "pd.DataFrame") -> Track | None:
 
 
 def fitting_track(steps: "pd.DataFrame", folder: Path) -> Track | None:
-    """The known track that steps were driven on; None if none fits.
-
-    Of several with the same route, the first by name is taken.
-    """
+    """The first known track that steps were driven on, or None."""
     sample = _sample(steps)
     best: tuple[float, Track] | None = None
     for world in known_worlds(folder):
@@ -103,7 +85,6 @@ def _sample(steps: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def _misfit(track: Track, sample: "pd.DataFrame") -> float | None:
-    """Median distance of the car from its closest waypoint, metres; None if it does not fit."""
     distances_m = _distances(track, sample)
     if distances_m is None:
         return None
@@ -112,7 +93,6 @@ def _misfit(track: Track, sample: "pd.DataFrame") -> float | None:
 
 
 def _distances(track: Track, sample: "pd.DataFrame") -> Floats | None:
-    """Distance of the car from its closest waypoint, metres; None if the track is another one."""
     if not len(sample):
         return None
     length_m = float(np.hypot(*np.diff(track.center, axis=0).T).sum())

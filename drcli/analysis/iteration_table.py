@@ -1,4 +1,4 @@
-"""A row for each iteration: from its episodes, or from metrics where its trace is missing."""
+"""A row for each iteration: from its episodes, else from metrics."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ ITERATION_COLUMNS = (
 )
 
 _LONG_PAUSE = 20.0
-"""An iteration that took so many times the usual time had a pause in it, such as a night."""
+"""Times the usual time: a pause, such as a night."""
 
 
 def iteration_table(
@@ -27,14 +27,7 @@ def iteration_table(
     records: "pd.DataFrame",
     curve: Sequence[IterationRecord],
 ) -> "pd.DataFrame":
-    """The table `Run.iterations`.
-
-    Args:
-        steps: Of the training; may be empty.
-        episodes: Of these steps.
-        records: Of the metrics, as `metric_records` returns them.
-        curve: Our learning curve; empty for models of others.
-    """
+    """The table `Run.iterations`; `curve` is empty for models of others."""
     import pandas as pd
 
     table = _of_episodes(episodes)
@@ -56,11 +49,7 @@ def iteration_table(
 
 
 def _untraced(training: "pd.DataFrame", table: "pd.DataFrame") -> "pd.DataFrame":
-    """The records of whole iterations without a trace.
-
-    Metrics are written after each episode, so they may be ahead of the traces by a part of an
-    iteration. deepracer-utils does not know it either.
-    """
+    """Only of whole iterations: metrics may be ahead of the traces."""
     missing = training[~training["iteration"].isin(table.index)]
     if not len(missing) or not len(table):
         return missing
@@ -113,7 +102,6 @@ def _of_curve(curve: Sequence[IterationRecord]) -> "pd.DataFrame":
 def _add_evaluations(
     table: "pd.DataFrame", records: "pd.DataFrame", curve: Sequence[IterationRecord]
 ) -> None:
-    """Add the evaluations during the training, from the metrics, else from the learning curve."""
     names = ("eval_mean_reward", "eval_mean_progress", "eval_laps", "eval_best_lap_s")
     for name in names:
         table[name] = np.nan
@@ -135,7 +123,6 @@ def _add_evaluations(
 
 
 def _phases(numbers: "pd.Index[int]", curve: Sequence[IterationRecord]) -> list[str]:
-    """The phase of each iteration; one that is not learned from yet belongs to the newest one."""
     known = {record.iteration: record.phase for record in curve}
     newest = max(known, default=-1)
     return [known.get(min(int(number), newest), "") for number in numbers]
@@ -144,7 +131,6 @@ def _phases(numbers: "pd.Index[int]", curve: Sequence[IterationRecord]) -> list[
 def _wall_s(
     table: "pd.DataFrame", steps: "pd.DataFrame", curve: Sequence[IterationRecord]
 ) -> "pd.Series":
-    """Wall time of each iteration, with its update; NaN where nothing tells it."""
     import pandas as pd
 
     if curve:

@@ -1,4 +1,4 @@
-"""Draws the track with what was driven on it, as one PNG picture."""
+"""Draws the track with what was driven on it."""
 
 from typing import TYPE_CHECKING
 
@@ -27,11 +27,9 @@ _ENDS = {
     "reversed": "#7a6bd8",
     "immobilized": LINES[4],
 }
-"""Colours of how episodes end."""
 
 
 def draw_maps(run: Run) -> bytes:
-    """Reward and driven speed of the last fifth, the laps that stand out, and ends of episodes."""
     steps = with_motion(located(run.steps))
     laps = choose_laps(run.episodes)
     late_episodes = run.episodes.index[run.episodes["quintile"].astype(str).str[0] == "5"]
@@ -75,7 +73,6 @@ def _draw_borders(axes: "Axes", run: Run) -> None:
 def _draw_means(
     figure: "Figure", axes: "Axes", steps: "pd.DataFrame", column: str, label: str
 ) -> None:
-    """The mean of a column in each square of the ground."""
     values = steps[column].to_numpy(np.float64)
     known = np.isfinite(values)
     if not known.any():

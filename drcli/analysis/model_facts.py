@@ -1,4 +1,4 @@
-"""Reads the small files of a model: actions, hyperparameters, settings, parent, cost."""
+"""Reads the small files of a model, such as its hyperparameters."""
 
 import json
 import math
@@ -20,39 +20,24 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket
 
 SETTINGS = "settings"
-"""Name of the settings among the files of a run."""
-
 _TEXT_BYTES = 1 << 20
-"""Of a file of the racer; a longer one is cut."""
-
 _LOG_START_BYTES = 4 << 20
-"""Of a log, in which a simulation describes itself."""
-
 _LINE_START = re.compile(r"^\s*(?:\[[^\]\n]*\]\s+)+", re.MULTILINE)
 """What the launcher of DeepRacer on AWS puts before each line."""
 
 _OWN_CAR = ("DR_CAR_STEERING_", "DR_CAR_MAX_SPEED", "DR_CAR_BATTERY")
-"""Settings of a car of one's own, by the beginning of their names."""
-
 _LOGGED_ACTIONS = re.compile(r"ction space from file: (.+)")
 _LOGGED_PARAMETERS = re.compile(r"Using the following hyper-parameters\s*(\{.*?\})", re.DOTALL)
 
 
 @dataclass(frozen=True)
 class ModelFacts:
-    """What small files tell.
+    """What small files tell; None stands for unknown.
 
     Attributes:
-        hyperparameters: As they are in their file; may be empty.
-        actions: None if unknown.
-        world: The track of the training, if a file names it.
-        evaluation_world: The track of the newest evaluation, if a file names it.
-        parent: The model that this one was started from, if a record names it.
+        parent: The model that this one was started from.
         files: The racer's files and the settings as text, by name.
-        parent_files: The same of the parent.
-        machine_hours: Of all starts; None if unknown.
-        cost_usd: What they cost; None if unknown.
-        car: Name of the car's set; None if unknown, or if it is a car of one's own.
+        car: Name of the car's set; None also for a car of one's own.
     """
 
     hyperparameters: Mapping[str, object] = field(default_factory=dict)
@@ -68,13 +53,12 @@ class ModelFacts:
 
     @property
     def episodes_per_iteration(self) -> int:
-        """As the hyperparameters say; the reference's default if they do not."""
         written = self.hyperparameters.get("num_episodes_between_training")
         return written if isinstance(written, int) and written > 0 else 20
 
 
 def model_facts(source: ModelSource, problems: list[str]) -> ModelFacts:
-    """Read them; what is damaged becomes a sentence in `problems`."""
+    """Read them; what is damaged becomes a problem."""
     texts = _Texts(source, problems)
     log = texts.log_start()
     parameters = texts.json(("ip/hyperparameters.json", "hyperparameters.json"))
@@ -107,7 +91,7 @@ def model_facts(source: ModelSource, problems: list[str]) -> ModelFacts:
 def actions_of(written: Any) -> ActionSpace | None:
     """The action space in model_metadata.json; None if it cannot be understood.
 
-    Less strict than a training: a file of strangers may have actions that no car of ours can do.
+    Strangers' files may have actions that none of our cars can do.
     """
     try:
         if isinstance(written, dict):
@@ -123,8 +107,6 @@ def actions_of(written: Any) -> ActionSpace | None:
 
 
 class _Texts:
-    """The small files of a model as text; what cannot be read is empty."""
-
     def __init__(self, source: ModelSource, problems: list[str]) -> None:
         self._source = source
         self._problems = problems
@@ -140,7 +122,6 @@ class _Texts:
             return ""
 
     def json(self, names: tuple[str, ...]) -> Any:
-        """The first of these files that exists; None if none does, or if it is damaged."""
         for name in names:
             if name in self._source.files.others:
                 text = self.read(name)
@@ -153,19 +134,16 @@ class _Texts:
         return None
 
     def training_parameters(self) -> str:
-        """training_params.yaml, or that of the first worker."""
         found = self.read("training_params.yaml")
         return found or self.read("training_params_1.yaml")
 
     def log_start(self) -> str:
-        """How the log of a console begins, without what its launcher puts before each line."""
         logs = simulation_logs(self._source.files.others)
         if not logs:
             return ""
         return _LINE_START.sub("", self.read(logs[-1][0], _LOG_START_BYTES))
 
     def of_racer(self, start: TrainingStart | None) -> dict[str, str]:
-        """The racer's files, and the settings that differ from their defaults."""
         found = {
             keys.REWARD_FUNCTION_FILE: self.read("reward_function.py"),
             keys.HYPERPARAMETERS_FILE: self.read("ip/hyperparameters.json")
@@ -184,7 +162,6 @@ def _settings_text(start: TrainingStart | None) -> str:
 
 
 def _car(settings: Mapping[str, Any] | None) -> str | None:
-    """The car of settings that differ from their defaults; None if they are not known."""
     if settings is None or any(name.startswith(_OWN_CAR) for name in settings):
         return None
     return str(settings.get("DR_SIM_CAR", USUAL_CAR))
@@ -201,7 +178,6 @@ def _start(texts: _Texts) -> TrainingStart | None:
 
 
 def _parent_files(source: ModelSource, parent: str | None) -> dict[str, str]:
-    """The files of the model that this one began with, if it is in the same bucket."""
     if parent is None or source.bucket is None:
         return {}
     names = {
@@ -228,7 +204,6 @@ def _object_or_empty(bucket: Bucket, key: str) -> str:
 
 
 def _spending(source: ModelSource) -> tuple[float | None, float | None]:
-    """Machine hours and cost of all starts of a model of ours."""
     if source.bucket is None or not source.prefix:
         return None, None
     hours, usd = [], []

@@ -1,4 +1,4 @@
-"""Finds the model to analyse: in our bucket, another bucket, a folder or an archive."""
+"""Finds the model to analyse: in a bucket, folder or archive."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -23,8 +23,6 @@ from drcli.store.model_traces import models_in
 _ENDINGS = (*ENDINGS, ".csv", ".log")
 
 PATIENCE_S = 30.0
-"""How long a bucket that does not answer is asked again."""
-
 _URL = re.compile(r"s3://([A-Za-z0-9][A-Za-z0-9._-]{2,62})/?(.*)", re.IGNORECASE)
 
 _NAMES_TOLD = 5
@@ -32,13 +30,7 @@ _NAMES_TOLD = 5
 
 @dataclass(frozen=True)
 class Objects:
-    """Some files that are only read, by name.
-
-    Attributes:
-        sizes: The size in bytes of each by its name.
-        fetch: Reads one of them.
-        modified: When each was last written, as far as known, Unix seconds.
-    """
+    """Read-only files by name, with sizes in bytes."""
 
     sizes: Mapping[str, int]
     fetch: Callable[[str], bytes]
@@ -48,7 +40,7 @@ class Objects:
         """The content of a file.
 
         Raises:
-            SettingsError: It is too large for a file of a model, or cannot be read.
+            SettingsError: It is too large, or cannot be read.
             StorageError: The bucket cannot be read.
         """
         if self.sizes[name] > LARGEST_BYTES:
@@ -65,17 +57,7 @@ class Objects:
 
 @dataclass(frozen=True)
 class ModelSource:
-    """A model to analyse.
-
-    Attributes:
-        name: Of the model.
-        origin: s3://bucket/prefix, folder or archive, as messages call it.
-        files: What there is of it.
-        objects: Reads that.
-        bucket: The bucket that it is in; None for a folder or archive.
-        prefix: Its prefix there; empty for a folder or archive.
-        problems: What could not be read, a sentence each.
-    """
+    """A model to analyse; of a folder or archive, without bucket."""
 
     name: str
     origin: str
@@ -87,15 +69,10 @@ class ModelSource:
 
 
 def open_model(settings: Settings, what: str | None, *, local: bool = False) -> ModelSource:
-    """Find a model.
+    """Find a model: in a bucket, a folder, an archive, a trace or a log.
 
-    Args:
-        settings: Of the working folder.
-        what: A model of our bucket by its prefix, s3://bucket/prefix, a folder, an archive
-            (.tar.gz, .tgz, .tar, .zip), a trace (.csv) or a simulation log (.log); None for the
-            model of run.env. A name that is both a model and a folder is the model: `./NAME` is
-            the folder.
-        local: Whether any s3:// address is one of our own server.
+    Without `what` it is the model of run.env. Of a model and a folder of one name, `NAME` is the
+    model and `./NAME` the folder. `local`: any s3:// address is one of our own server.
 
     Raises:
         SettingsError: There is no such thing, or nothing in it to analyse.
@@ -123,7 +100,6 @@ def _is_certainly_a_path(what: str, path: Path) -> bool:
 
 
 def _if_in_own_bucket(settings: Settings, prefix: str, path: Path) -> ModelSource | None:
-    """The model of this prefix; None if there is nothing, or no bucket, and it may be a path."""
     try:
         return _in_own_bucket(settings, prefix, named=True)
     except SettingsError:
@@ -191,7 +167,6 @@ def _in_bucket(
 
 
 def _similar(bucket: Bucket, prefix: str) -> str:
-    """Names the model that was probably meant."""
     near = closest(prefix, list(models_in(bucket.list(""))))
     return f"Did you mean {near}? " if near else ""
 
@@ -260,11 +235,6 @@ def _single_trace(path: Path) -> ModelSource:
 
 
 def _only_model(models: list[ModelFiles], origin: str, *, at_root: bool = False) -> ModelFiles:
-    """The one model among the files of a place.
-
-    Raises:
-        SettingsError: There is none, or more than one.
-    """
     if not models:
         raise SettingsError(
             f"{origin} contains no traces, metrics or evaluations of a model.",

@@ -1,4 +1,4 @@
-"""Writes what an analysis can be written as: the HTML report and pictures."""
+"""Writes an analysis as HTML report and pictures."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,7 +19,7 @@ def check_targets(html: Path | None, png: Path | None, *, force: bool = False) -
     """Refuse targets that cannot be written, before anything is read.
 
     Raises:
-        SettingsError: The report would replace another file, or the folder of one is missing.
+        SettingsError: A file would be replaced, or the folder of one is missing.
     """
     if html is not None:
         refuse_replacing(html, force=force)
@@ -39,16 +39,6 @@ def write_outputs(
     force: bool = False,
 ) -> AnalysisReport:
     """Write the report and the pictures that are asked for.
-
-    Args:
-        analysis: What was found.
-        html: The report.
-        png: Folder of the pictures.
-        explained: For the report: what moves the action.
-        force: Whether existing pictures may be replaced.
-
-    Returns:
-        The analysis as a record, with the paths of what was written.
 
     Raises:
         SettingsError: One cannot be written.

@@ -1,4 +1,4 @@
-"""Numbers, dataclasses and tables as plain values that JSON knows; NaN and infinity become None."""
+"""Converts values for JSON; NaN and infinity become None."""
 
 import dataclasses
 import math
@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 
 
 def plain(value: Any) -> Any:
-    """A value as dicts, lists, strings, numbers, booleans and None."""
     if value is None or isinstance(value, str | bool | int):
         return value
     if isinstance(value, float | np.floating):
@@ -35,7 +34,6 @@ def plain(value: Any) -> Any:
 
 
 def rows_of(table: "pd.DataFrame", *, index: str | None = None) -> list[dict[str, Any]]:
-    """The rows of a table, each by column; `index` is the name for its index."""
     rows = [
         {name: plain(value) for name, value in zip(table.columns, row, strict=True)}
         for row in table.itertuples(index=False, name=None)

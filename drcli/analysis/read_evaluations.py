@@ -1,4 +1,4 @@
-"""Reads evaluations that were driven on their own: their traces, or else their metrics."""
+"""Reads stand-alone evaluations: traces, else metrics."""
 
 import json
 import math
@@ -29,18 +29,14 @@ TRIAL_COLUMNS = (
 )
 
 MOST_EVALUATIONS = 50
-"""The newest so many are read."""
-
 _METRICS = re.compile(
     r"metrics/(?:EvaluationMetrics-|evaluation/(?:evaluation-)?)(?P<stamp>\d{14})[^/]*\.json"
 )
 
 
 class WorldOf(Protocol):
-    """Finds the track that some steps were driven on."""
-
     def __call__(self, steps: "pd.DataFrame", named: str | None = None) -> str | None:
-        """Its name, None if unknown; `named` is what the files say."""
+        """The track of steps; `named` is what the files say."""
 
 
 def read_evaluations(
@@ -49,15 +45,7 @@ def read_evaluations(
     world_of: WorldOf,
     problems: list[str],
 ) -> tuple[StoredEvaluation, ...]:
-    """All stand-alone evaluations of a model, the oldest first.
-
-    Args:
-        source: The model.
-        named: The track of the newest one, which is the only one that the files name.
-        world_of: The track that some steps were driven on; its second argument is what the files
-            say about it.
-        problems: Gets what was wrong, a sentence each.
-    """
+    """All stand-alone evaluations, the oldest first; `named` is the track of the newest."""
     metrics = {
         match["stamp"]: real
         for name, real in source.files.others.items()
@@ -82,7 +70,7 @@ def read_evaluations(
 
 
 def _timed(traced: StoredEvaluation, measured: StoredEvaluation | None) -> StoredEvaluation:
-    """An evaluation with the times of its metrics, which races count.
+    """With the times of the metrics, which races count.
 
     The clock of the reference stamps a row up to 0.03 s beside the end of its step.
     """
@@ -113,10 +101,10 @@ def _from_trace(
 
 
 def trials_of(steps: "pd.DataFrame") -> "pd.DataFrame":
-    """A row for each trial of an evaluation, in its order.
+    """A row for each trial of an evaluation.
 
-    A race without a stop has no `prepare` row in its later laps: a lap begins where the one before
-    ended, as deepracer-utils counts.
+    In a race without a stop, a lap without a `prepare` row begins where the one before ended, as
+    deepracer-utils counts.
     """
     import pandas as pd
 
@@ -157,7 +145,6 @@ def trials_of(steps: "pd.DataFrame") -> "pd.DataFrame":
 def _from_metrics(
     source: ModelSource, stamp: str, name: str, world: str | None, problems: list[str]
 ) -> StoredEvaluation | None:
-    """An evaluation whose trace is missing, as in an uploaded model."""
     import pandas as pd
 
     try:

@@ -1,4 +1,4 @@
-"""Reads the steps of a training from its simulation logs, for archives that have no traces."""
+"""Reads the steps of a training from its simulation logs."""
 
 import math
 import re
@@ -20,12 +20,11 @@ _WORKER = re.compile(r"logs/robomaker/(sim-\d+|joined-.+)\.log")
 
 
 def trainer_logs(names: Iterable[str]) -> list[list[str]]:
-    """The logs of the trainer, the oldest start first, each with its parts in their order."""
+    """The parts of each log of the trainer, the oldest start first."""
     return _starts(name for name in names if _TRAINER.fullmatch(name))
 
 
 def simulation_logs(names: Iterable[str]) -> list[list[str]]:
-    """The same of simulation workers, worker by worker."""
     logs = (name for name in names if _SIMULATION.fullmatch(name))
     return _starts(name for name in logs if not _TRAINER.fullmatch(name))
 
@@ -43,10 +42,10 @@ def _starts(names: Iterable[str]) -> list[list[str]]:
 def read_console_log(
     source: ModelSource, episodes_per_iteration: int, problems: list[str]
 ) -> TraceReading:
-    """The steps in all simulation logs; none if there is no such log.
+    """The steps in all simulation logs.
 
-    Logs of ours are those of a worker each. Others are starts of one worker: where episodes are
-    counted from the beginning again, the iterations follow those before.
+    Each log of ours is of one worker. Others are starts of one worker: where episodes are counted
+    from the beginning again, the iterations follow those before.
     """
     logs = simulation_logs(source.files.others)
     workers = list(dict.fromkeys(_worker(log) for log in logs))
@@ -64,14 +63,12 @@ def read_console_log(
 
 
 def _worker(log: list[str]) -> str:
-    """Who wrote a log: of a console, there is one worker, and its name has the time of a start."""
     match = _FILE.fullmatch(log[0])
     own = match and _WORKER.fullmatch(match["log"])
     return own[1] if own else "the log"
 
 
 def _rows(source: ModelSource, log: list[str], problems: list[str]) -> list[TraceRow]:
-    """The rows of a log with all its parts."""
     data = b""
     for name in log:
         try:
@@ -89,7 +86,6 @@ def _rows(source: ModelSource, log: list[str], problems: list[str]) -> list[Trac
 def _iterations(
     starts: Iterable[list[TraceRow]], share: int
 ) -> Iterator[tuple[int, list[TraceRow]]]:
-    """The rows of a worker by iterations of so many episodes."""
     found: dict[int, list[TraceRow]] = {}
     begin, before = 0, -1
     for rows in starts:

@@ -1,8 +1,7 @@
-"""Reads what other files say about the iterations: metrics, the learning curve, learner.csv.
+"""Reads metrics, the learning curve and learner.csv.
 
-deepracer-utils reads metrics as well (`TrainingMetrics`). It finds them in a bucket only, gives an
-iteration to the episodes of all workers by the number that worker 0 drove, and stops at an empty
-list; our own records say to which iteration they belong.
+`TrainingMetrics` of deepracer-utils reads a bucket only, gives the episodes of all workers the
+iteration of worker 0, and stops at an empty list.
 """
 
 import csv
@@ -39,8 +38,6 @@ _POLICY_LINE = re.compile(
 )
 
 _LOG_BYTES = 64 << 20
-"""Of a trainer's log; later lines are left out."""
-
 _STATUS_OF = {label: status for status, label in STATUS_LABELS.items()}
 
 _LEARNER_NAMES = {
@@ -48,8 +45,6 @@ _LEARNER_NAMES = {
     "losses/approx_kl": "kl",
     "charts/learning_rate": "learning_rate",
 }
-"""Our columns for CleanRL's, where the last part of the name is not meant."""
-
 _CURVE_NAMES = {
     "entropy": "entropy",
     "kl": "kl",
@@ -64,11 +59,10 @@ _CURVE_NAMES = {
     "exchange_s": "exchange_s",
     "steps_per_s": "steps_per_s",
 }
-"""Columns of the learner's table by fields of our learning curve."""
 
 
 def metric_records(source: ModelSource, problems: list[str]) -> "pd.DataFrame":
-    """A row for each episode in the metrics of the training, in both phases."""
+    """A row for each episode in the metrics, in both phases."""
     import pandas as pd
 
     by_worker: dict[int, list[EpisodeMetrics]] = {}
@@ -89,7 +83,7 @@ def metric_records(source: ModelSource, problems: list[str]) -> "pd.DataFrame":
 
 
 def _share(records: Sequence[EpisodeMetrics], of_first: int) -> int:
-    """Episodes per iteration of a further worker, whose `trial` never restarts in old files."""
+    """Episodes per iteration; `trial` never restarts in old files."""
     return of_first if any(r.iteration is None for r in records) else most_episodes(records) or 1
 
 
@@ -118,7 +112,6 @@ def _records(source: ModelSource, name: str, problems: list[str]) -> list[Episod
 def _decoded(
     source: ModelSource, name: str, decode: Callable[[bytes], list[R]], problems: list[str]
 ) -> list[R]:
-    """The records of a file; none if it is damaged or cannot be read, which is a problem."""
     try:
         return decode(source.objects.read_whole(name))
     except RecordError as error:
@@ -129,7 +122,7 @@ def _decoded(
 
 
 def learning_curve(source: ModelSource, problems: list[str]) -> list[IterationRecord]:
-    """The learning curve of a model of ours; empty for others."""
+    """The learning curve; empty for models of others."""
     name = source.files.others.get("metrics/history.json")
     return [] if name is None else _decoded(source, name, decode_history, problems)
 
@@ -137,7 +130,7 @@ def learning_curve(source: ModelSource, problems: list[str]) -> list[IterationRe
 def learner_table(
     source: ModelSource, curve: Sequence[IterationRecord], problems: list[str]
 ) -> "pd.DataFrame":
-    """A row for each update: from our learning curve and learner.csv, else from a trainer's log."""
+    """A row for each update."""
     import pandas as pd
 
     rows: dict[int, dict[str, float]] = {}
@@ -178,7 +171,6 @@ def _column(title: str) -> str:
 
 
 def _trainer_logs(source: ModelSource) -> dict[int, dict[str, float]]:
-    """The numbers of the last epoch of each update in all logs of the reference's trainer."""
     rows: dict[int, dict[str, float]] = {}
     iteration, last_epoch = -1, math.inf
     for name in chain.from_iterable(trainer_logs(source.files.others)):

@@ -1,4 +1,4 @@
-"""Reads a training: everything that its files tell, as one `Run`."""
+"""Reads the files of a training as one `Run`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,17 +28,16 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MOST_TRACE_BYTES = 1 << 30
-"""Of all training traces together, about five million steps. Of more, every second iteration is
-read, or every third ..., so that any training can be analysed within a few gigabytes of memory."""
+"""About five million steps; of more, every n-th iteration is read."""
 
 _NUMBER_RANGE = 3
 
 
 def read_run(settings: Settings, what: str | None, *, local: bool = False) -> Run:
-    """Find a model and read it; see `open_model` for `what` and `local`.
+    """Find a model and read it; see `open_model`.
 
     Raises:
-        SettingsError: There is no such model, or nothing in it to analyse.
+        SettingsError: There is no such model, or nothing to analyse.
         StorageError: A bucket cannot be read.
         NotAvailable: The extra is not installed.
     """
@@ -48,7 +47,7 @@ def read_run(settings: Settings, what: str | None, *, local: bool = False) -> Ru
 
 
 def read_runs(settings: Settings, names: Sequence[str], *, local: bool = False) -> list[Run]:
-    """Find two or more models, and read them; see `open_model` for a name and `local`.
+    """Find and read two or more models.
 
     Raises:
         SettingsError: One is named twice, does not exist, or has nothing to analyse.
@@ -75,11 +74,6 @@ def read_runs(settings: Settings, names: Sequence[str], *, local: bool = False) 
 
 def run_of(source: ModelSource, tracks: Path, directory: Path) -> Run:
     """Read a model.
-
-    Args:
-        source: The model.
-        tracks: Folder of the racer's own tracks.
-        directory: The working folder.
 
     Raises:
         SettingsError: There is nothing in it to analyse.
@@ -141,14 +135,12 @@ def run_of(source: ModelSource, tracks: Path, directory: Path) -> Run:
 def _limit(
     world: str | None, track: Track | None, car: str | None, tracks: Path, directory: Path
 ) -> StoredLimit | None:
-    """The fastest line of the car on the track in the direction that was driven, if known."""
     if world is None or track is None or car is None:
         return None
     return limit_of(world, tracks, directory, reverse=track.reverse, car=car)
 
 
 def _read_steps(source: ModelSource, facts: ModelFacts, problems: list[str]) -> TraceReading:
-    """The steps of the training, from traces, else from the log of a console."""
     files = [TraceFile(*trace) for trace in source.files.traces]
     if not files:
         return read_console_log(source, facts.episodes_per_iteration, problems)
@@ -169,7 +161,6 @@ def _read_steps(source: ModelSource, facts: ModelFacts, problems: list[str]) -> 
 
 
 def _without_bad_rewards(steps: "pd.DataFrame") -> list[str]:
-    """Count rewards that are no finite numbers as 0, as the sums of deepracer-utils do with NaN."""
     bad = ~np.isfinite(steps["reward"].to_numpy(float))
     if not bad.any():
         return []
@@ -182,7 +173,6 @@ def _without_bad_rewards(steps: "pd.DataFrame") -> list[str]:
 
 
 def _cut_off(steps: "pd.DataFrame") -> list[str]:
-    """What is told about episodes whose end is missing, because their trace was cut off."""
     _, last = spans(steps["unique_episode"].to_numpy())
     ends = steps["iteration"].to_numpy()[last]
     open_ends = ends[~steps["done"].to_numpy(bool)[last]]
@@ -196,7 +186,6 @@ def _cut_off(steps: "pd.DataFrame") -> list[str]:
 
 
 def _gaps(iterations: "pd.DataFrame") -> list[str]:
-    """What is told about iterations without a trace."""
     if not len(iterations) or not iterations["traced"].any():
         return []
     expected = range(int(iterations.index[0]), int(iterations.index[-1]) + 1)
@@ -215,7 +204,6 @@ def _gaps(iterations: "pd.DataFrame") -> list[str]:
 
 
 def _numbers(iterations: list[int]) -> str:
-    """Iterations in words, such as `iterations 3, 7 to 9`."""
     starts = [n for n in iterations if n - 1 not in iterations]
     ends = [n for n in iterations if n + 1 not in iterations]
     parts = [f"{a}" if a == b else f"{a} to {b}" for a, b in zip(starts, ends, strict=True)]
@@ -227,7 +215,6 @@ def _numbers(iterations: list[int]) -> str:
 def _world(
     facts: ModelFacts, steps: "pd.DataFrame", tracks: Path, problems: list[str]
 ) -> tuple[str | None, Track | None]:
-    """Name and shape of the track, as far as they are known."""
     first = steps[steps["worker"] == steps["worker"].min()] if len(steps) else steps
     lengths = steps.groupby("worker")["track_len"].median() if len(steps) else steps["track_len"]
     if len(lengths) and float(lengths.max()) > 1.02 * float(lengths.min()):
@@ -264,8 +251,6 @@ def _world(
 
 
 class _EvaluationWorlds:
-    """The tracks of evaluations, most of which are that of the training."""
-
     def __init__(self, track: Track | None, tracks: Path) -> None:
         self._known = [] if track is None else [track]
         self._tracks = tracks

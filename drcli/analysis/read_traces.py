@@ -1,14 +1,12 @@
 """Reads the steps of training and evaluation traces, by deepracer-utils.
 
-The library reads healthy files: it takes 5 s of processor time for two million steps (Xeon model
-167). Three things around it are ours, because it has them wrong:
+It takes 5 s of processor time for two million steps (Xeon model 167). What it gets wrong:
 
-- It reads all files at once, with every column in its widest form: two million steps take 1.9 GB.
-  So it gets them in batches, and the columns with few values are packed after each.
-- A damaged file stops it, or turns whole columns into text. So such a file is repaired first
-  (`clean_trace`).
-- Its numbering of episodes is undefined without iteration 0, and gives one number to two episodes
-  if iteration 0 is shorter than others. So `number_episodes` repeats the rule where that works.
+- It reads all files at once, with the widest types: two million steps take 1.9 GB. So it gets
+  batches, and columns with few values are packed after each.
+- A damaged file stops it, or turns columns into text. So `clean_trace` repairs it first.
+- Its numbering of episodes fails without iteration 0, or if that is shorter than others. So
+  `number_episodes` repeats the rule where it works.
 """
 
 import warnings
@@ -31,8 +29,6 @@ COLUMNS = (
     *("on_track", "progress", "closest_waypoint", "track_len", "tstamp", "episode_status"),
     *("pause_duration", "wall_clock", "iteration", "worker"),
 )
-"""Of every trace, by the library's names."""
-
 _PACKED = {
     "episode": "int32",
     "steps": "int32",
@@ -44,22 +40,11 @@ _PACKED = {
     "track_len": "float32",
     "pause_duration": "float32",
 }
-"""Narrower types of columns whose numbers fit into them; tables are sums of the others."""
-
 _MOST_TOLD = 8
-"""Files that are named one by one; of more, only the number is told."""
 
 
 @dataclass(frozen=True)
 class TraceFile:
-    """A trace to read.
-
-    Attributes:
-        name: Its name, as messages and `read` know it.
-        worker: Who drove it.
-        iteration: Its number.
-    """
-
     name: str
     worker: int
     iteration: int
@@ -67,25 +52,13 @@ class TraceFile:
 
 @dataclass
 class TraceReading:
-    """What was read.
-
-    Attributes:
-        steps: A row for each step, in the order of the files; None if there is none.
-        unreadable: The files of which nothing is left.
-        problems: What was wrong, a sentence each.
-    """
-
     steps: "pd.DataFrame | None" = None
     unreadable: list[TraceFile] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
 
 
 def read_traces(files: Sequence[TraceFile], read: Callable[[str], bytes]) -> TraceReading:
-    """Read traces of one training or one evaluation.
-
-    Args:
-        files: In the order of the result.
-        read: Reads a file; may raise DrError, which becomes a problem.
+    """Read traces of one training or one evaluation, in their order; a DrError becomes a problem.
 
     Raises:
         NotAvailable: The extra is not installed.
@@ -108,7 +81,6 @@ def read_traces(files: Sequence[TraceFile], read: Callable[[str], bytes]) -> Tra
 def _batch(
     files: Sequence[TraceFile], read: Callable[[str], bytes], reading: TraceReading
 ) -> "pd.DataFrame | None":
-    """The steps of some files."""
     data: dict[TraceFile, bytes] = {}
     for file in files:
         try:
@@ -125,7 +97,7 @@ def _batch(
 def _looks_whole(data: bytes) -> bool:
     """Whether the first row has as many fields as the header, and the last one an end.
 
-    If all rows have one more, pandas takes the first column for names of rows, and shifts the rest.
+    Else pandas takes the first column for names of rows, and shifts the rest.
     """
     header, _, rest = data.partition(b"\n")
     row = rest.partition(b"\n")[0]
@@ -148,7 +120,6 @@ def _repaired(data: Mapping[TraceFile, bytes], reading: TraceReading) -> dict[Tr
 
 
 def _by_library(data: Mapping[TraceFile, bytes]) -> "pd.DataFrame | None":
-    """The files as deepracer-utils reads them; None if it cannot, or if there are none."""
     logs = deepracer_logs()
     if not data:
         return None
@@ -169,7 +140,6 @@ def _by_library(data: Mapping[TraceFile, bytes]) -> "pd.DataFrame | None":
 
 
 def _handler(content: Mapping[str, bytes]) -> Any:
-    """Files in memory, in the form in which the library asks for them."""
     from deepracer.logs.handler import FileHandler
     from deepracer.logs.misc import LogFolderType
 
@@ -191,7 +161,6 @@ def _handler(content: Mapping[str, bytes]) -> Any:
 
 
 def _is_sound(frame: "pd.DataFrame") -> bool:
-    """Whether every column has the type that it should have, and no gap."""
     from pandas.api import types
 
     if not set(COLUMNS) <= set(frame.columns):
@@ -216,14 +185,12 @@ def _is_sound(frame: "pd.DataFrame") -> bool:
 
 
 def _is_within(column: "pd.Series", limit: float) -> bool:
-    """Whether all are numbers of a smaller magnitude than the limit."""
     import numpy as np
 
     return bool((np.abs(column.to_numpy(dtype=np.float64)) < limit).all())
 
 
 def packed(frame: "pd.DataFrame") -> "pd.DataFrame":
-    """The frame with narrower columns, without what the library has added in vain."""
     frame = frame.drop(columns=["unique_episode"], errors="ignore").astype(_PACKED)
     for name in frame.columns:
         if name not in COLUMNS and frame[name].dtype == "float64":
@@ -234,7 +201,7 @@ def packed(frame: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def _joined(batches: "list[dict[str, pd.Series]]") -> "pd.DataFrame":
-    """The batches below each other; each column is given up as soon as it is copied."""
+    """Each column is given up as soon as it is copied."""
     import pandas as pd
 
     labels: dict[str, None] = {}
@@ -257,7 +224,6 @@ def _joined(batches: "list[dict[str, pd.Series]]") -> "pd.DataFrame":
 
 
 def _unknown(count: int) -> "pd.Series":
-    """A column of ours in a part of the traces that lacks it."""
     import pandas as pd
 
     return pd.Series(float("nan"), index=range(count), dtype="float32")

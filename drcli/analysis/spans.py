@@ -8,7 +8,7 @@ Numbers = np.ndarray[tuple[int, ...], np.dtype[Any]]
 
 
 def spans(values: Numbers) -> tuple[Numbers, Numbers]:
-    """Places of the first and of the last of each run of equal values. Shapes (n,), (n,)."""
+    """First and last index of each run. Shapes (n,), (n,)."""
     if not len(values):
         empty = np.zeros(0, np.int64)
         return empty, empty

@@ -1,4 +1,4 @@
-"""Writes the graphs and maps of a report as PNG pictures, for slides and chats."""
+"""Writes the graphs and maps of a report as PNG pictures."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -29,17 +29,11 @@ _COLORS = dict(zip(("--c1", "--c2", "--c3", "--c4", "--c5"), LINES, strict=False
     "--dots2": LINES[1],
     "--dots3": LINES[2],
 }
-"""Colours by the names that the page uses."""
-
 _OTHER = "#8b949e"
 
 
 def write_pngs(analysis: Analysis, folder: Path, *, force: bool = False) -> tuple[Path, ...]:
-    """Write the pictures of an analysis into a folder, which is made if it does not exist.
-
-    Returns:
-        The files: reward.png, laps.png, track.png, ends.png, actions.png, reward-rate.png and
-        learner.png, without those that would be empty.
+    """Write the pictures of an analysis into a folder, which is made if missing.
 
     Raises:
         SettingsError: One cannot be written, or exists and `force` is not given.
@@ -54,7 +48,6 @@ def write_pngs(analysis: Analysis, folder: Path, *, force: bool = False) -> tupl
 
 
 def _pictures(analysis: Analysis) -> Iterator[tuple[str, Callable[[], bytes]]]:
-    """Names of pictures, and what draws each."""
     run, found = analysis.run, analysis.evidence
     sections = {
         "reward.png": reward_section(run),
@@ -74,8 +67,6 @@ def _pictures(analysis: Analysis) -> Iterator[tuple[str, Callable[[], bytes]]]:
 
 
 def _draw_graphs(graphs: Sequence[Graph], title: str) -> bytes:
-    """Graphs below each other."""
-
     def draw(figure: "Figure") -> None:
         figure.suptitle(title, x=0.01, ha="left", size=14)
         axes = np.atleast_1d(figure.subplots(len(graphs)))
@@ -121,7 +112,6 @@ def _draw_graph(graph: Graph, left: "Axes") -> None:
 
 
 def _draw_series(series: Series, axes: "Axes") -> list[object]:
-    """One series; nothing if the page shows it only when asked."""
     if not series.on:
         return []
     x, y = np.asarray(series.x, np.float64), np.asarray(series.y, np.float64)
@@ -141,7 +131,6 @@ def _draw_series(series: Series, axes: "Axes") -> list[object]:
 
 
 def _draw_ends(ends: EpisodeEnds, title: str) -> bytes:
-    """Where episodes end along the lap."""
     names = [f"{part.first}-{part.last}" for part in ends.parts]
     counts = [part.ends for part in ends.parts]
 
@@ -161,7 +150,6 @@ def _draw_ends(ends: EpisodeEnds, title: str) -> bytes:
 
 
 def _draw_actions(use: ActionUse, title: str) -> bytes:
-    """How often each action is used, now and at the beginning."""
     names = [f"{one.steering_deg:.3g}°\n{one.speed_mps:.2g} m/s" for one in use.actions]
     at = np.arange(len(names))
 

@@ -1,4 +1,4 @@
-"""Checks before a training starts every rule that can keep it from starting."""
+"""Checks every rule that can keep a training from starting."""
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -25,12 +25,7 @@ from drcli.store.bucket import Bucket
 
 @dataclass(frozen=True)
 class Plans:
-    """What is going to be started.
-
-    Attributes:
-        wiping: Whether the model under the prefix is deleted first.
-        resumed: Design of that model, if the training continues it.
-    """
+    """`wiping` deletes the model first, `resumed` is continued."""
 
     wiping: bool = False
     resumed: Design | None = None
@@ -38,15 +33,7 @@ class Plans:
 
 @dataclass(frozen=True)
 class Examined:
-    """The problems, and what was read to find them.
-
-    Attributes:
-        files: The racer's files, by name.
-        source: The reward function, if it compiles.
-        review: The two parameter files.
-        transfer: The weights to start from, if the settings name some that fit.
-        problems: Everything that is wrong or odd.
-    """
+    """The problems, and what was read to find them, as far as it is right."""
 
     files: Mapping[str, InputFile]
     source: Source | None
@@ -56,7 +43,7 @@ class Examined:
 
     @property
     def inputs(self) -> Inputs:
-        """All three files; only where nothing is wrong."""
+        """Only where nothing is wrong."""
         return Inputs(
             self.files[keys.REWARD_FUNCTION_FILE],
             self.files[keys.HYPERPARAMETERS_FILE],
@@ -65,7 +52,7 @@ class Examined:
 
     @property
     def design(self) -> Design:
-        """Both parameter files; only where nothing is wrong."""
+        """Only where nothing is wrong."""
         if self.review.design is None:
             raise ValueError("the parameter files are wrong, so they have no design")
         return self.review.design
@@ -78,10 +65,9 @@ def examine(
     bucket: Bucket | None,
     plans: Plans = Plans(),
 ) -> Examined:
-    """Check every rule about the racer's files, the bucket (if it can be used) and the disk.
+    """Check every rule about files, bucket and disk.
 
-    The reward function is called in a separate process. All other rules are checked while that one
-    starts, so they cost no time.
+    The reward function is called in a process. All else is checked while that one starts.
     """
     reward = files.get(keys.REWARD_FUNCTION_FILE)
     source, found = (None, []) if reward is None else read_source(reward)
@@ -118,11 +104,7 @@ def examine_stages(
     *,
     first: int = 0,
 ) -> Examined:
-    """Check every rule for each stage that is still to come; without stages, for the training.
-
-    The result has the files and the design of the whole training. `first` is the place of the stage
-    that trains first, from 0.
-    """
+    """Check every rule for each stage from `first` on; without stages, for the training."""
     if review.frozen is None:
         return examine(settings, job, files, bucket, plans)
     coming = review.stages[first:]

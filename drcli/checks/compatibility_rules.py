@@ -1,4 +1,4 @@
-"""Finds what works here but not elsewhere: on the reference, on the console, on the car."""
+"""Finds what works here but not on the reference, the console or the car."""
 
 import re
 from collections.abc import Iterator
@@ -13,23 +13,18 @@ from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.modelfiles.network_shape import Design
 
 LONGEST_NAME = 64
-"""Characters in the name of an imported model. Source: the reference's validation script."""
+"""Of an imported model. Source: the reference's validation script."""
 
 CONSOLE_SPEED_MPS = (0.5, 4.0)
-"""Speeds of ranges of actions there; in lists they start at 0.1. Source: the console's limits."""
+"""Of ranges; lists start at 0.1. Source: the console's limits."""
 
 CONSOLE_ACTIONS = 2
-"""Least number of actions in a list there."""
-
 _ROUNDING = 1e-4
-"""Tolerance for a decimal fraction such as 0.0333333."""
-
 MOST_EPISODES = 100
-"""Per iteration."""
 
 
 def review_names(settings: Settings, *, console: bool) -> Iterator[Problem]:
-    """V-01: names under which a model can be imported."""
+    """V-01: names of imported models."""
     for setting, prefix in (
         ("DR_LOCAL_S3_MODEL_PREFIX", settings.model_prefix),
         ("DR_UPLOAD_S3_PREFIX", settings.upload_s3_prefix),
@@ -52,7 +47,7 @@ def review_actions(
     *,
     console: bool,
 ) -> Iterator[Problem]:
-    """V-31 to V-34: the parts of model_metadata.json that the car or the console refuses."""
+    """V-31 to V-34: what car or console refuse in model_metadata.json."""
 
     def problem(rule: str, message: str, remedy: str) -> Problem:
         severity = _severity(console) if rule == "V-34" else "warning"
@@ -101,10 +96,7 @@ def review_actions(
 
 
 def review_import(settings: Settings, design: Design) -> Iterator[Problem]:
-    """V-34: the import at the end of the training takes only networks that the reference has.
-
-    The import itself refuses others (`formats/reference_checkpoint.py`), after all the training.
-    """
+    """V-34: the import after a training takes only the reference's networks."""
     if not (settings.droa_url and settings.import_model_on_completion):
         return
     metadata, stack_size = design.metadata, design.parameters.stack_size
@@ -132,7 +124,7 @@ def review_import(settings: Settings, design: Design) -> Iterator[Problem]:
 def review_balance(
     settings: Settings, parameters: Hyperparameters, origin: str
 ) -> Iterator[Problem]:
-    """V-42 and V-45: the numbers of episodes, workers and starts fit each other."""
+    """V-42 and V-45: numbers of episodes, workers and starts fit."""
     episodes, workers = parameters.num_episodes_between_training, settings.workers
     if workers > episodes:
         return  # review_parameters reports it
@@ -161,7 +153,6 @@ def review_balance(
 
 
 def _better_episodes(workers: int, advance: float) -> str:
-    """The other remedy for V-42, if it is a whole number of episodes."""
     episodes = workers / advance if advance else 0.0
     if not 1 <= episodes <= MOST_EPISODES or abs(episodes - round(episodes)) > 1e-6:
         return ""

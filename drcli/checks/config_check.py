@@ -1,4 +1,4 @@
-"""Checks the settings first, then all other rules, for `dr config check`."""
+"""Checks the settings, then all other rules, for `dr config check`."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -53,7 +53,6 @@ class FullCheck:
 
 
 def check_alone(directory: Path) -> FullCheck:
-    """Check the settings of a working folder, and no other rule."""
     check = check_settings(directory)
     errors = tuple(
         WrongSetting(error.where, error.message.removesuffix("."), error.remedy)
@@ -63,7 +62,6 @@ def check_alone(directory: Path) -> FullCheck:
 
 
 def with_rules(check: FullCheck) -> FullCheck:
-    """Check all rules on a folder whose settings are correct."""
     # Settings are checked without what these load.
     from drcli.checks.settings_rules import review_settings
     from drcli.checks.validate import validate
@@ -75,7 +73,6 @@ def with_rules(check: FullCheck) -> FullCheck:
     idle = {name for group in check.without_effect for name in group.names}
 
     def new(problems: tuple[Problem, ...]) -> tuple[Problem, ...]:
-        """Those that the check of the settings has not reported."""
         return tuple(each for each in problems if each not in known and each.key not in idle)
 
     rules = validate(directory, reviewed=reviewed)

@@ -1,4 +1,4 @@
-"""Checks the machine (V-50): room on the disk, in memory and on the GPU, and who may read files."""
+"""V-50: room on disk, in memory and on the GPU, and who may read files."""
 
 import shutil
 import stat
@@ -19,25 +19,24 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
 LEAST_DISK_BYTES = 2_000_000_000
-"""Five checkpoints of the largest network with their optimizer states, and logs."""
+"""Five checkpoints of the largest network with optimizer states, and logs."""
 
 WORKER_BYTES = 600_000_000
-"""Memory of a simulation worker, measured."""
+"""Measured."""
 
 TRAINER_BYTES = 900_000_000
-"""Memory of the trainer with the common networks, measured."""
+"""With the common networks, measured."""
 
 FRAME_BYTES = 19_200
-"""A picture of 160 x 120 grey pixels in the replay of sac."""
+"""160 x 120 grey pixels in the replay of sac."""
 
 LEAST_GPU_BYTES = 1_500_000_000
-"""GPU memory that learning takes, its library included."""
+"""Taken by learning and its library."""
 
 GPU_PATIENCE_S = 3.0
 
 
 def review_disk(storage: StorageConfig, directory: Path) -> Iterator[Problem]:
-    """Room for models (where this machine keeps the bucket) and for logs."""
     folders = {directory}
     if storage.cloud == "local":
         folders.add(storage.data_dir)
@@ -58,7 +57,7 @@ def review_disk(storage: StorageConfig, directory: Path) -> Iterator[Problem]:
 
 
 def review_access(storage: StorageConfig, directory: Path) -> Iterator[Problem]:
-    """Only their user may read settings with secrets, and what trainings store."""
+    """Settings with secrets and what trainings store are private."""
     for path in sorted((*directory.glob("*.env*"), *directory.glob("experiments/*/*.env*"))):
         secrets = _secrets_in(path) if is_settings(path) else []
         if secrets:
@@ -74,7 +73,6 @@ def review_access(storage: StorageConfig, directory: Path) -> Iterator[Problem]:
 def review_memory(
     workers: int, place: Place, parameters: Hyperparameters | None, metadata: ModelMetadata | None
 ) -> Iterator[Problem]:
-    """Room for all processes of the training; `place` is that of DR_WORKERS."""
     needed = workers * WORKER_BYTES + TRAINER_BYTES
     if parameters is not None and metadata is not None and metadata.training_algorithm == "sac":
         needed += parameters.sac_replay_steps * FRAME_BYTES * metadata.eyes
@@ -89,12 +87,7 @@ def review_memory(
 
 
 def review_gpu(devices: str, environ: Mapping[str, str]) -> Iterator[Problem]:
-    """Room on one of the GPUs that the trainer may use, if there are any.
-
-    Args:
-        devices: DR_SAGEMAKER_CUDA_DEVICES; if it is empty, CUDA_VISIBLE_DEVICES counts.
-        environ: Process environment.
-    """
+    """Without `devices`, CUDA_VISIBLE_DEVICES counts."""
     free = _free_gpu_bytes(devices or environ.get("CUDA_VISIBLE_DEVICES"))
     if free and max(free) < LEAST_GPU_BYTES:
         what = (
@@ -121,7 +114,6 @@ def _open_to_others(path: Path, name: str, why: str) -> Iterator[Problem]:
 
 
 def _secrets_in(path: Path) -> list[str]:
-    """Names of the secrets in a settings file."""
     try:
         entries = parse_env(read_regular(path), path.name).last
     except (OSError, ProblemsError):  # other rules say so
@@ -130,7 +122,6 @@ def _secrets_in(path: Path) -> list[str]:
 
 
 def _free_gpu_bytes(allowed: str | None) -> list[int]:
-    """Free memory of the allowed GPUs, as in CUDA_VISIBLE_DEVICES; None allows all."""
     names = None if allowed is None else tuple(name.strip() for name in allowed.split(","))
     program = None if names in (("",), ("-1",)) else shutil.which("nvidia-smi")
     if program is None:

@@ -1,4 +1,4 @@
-"""Checks hyperparameters.json and model_metadata.json, each and together."""
+"""Checks hyperparameters.json and model_metadata.json."""
 
 from dataclasses import dataclass, fields
 from typing import TypeVar
@@ -15,17 +15,15 @@ from drcli.modelfiles.network_shape import Design
 PPO_ONLY = frozenset(
     {each.name for each in fields(PPOConfig)} - {each.name for each in fields(SACConfig)}
 ) | {"e_greedy_value", "epsilon_steps"}
-"""Keys that SAC does not read."""
+"""SAC does not read them."""
 
 _OF_PPO = PPO_ONLY | {"num_episodes_between_training"}
-"""Keys whose usual values are those of PPO."""
-
 T = TypeVar("T", Hyperparameters, ModelMetadata)
 
 
 @dataclass(frozen=True)
 class ParametersReview:
-    """The two files, as far as they can be used, and their problems; `design` has both."""
+    """The two files as far as usable; `design` has both."""
 
     parameters: Hyperparameters | None
     metadata: ModelMetadata | None
@@ -36,7 +34,7 @@ class ParametersReview:
 def review_parameters(
     hyperparameters: InputFile | None, metadata: InputFile | None, settings: Settings | None
 ) -> ParametersReview:
-    """Read the files that exist, and compare them with the settings, if those can be read."""
+    """Read the files that exist, and compare them with the settings."""
     found: list[Problem] = []
     learning = _read(Hyperparameters, hyperparameters, found)
     model = _read(ModelMetadata, metadata, found)
@@ -53,7 +51,6 @@ def review_parameters(
 
 
 def _read(kind: type[T], file: InputFile | None, found: list[Problem]) -> T | None:
-    """The content of a file, None if it cannot be used; problems are added to those found."""
     if file is None:
         return None
     try:
@@ -66,7 +63,7 @@ def _read(kind: type[T], file: InputFile | None, found: list[Problem]) -> T | No
 
 
 def _idle_workers(settings: Settings, parameters: Hyperparameters, origin: str) -> list[Problem]:
-    """V-45: all others would wait for a worker that has no episode to drive."""
+    """V-45: all others would wait for them."""
     episodes = parameters.num_episodes_between_training
     if settings.workers <= episodes:
         return []
@@ -79,7 +76,7 @@ def _idle_workers(settings: Settings, parameters: Hyperparameters, origin: str) 
 
 
 def _idle_learners(settings: Settings, parameters: Hyperparameters) -> list[Problem]:
-    """A warning that a training with a teacher has one process that learns."""
+    """A training with a teacher has one process that learns."""
     name, count = "DR_TRAIN_LEARNERS", settings.train_learners
     if not parameters.taught or count == 1:
         return []

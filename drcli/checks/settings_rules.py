@@ -1,4 +1,4 @@
-"""Checks the settings files, even if they cannot be loaded as they are."""
+"""Checks the settings files, even if they cannot be loaded."""
 
 import os
 from collections.abc import Iterable, Mapping
@@ -12,21 +12,15 @@ from drcli.config.settings import Settings, catalogue
 from drcli.models.transfer_buckets import UNDEFINED
 
 MOST_REPAIRS = 5
-"""How often wrong lines are removed: a removed line may reveal another problem."""
+"""A removed line may reveal another problem."""
 
 SCREEN = ("DR_HOST_X", "DR_DISPLAY", "DR_GUI_ENABLE")
-"""Settings about X servers that are not needed here (V-06)."""
+"""V-06: not needed here."""
 
 
 @dataclass(frozen=True)
 class SettingsReview:
-    """The settings and their problems.
-
-    Attributes:
-        settings: The settings without the wrong lines; None if they still cannot be loaded.
-        whole: Whether no line had to be left out.
-        problems: Everything that is wrong or odd.
-    """
+    """The settings without wrong lines; `whole`: there are none."""
 
     settings: Settings | None
     whole: bool
@@ -34,7 +28,6 @@ class SettingsReview:
 
 
 def review_settings(directory: Path, environ: Mapping[str, str] | None = None) -> SettingsReview:
-    """Load the settings of a working folder, whatever is in its files."""
     names = dict(os.environ if environ is None else environ)
     contents: dict[str, bytes] = {}
     problems: list[Problem] = []
@@ -52,7 +45,6 @@ def review_settings(directory: Path, environ: Mapping[str, str] | None = None) -
 
 
 def _judged(settings: Settings) -> list[Problem]:
-    """The problems of settings that load."""
     found = []
     for name in SCREEN:
         setting = catalogue()[name]
@@ -66,7 +58,7 @@ def _judged(settings: Settings) -> list[Problem]:
 
 
 def upload_problems(settings: Settings) -> list[Problem]:
-    """V-12: uploads that the settings ask for have a bucket to go to."""
+    """V-12: uploads have a bucket to go to."""
     wanted = {
         "DR_REGULAR_UPLOAD": settings.regular_upload > 0,
         "DR_UPLOAD_BEST_MODEL": settings.upload_best_model,
@@ -92,7 +84,6 @@ def upload_problems(settings: Settings) -> list[Problem]:
 def _take_out(
     errors: Iterable[Problem], directory: Path, contents: dict[str, bytes], names: dict[str, str]
 ) -> bool:
-    """Blank the wrong lines; False if the place of one is not known."""
     for error in errors:
         if error.file == "environment" and error.key in names:
             del names[error.key]
@@ -104,7 +95,6 @@ def _take_out(
 
 
 def _without(error: Problem, directory: Path, contents: Mapping[str, bytes]) -> bytes:
-    """A file's content without the line of an error; empty if that line is not known."""
     path = directory / error.file
     if error.line is None or not (error.file in contents or path.is_file()):
         return b""

@@ -14,23 +14,17 @@ from drcli.modelfiles.custom_files import InputFile
 SETTING = "DR_CURRICULUM_FILE"
 
 LARGEST_FILE = 1024 * 1024
-"""A larger file was named by mistake; its check refuses the one byte more that is read."""
+"""A larger file was named by mistake."""
 
 
 def curriculum_path(settings: Settings) -> Path:
-    """The file that DR_CURRICULUM_FILE names, beside run.env or in the experiment's folder."""
+    """Beside run.env or in the experiment's folder."""
     return settings.custom_files_dir.parent / Path(settings.curriculum_file).expanduser()
 
 
 @dataclass
 class StageFiles:
-    """The curriculum and the files that it names: of this machine, else of the model.
-
-    Attributes:
-        settings: Of the training.
-        frozen: The model's copy; None if there is none.
-        read: Texts of the files that stages have named so far.
-    """
+    """The curriculum and its files: of this machine, else of the model."""
 
     settings: Settings
     frozen: FrozenCurriculum | None
@@ -50,7 +44,7 @@ class StageFiles:
         raise ProblemsError([setting_problem(SETTING, settings.place(SETTING), what, remedy)])
 
     def named(self, name: str, place: Place) -> InputFile | None:
-        """A file that a stage names; None if it does not exist. Raises ProblemsError."""
+        """None if it does not exist; raises ProblemsError."""
         path = curriculum_path(self.settings).parent / Path(name).expanduser()
         for each in (path, self.settings.custom_files_dir / name):
             data = _content(each, place)
@@ -64,7 +58,6 @@ class StageFiles:
 
 
 def _content(path: Path, place: Place) -> bytes | None:
-    """The content of a file; None if it does not exist. Raises ProblemsError."""
     try:
         if not path.is_file():
             return None

@@ -1,4 +1,4 @@
-"""Finds the stages of a training, and checks that each can begin where the last one ends."""
+"""Finds the stages of a training, and checks that they fit."""
 
 import json
 from collections.abc import Mapping
@@ -36,20 +36,12 @@ from drcli.store import keys
 from drcli.store.bucket import Bucket, ObjectMissing
 
 OF_THE_NETWORK = ("stack_size", "critic", "training_method")
-"""Hyperparameters that decide the shape of the network, or how it is trained, so they stay the same
-in all stages."""
+"""They stay the same in all stages."""
 
 
 @dataclass(frozen=True)
 class PlannedStage:
-    """One stage, with everything that it drives and learns.
-
-    What is wrong in it is left out, so that all the rest can be checked too.
-
-    Attributes:
-        settings: Of the folder, with what the stage changes.
-        files: The racer's three files, by name.
-    """
+    """One stage; what is wrong in it is left out."""
 
     name: str
     settings: Settings
@@ -58,7 +50,7 @@ class PlannedStage:
 
     @property
     def stage(self) -> Stage:
-        """For the processes of the run; only where nothing is wrong."""
+        """Only where nothing is wrong."""
         reward = self.files[keys.REWARD_FUNCTION_FILE]
         parameters = self.files[keys.HYPERPARAMETERS_FILE]
         read = Hyperparameters.from_bytes(parameters.data, parameters.origin)
@@ -74,20 +66,14 @@ class PlannedStage:
 
 @dataclass(frozen=True)
 class StagesReview:
-    """The stages of a training.
-
-    Attributes:
-        stages: In order; none if the file cannot be read.
-        frozen: For the copy below the model prefix; None without a curriculum.
-        problems: Everything that is wrong or odd.
-    """
+    """The stages of a training; `frozen` is the copy below the model prefix."""
 
     stages: tuple[PlannedStage, ...] = ()
     frozen: FrozenCurriculum | None = None
     problems: tuple[Problem, ...] = ()
 
     def index(self, name: str) -> int | None:
-        """The place of a stage, from 0; None if there is none of this name."""
+        """From 0."""
         names = [stage.name for stage in self.stages]
         return names.index(name) if name in names else None
 
@@ -99,14 +85,9 @@ def review_stages(
     *,
     resumes: bool = False,
 ) -> StagesReview:
-    """Read the curriculum that the settings name, and everything that it names.
+    """Read the curriculum and all that it names.
 
-    Args:
-        settings: Of the folder.
-        files: The racer's three files by name, for what a stage leaves out.
-        bucket: With the model; None if it cannot be used.
-        resumes: Whether the training continues: what this machine does not have is taken from the
-            model then.
+    If it `resumes`, the model has what this machine lacks.
     """
     if not settings.curriculum_file:
         return StagesReview()
@@ -120,11 +101,7 @@ def review_stages(
 
 
 def _frozen(settings: Settings, bucket: Bucket, found: list[Problem]) -> FrozenCurriculum | None:
-    """The model's copy of the curriculum; None if there is none that can be read.
-
-    Raises:
-        StorageError: The bucket does not answer.
-    """
+    """Raises StorageError if the bucket does not answer."""
     key = keys.curriculum(settings.model_prefix)
     with suppress(ObjectMissing):
         try:
@@ -138,15 +115,12 @@ def _frozen(settings: Settings, bucket: Bucket, found: list[Problem]) -> FrozenC
 
 @dataclass
 class _Reviewer:
-    """Makes settings and files of each stage, and collects what is wrong."""
-
     settings: Settings
     files: Mapping[str, InputFile]
     reader: StageFiles
     found: list[Problem]
 
     def review(self) -> StagesReview:
-        """Do all of it; raises ProblemsError if the file itself is wrong."""
         name, data = self.reader.curriculum()
         read = CurriculumFile.from_bytes(data, name)
         planned = []
@@ -160,7 +134,6 @@ class _Reviewer:
         return StagesReview(tuple(planned), frozen, tuple(self.found))
 
     def _settings(self, read: CurriculumFile, index: int, entry: StageEntry) -> Settings:
-        """The settings of the folder with what the stage changes, for every worker."""
         given = {f"settings.{name}": (name, text) for name, text in entry.settings.items()}
         for key, name, text in (
             ("world", "DR_WORLD_NAME", entry.world),
@@ -208,7 +181,6 @@ class _Reviewer:
         return changed
 
     def _files(self, read: CurriculumFile, index: int, entry: StageEntry) -> dict[str, InputFile]:
-        """The three files of the stage."""
         files = dict(self.files)
         if entry.reward_function is not None:
             file = self._file(read, index, "reward_function", entry.reward_function)
@@ -247,7 +219,6 @@ class _Reviewer:
         changes: Mapping[str, Any],
         files: dict[str, InputFile],
     ) -> None:
-        """Put the hyperparameters that a stage changes into those of the folder."""
         if "term_cond_max_episodes" in changes:
             what = "term_cond_max_episodes counts the iterations of the whole training."
             remedy = "Write goal: {iterations: ...} to end the stage."
@@ -271,7 +242,6 @@ class _Reviewer:
             files[keys.HYPERPARAMETERS_FILE] = InputFile(whole.name, merged, whole.origin)
 
     def _compare(self, read: CurriculumFile, planned: list[PlannedStage]) -> None:
-        """Check that the weights of each stage fit the next one."""
         designs = {}
         for stage in planned:
             file = stage.files.get(keys.HYPERPARAMETERS_FILE)
@@ -294,7 +264,6 @@ class _Reviewer:
 
 
 def _not_of_a_stage(read: CurriculumFile, index: int, key: str, name: str) -> Problem:
-    """The problem with a setting that no stage may change."""
     if name in catalogue():
         what = f"{name} holds for the whole training and cannot change from stage to stage."
         return read.problem(index, key, what, "Move it to run.env.")

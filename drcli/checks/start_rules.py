@@ -1,4 +1,4 @@
-"""What refuses a start before its files and its bucket are read: one list, for every check."""
+"""What refuses a start before files and bucket are read."""
 
 import os
 import time
@@ -18,13 +18,11 @@ from drcli.workers.ray_extra import has_cluster, require_ray
 
 @dataclass(frozen=True)
 class StartRule:
-    """One thing that must hold.
+    """One thing that must hold; its check raises DrError.
 
     Attributes:
-        rule: Its number.
-        key: The setting that a problem is reported with; empty if its check names the place.
-        check: Raises DrError if it does not hold.
-        of_machine: Whether it is about this machine, and not about one that trains elsewhere.
+        key: The setting of its problem; empty if the check names the place.
+        of_machine: Not for one that trains elsewhere.
     """
 
     rule: str
@@ -34,7 +32,7 @@ class StartRule:
 
 
 def refuse_second_run(run_id: int, folder: Path) -> None:
-    """Return if no training of this run number is alive on this machine.
+    """Return if no training of this number is alive here.
 
     Raises:
         ModelInUse: One is.
@@ -106,7 +104,7 @@ def refuse_start(settings: Settings) -> None:
 
 
 def start_problems(settings: Settings, *, here: bool) -> Iterator[Problem]:
-    """An error for each rule that does not hold; without `here`, of those for any machine."""
+    """Without `here`, of the rules for any machine."""
     for each in RULES:
         if each.of_machine and not here:
             continue

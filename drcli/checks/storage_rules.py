@@ -1,4 +1,4 @@
-"""Checks the bucket: whether it works, is free for the new model, and has the old one."""
+"""Checks the bucket: it works, is free, and has the old model."""
 
 import time
 import uuid
@@ -17,11 +17,11 @@ from drcli.store.model_prefix import is_used
 from drcli.store.s3_errors import AccessRefused
 
 LARGEST_SKEW_S = 300.0
-"""Servers refuse requests if the clocks differ by 15 minutes; a third of that is a warning."""
+"""Servers refuse requests from 15 minutes on."""
 
 
 def review_prefix(prefix: str, bucket: Bucket) -> list[Problem]:
-    """V-09: the prefix of the new model must be empty."""
+    """V-09: the prefix of the new model is empty."""
     if not is_used(bucket, prefix):
         return []
     model = f"s3://{bucket.name}/{prefix}"
@@ -38,7 +38,7 @@ def review_prefix(prefix: str, bucket: Bucket) -> list[Problem]:
 
 
 def review_owner(prefix: str, bucket: Bucket) -> list[Problem]:
-    """V-13: no other run may be training this model."""
+    """V-13: no other run trains this model."""
     try:
         lease.refuse_other_owner(bucket, prefix)
     except SettingsError as error:
@@ -50,18 +50,7 @@ def review_owner(prefix: str, bucket: Bucket) -> list[Problem]:
 def review_pretrained(
     config: PretrainedConfig, bucket: Bucket, new: str, design: Design | None, *, wiping: bool
 ) -> tuple[Transfer | None, list[Problem]]:
-    """V-10 and V-35: the model to start from exists, is complete, and fits.
-
-    Args:
-        config: Names it.
-        bucket: Holds it.
-        new: Prefix of the new model.
-        design: Of the new model; None if its files are wrong.
-        wiping: Whether the model under the new model's prefix is going to be deleted.
-
-    Returns:
-        Its weights, None if they cannot be used, and its problems.
-    """
+    """V-10 and V-35: the model to start from exists, is complete, and fits."""
     try:
         if design is None:
             pretrained.named_weights(config, bucket)
@@ -75,7 +64,7 @@ def review_pretrained(
 def probe(bucket: Bucket, prefix: str) -> list[Problem]:
     """V-50: objects can be written, read, listed and deleted; returns a warning about the clock.
 
-    Tried among the records of the model's runs, because keys may be limited to its folders.
+    Tried among the model's records: keys may be limited to its folders.
 
     Raises:
         StorageError: They cannot.

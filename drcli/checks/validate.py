@@ -42,15 +42,10 @@ def validate(
     reviewed: SettingsReview | None = None,
     here: bool = True,
 ) -> Report:
-    """Check all rules and report all problems; nothing in the folder changes.
+    """Check all rules; nothing in the folder changes.
 
-    Args:
-        directory: The racer's working folder.
-        console_compatible: Whether the model is also meant for training on a DeepRacer console;
-            anything that a console refuses is then an error.
-        environ: Process environment; `os.environ` when None.
-        reviewed: The settings, if they have been read already.
-        here: Whether the training is to run on this machine; its room and its runs count then.
+    `console_compatible` makes what a console refuses an error. `here`: room and runs of this
+    machine count.
     """
     directory = directory.absolute()
     environ = os.environ if environ is None else environ
@@ -73,8 +68,6 @@ def validate(
 
 @dataclass
 class _Validation:
-    """Collects the problems and the skipped rules."""
-
     directory: Path
     console: bool
     environ: Mapping[str, str]
@@ -83,7 +76,6 @@ class _Validation:
     skipped: list[Skipped] = field(default_factory=list)
 
     def try_everything(self, settings: Settings, *, whole: bool) -> None:
-        """Check all rules; those of the bucket only if no setting is wrong."""
         trains = self._is_training(settings)
         self.found += start_problems(settings, here=self.here)
         bucket = self._bucket(settings, trains=trains) if whole else None
@@ -119,7 +111,7 @@ class _Validation:
             self.found += review_gpu(settings.sagemaker_cuda_devices, self.environ)
 
     def try_files_alone(self) -> None:
-        """Check the three files without the settings, which name the bucket and the track."""
+        """Without settings, which name the bucket and the track."""
         files = {}
         for name in FILE_RULES:
             try:
@@ -138,12 +130,10 @@ class _Validation:
         self._skip(("V-05", "V-20", "V-21", *BUCKET_RULES), reason)
 
     def _is_training(self, settings: Settings) -> bool:
-        """Whether this run is being trained here, which is an error of its own."""
         record = RunRecord.read(run_folder(self.directory, settings.run_id))
         return self.here and record is not None and record.alive
 
     def _bucket(self, settings: Settings, *, trains: bool) -> Bucket | None:
-        """The bucket, if it can be used."""
         try:
             bucket = open_bucket(settings.storage, patience_s=COMMAND_PATIENCE_S)
             self.found += probe(bucket, settings.model_prefix)
@@ -178,7 +168,6 @@ class _Validation:
         *,
         trains: bool,
     ) -> Examined:
-        """Check the rules of a start, in a folder that no training uses."""
         with tempfile.TemporaryDirectory() as folder:
             job = Job(
                 config=settings.run,
@@ -217,7 +206,6 @@ def _unusable(error: StorageError, file: str = "", line: int | None = None) -> P
 
 
 def _relative(item: Problem, directory: Path) -> Problem:
-    """The same problem, with paths relative to the folder."""
     start = f"{directory}{os.sep}"
     file, message, remedy = (
         text.replace(start, "") for text in (item.file, item.message, item.remedy)

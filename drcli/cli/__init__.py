@@ -1,1 +1,1 @@
-"""The command line: the programs, their commands, what they print and ask."""
+"""The command line."""

@@ -34,14 +34,10 @@ _NOT_OUR_BUGS = {
     errno.EDQUOT: _ROOM,
     errno.EIO: "Check the disk, or choose another place.",
 }
-"""What is wrong with a path or a disk and not with us, and what to do about it."""
 
 
 def main(args: list[str] | None = None) -> None:
     """Run the command line.
-
-    Args:
-        args: What follows `dr`; by default from the process, where `dr-status` is `dr status`.
 
     Raises:
         SystemExit: Always, with the exit code.
@@ -90,7 +86,7 @@ def _run(arguments: list[str]) -> None:
 
 
 def _is_interrupt(error: BaseException) -> bool:
-    """Whether Ctrl-C caused an error. Libraries that are being loaded wrap it in their own."""
+    """Libraries that are being loaded wrap Ctrl-C in their own error."""
     return (
         isinstance(error, KeyboardInterrupt)
         or any(_is_interrupt(behind) for behind in (error.__cause__, error.__context__) if behind)
@@ -99,14 +95,12 @@ def _is_interrupt(error: BaseException) -> bool:
 
 
 def _open_closed_streams() -> None:
-    """Replace streams that the caller closed, as in `dr status <&-`, by the null device."""
     for name, mode in {"stdin": "r", "stdout": "w", "stderr": "w"}.items():
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
 def _arguments(argv: list[str]) -> list[str]:
-    """Arguments as `dr` would get them: `dr-status --json` is `dr status --json`."""
     name = Path(argv[0]).name.removesuffix(".exe")
     if name.startswith("droa-"):
         return [name, *argv[1:]]
@@ -114,7 +108,6 @@ def _arguments(argv: list[str]) -> list[str]:
 
 
 def _asked_about() -> list[str]:
-    """Arguments of the line that a shell's Tab key asks about; Typer gets it as a line of `dr`."""
     program, _, rest = os.environ.get(completion.LINE, "").partition(" ")
     words = _arguments([program])
     os.environ[completion.LINE] = " ".join([PROGRAM, *words, rest])
@@ -122,7 +115,6 @@ def _asked_about() -> list[str]:
 
 
 def _report_bug(error: Exception) -> None:
-    """Write the traceback to a file, and print one sentence."""
     try:
         path = working_folder() / "data" / "logs" / f"crash-{time.strftime('%Y%m%d-%H%M%S')}.txt"
         path.parent.mkdir(parents=True, exist_ok=True)

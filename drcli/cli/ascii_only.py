@@ -1,11 +1,9 @@
-"""Replaces characters that a terminal's character set lacks by similar ASCII characters."""
+"""Replaces characters that a terminal lacks by similar ASCII ones."""
 
 import codecs
 import io
 
 HANDLER = "drcli.cli.ascii_only"
-"""Name of the error handler."""
-
 _BRAILLE = range(0x2800, 0x2900)
 _MOST_DOTS = 8
 
@@ -20,13 +18,11 @@ _SIGNS = {
 
 
 def use(stream: io.TextIOWrapper) -> None:
-    """Let a stream replace each character that it cannot encode, instead of failing."""
     codecs.register_error(HANDLER, _handle)
     stream.reconfigure(errors=HANDLER)
 
 
 def plain(letter: str) -> str:
-    """The ASCII character most like another one; a question mark if there is none."""
     if ord(letter) in _BRAILLE:
         dots = (ord(letter) - _BRAILLE.start).bit_count()
         return "#" if dots > _MOST_DOTS // 2 else "."

@@ -1,7 +1,7 @@
-"""Runs one command for the supervisor of a training, as `python -m drcli.cli.called_command`.
+"""Runs one command for the supervisor of a training.
 
-The arguments, and the secrets that the command may need, come through standard input: the racer's
-code can read the command line and the environment of other processes of the same user.
+Arguments and secrets come through standard input: the racer's code can read command line and
+environment of the user's other processes.
 """
 
 import json
@@ -13,14 +13,13 @@ from contextlib import suppress
 from pathlib import Path
 
 NICENESS = 15
-"""Such a command gives way to the training; 19 is the most that the system knows."""
+"""19 is the most."""
 
 LOOK_S = 1.0
-"""How often it checks that its caller is alive."""
 
 
 def main() -> None:
-    """Run the command that standard input describes.
+    """Run the command.
 
     Raises:
         SystemExit: Always, with its exit code.
@@ -46,7 +45,6 @@ def main() -> None:
 
 
 def _end_with(caller: int) -> None:
-    """End this process soon after its caller has ended, even if that was killed."""
     while os.getppid() == caller:
         time.sleep(LOOK_S)
     os._exit(1)

@@ -1,6 +1,6 @@
-"""Words that the Tab key completes: tracks, models, settings and others.
+"""Words that the Tab key completes.
 
-Nothing here starts a process or asks a network, because somebody waits for the answer.
+Nothing here starts a process or asks a network: somebody waits.
 """
 
 import os
@@ -14,24 +14,21 @@ from drcli.cli.working_folder import working_folder
 from drcli.config import activation
 
 MOST_FOLDERS = 2000
-"""Folders of a bucket to search; each takes about 20 microseconds."""
+"""Each takes about 20 microseconds."""
 
 LOGS = ("sim", "trainer", "supervisor", "evaluation", "reward")
-"""What has a log: `sim` is the simulation worker that -n names, `reward` what the reward function
-prints there."""
+"""`sim` is a worker, `reward` what the reward function prints there."""
 
 _CHECKPOINT = re.compile(r"(\d+)_Step-\d+\.ckpt")
 
 
 def worlds() -> list[str]:
-    """Tracks that are built in, and the racer's own."""
     from drcli.config.track_names import built_in, own
 
     return [*built_in(), *own(working_folder() / (_settings().get("DR_TRACKS_DIR") or "tracks"))]
 
 
 def model_prefixes() -> list[str]:
-    """The configured model, and all models in the bucket of this machine."""
     settings = _settings()
     bucket, configured = _bucket(settings), settings.get("DR_LOCAL_S3_MODEL_PREFIX")
     models = [configured] if configured else []
@@ -39,14 +36,12 @@ def model_prefixes() -> list[str]:
 
 
 def races() -> list[str]:
-    """The races in the bucket of this machine."""
     bucket = _bucket(_settings())
     folders = [] if bucket is None else (bucket / "races").glob("*/race.json")
     return sorted(path.parent.name for path in folders)
 
 
 def checkpoints() -> list[str]:
-    """Numbers of the configured model's checkpoints, the newest first, and the words for some."""
     from drcli.config.checkpoint_words import WORDS
 
     settings = _settings()
@@ -59,57 +54,49 @@ def checkpoints() -> list[str]:
 
 
 def presets() -> list[str]:
-    """The shipped presets."""
     from drcli.config.presets import preset_names
 
     return preset_names()
 
 
 def experiments() -> list[str]:
-    """Folders in experiments/ with a run.env."""
     return sorted(path.parent.name for path in working_folder().glob("experiments/*/run.env"))
 
 
 def ready_made_models() -> list[str]:
-    """Models that come with drcli."""
     from drcli.config.example_files import ready_made
 
     return list(ready_made())
 
 
 def workers() -> list[str]:
-    """Processes that have a log."""
     count = _settings().get("DR_WORKERS", "1")
     sims = min(int(count), 100) if count.isdecimal() else 1
     return [*LOGS, *(f"sim-{k}" for k in range(sims))]
 
 
 def race_types() -> list[str]:
-    """Values of DR_RACE_TYPE."""
     return _choices("DR_RACE_TYPE")
 
 
 def clouds() -> list[str]:
-    """Values of DR_CLOUD."""
     return _choices("DR_CLOUD")
 
 
 def setting_names() -> list[str]:
-    """Every DR_ name."""
     from drcli.config.settings import catalogue
 
     return sorted(catalogue())
 
 
 def explained_words() -> list[str]:
-    """What `dr-explain` knows, except error texts."""
     from drcli.explain.lookup import every_entry
 
     return sorted({entry.name for entry in every_entry() if entry.kind != "error text"})
 
 
 def assignments(incomplete: str) -> list[str]:
-    """`NAME=` for every setting; once that is typed, `NAME=VALUE` where the values are known."""
+    """`NAME=`, or `NAME=VALUE` once that is typed."""
     name, is_typed, _ = incomplete.partition("=")
     if not is_typed:
         return [f"{name}=" for name in setting_names()]
@@ -123,7 +110,6 @@ def assignments(incomplete: str) -> list[str]:
 
 
 def _choices(name: str) -> list[str]:
-    """The values that a setting can have; none if there are too many, or no such setting."""
     from drcli.config.settings import catalogue
 
     setting = catalogue().get(name)
@@ -131,7 +117,6 @@ def _choices(name: str) -> list[str]:
 
 
 def _settings() -> Mapping[str, str]:
-    """Texts of the settings by DR_ name, not checked; none if a file is broken."""
     from drcli.config.shell_variables import shell_change
 
     try:
@@ -142,7 +127,6 @@ def _settings() -> Mapping[str, str]:
 
 
 def _bucket(settings: Mapping[str, str]) -> Path | None:
-    """Folder of the local server's objects; None for any other server."""
     if settings.get("DR_CLOUD", "local") != "local":
         return None
     data = working_folder() / settings.get("DR_S3_DATA_DIR", "data/s3")
@@ -150,7 +134,6 @@ def _bucket(settings: Mapping[str, str]) -> Path | None:
 
 
 def _models_in(bucket: Path) -> Iterator[str]:
-    """Folders, on any level, that hold checkpoints in a folder `model`."""
     for folder, below, _ in islice(os.walk(bucket), MOST_FOLDERS):
         if "model" in below and any(map(_CHECKPOINT.match, _names(Path(folder, "model")))):
             below.clear()

@@ -1,4 +1,4 @@
-"""The Typer application: every command of the table, of which only the called one is loaded."""
+"""The Typer application, which loads only the called command."""
 
 import inspect
 import os
@@ -41,26 +41,19 @@ Exit codes:
 """
 
 HELP_COLUMNS = 80
-"""Help is folded at the edge of narrower terminals; Typer's own minimum is 50 columns."""
+"""Typer's own minimum is 50 columns."""
 
 LONGEST_COMPARED = 80
-"""Letters of a wrong command that are compared with the names; comparing many takes long."""
-
 TAKES_ANY = {
     "ignore_unknown_options": True,
     "allow_extra_args": True,
     "allow_interspersed_args": False,
     "help_option_names": ["--help"],  # -h is the height of the reference's viewer
 }
-"""Lets a command pass on, or ignore, options that it does not know."""
 
 
 def application(arguments: Sequence[str]) -> typer.Typer:
-    """The application for one call with these words after `dr`.
-
-    The first word that is not an option names the command. The modules of all others are not
-    loaded.
-    """
+    """The application for one call: the first word that is not an option names the command."""
     columns = shutil.get_terminal_size().columns
     folded = {"terminal_width": columns - 1} if NARROWEST <= columns < HELP_COLUMNS else {}
     app = typer.Typer(
@@ -93,7 +86,6 @@ def application(arguments: Sequence[str]) -> typer.Typer:
 
 
 def load(command: Command) -> Any:
-    """The function or Typer application behind a command, with -q unless it takes any option."""
     module, name = command.place
     target = getattr(import_module(f"drcli.cli.commands.{module}"), name)
     if not isinstance(target, typer.Typer):
@@ -108,11 +100,7 @@ def load(command: Command) -> Any:
 
 
 class _Reading:
-    """Reads the value of one parameter.
-
-    Takes a value that already has its type as it is. For all others, Typer loads pydantic, which
-    takes longer than most commands.
-    """
+    """Takes a value of the right type as it is: Typer would load pydantic, which is slow."""
 
     def __init__(self, typers: Callable[[], Any]) -> None:
         self._typers = typers
@@ -141,7 +129,6 @@ class _Reading:
 
 
 def _in_plain_words(bad: Any, value: str) -> str:
-    """What is wrong with a value, without the words of pydantic."""
     for fault in getattr(bad.__cause__, "errors", list)():
         context = fault.get("ctx", {})
         kind = fault["type"]
@@ -159,7 +146,6 @@ def _in_plain_words(bad: Any, value: str) -> str:
 
 
 def _read(parameter: Any) -> Any:
-    """The parameter, which now reads its value as above."""
     # Older versions of Typer do without pydantic.
     if hasattr(parameter, "get_runtime_param") and "get_runtime_param" not in vars(parameter):
         reading = _Reading(parameter.get_runtime_param)
@@ -178,8 +164,6 @@ class _Group(TyperGroup):
 
 
 def _with_default(default: str) -> type[_Group]:
-    """A group whose subcommand `default` is meant if the first word names none."""
-
     class Group(_Group):
         default_command = default
 
@@ -197,10 +181,9 @@ _HELP = ("-h", "--help")
 
 
 class _Sections(_Group):
-    """The group of all commands: lists them by section, and suggests them after a wrong name."""
+    """Lists all commands by section."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find the command that the first word names."""
         word = args[0]
         if word not in self.commands and not word.startswith("-"):
             likely = ", ".join(f"'{name}'" for name in _likely(word))
@@ -209,7 +192,6 @@ class _Sections(_Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """List the commands for `dr --help`."""
         listed = [command for command in COMMANDS if not command.hidden]
         for section, commands in groupby(listed, lambda command: command.section):
             with formatter.section(section):
@@ -217,7 +199,6 @@ class _Sections(_Group):
 
 
 def _likely(word: str) -> list[str]:
-    """Commands that somebody may have meant, the most similar first."""
     names = [command.name for command in COMMANDS if not command.hidden]
     typed = word[:LONGEST_COMPARED].casefold().removeprefix("dr-")
     if typed in names:
@@ -264,10 +245,7 @@ def _global_options(
 
 
 def _with_quiet(function: Callable[..., None]) -> Callable[..., None]:
-    """The function of a command with the option -q, unless it has a parameter `quiet`.
-
-    Where -q means something else, as in DeepRacer-for-Cloud's viewer, there is only --quiet.
-    """
+    """Adds -q, or only --quiet where -q is taken."""
     signature = inspect.signature(function)
     if "quiet" in signature.parameters:
         return function
@@ -286,7 +264,6 @@ def _with_quiet(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _option_names(signature: inspect.Signature) -> set[str]:
-    """The names that the options of a command have."""
     names: set[str] = set()
     for parameter in signature.parameters.values():
         for fact in getattr(parameter.annotation, "__metadata__", ()):

@@ -1,7 +1,4 @@
-"""Every command by name, with the function behind it.
-
-All names of DeepRacer-for-Cloud are here, so that scripts written for it find each of them.
-"""
+"""Every command by name, with all of DeepRacer-for-Cloud's."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -22,13 +19,10 @@ class Command:
     """One command: `dr NAME` or `dr-NAME`.
 
     Attributes:
-        help: Its line in `dr --help`.
-        module: Module below `drcli.cli.commands`; called like the command if empty.
-        function: Function or Typer application there; called like the command if empty.
-        takes_any: Whether the command accepts any option: those of another program.
-        default: Subcommand that is meant if the first word names none.
-        hidden: Whether only our own scripts use it: no line in `dr --help`, no program.
-        section: Heading in `dr --help`.
+        module: Below `drcli.cli.commands`; empty: named like the command, as is `function`.
+        takes_any: Whether it accepts any option: those of another program.
+        default: Subcommand if the first word names none.
+        hidden: Only for our own scripts.
     """
 
     name: str
@@ -42,7 +36,6 @@ class Command:
 
     @property
     def place(self) -> tuple[str, str]:
-        """Module and function, also where they follow from the name."""
         name = self.name.replace("-", "_")
         return self.module or name, self.function or name
 
@@ -182,7 +175,6 @@ COMMANDS: tuple[Command, ...] = (
 
 
 def program_names() -> dict[str, str]:
-    """The name of each installed program, and the command that it runs."""
     programs = {
         name if (name := command.name).startswith("droa-") else f"dr-{name}": command.name
         for command in COMMANDS

@@ -1,8 +1,7 @@
-"""Installs completion with the Tab key: a script for each shell, which asks Typer.
+"""Installs completion with the Tab key, for all programs at once.
 
-Typer's own scripts serve one program each, and in bash they cannot complete `NAME=value`. These
-set the variables of Typer's script for fish, because its answer is the simplest: a line
-`word<Tab>meaning` for each candidate.
+Typer's own scripts serve one program each, and in bash cannot complete `NAME=value`. These use
+its answers for fish: a line `word<Tab>meaning` for each candidate.
 """
 
 import shlex
@@ -18,7 +17,7 @@ Shell = Literal["bash", "zsh", "fish"]
 SHELLS: tuple[Shell, ...] = get_args(Shell)
 
 QUESTION, LINE = "_DR_COMPLETE", "_TYPER_COMPLETE_ARGS"
-"""Variables of Typer: one says that a shell asks, the other holds the line up to the cursor."""
+"""Variables of Typer."""
 
 ASKS = {QUESTION: "complete_fish", "_TYPER_COMPLETE_FISH_ACTION": "get-args"}
 
@@ -78,7 +77,6 @@ _TEMPLATES: dict[Shell, str] = {"bash": _BASH, "zsh": _ZSH, "fish": _FISH}
 
 
 def script(shell: Shell) -> str:
-    """The lines for a shell, for all programs at once."""
     text = _TEMPLATES[shell].replace("{ask}", _ASK)
     return text.replace("{programs}", " ".join(program_names()))
 
@@ -117,7 +115,7 @@ def shell_of(environ: Mapping[str, str]) -> Shell:
 
 
 def install(shell: Shell, environ: Mapping[str, str]) -> Installed:
-    """Write the script and let new shells load it. Doing it again changes nothing.
+    """Write the script and let new shells load it. May be repeated.
 
     Raises:
         SettingsError: A file cannot be written, or the user has no home.

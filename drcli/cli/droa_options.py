@@ -1,4 +1,4 @@
-"""Options that all `droa-*` commands share, and the connection that they describe."""
+"""Options and connection of all `droa-*` commands."""
 
 import inspect
 import sys
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 
 pause: Callable[[float], None] = time.sleep
-"""Waits between two questions to the server; tests replace it."""
-
 _PANEL: tuple[tuple[str, str], ...] = (
     ("url", "Address of DeepRacer on AWS, instead of DR_DROA_URL."),
     ("username", "User, instead of DR_DROA_USERNAME."),
@@ -37,13 +35,13 @@ _PANEL: tuple[tuple[str, str], ...] = (
 
 
 class Connection:
-    """Connects when a command is ready for it, because checks of its own come first."""
+    """Connects only when a command is ready for it."""
 
     def __init__(self, given: dict[str, str | None]) -> None:
         self._given = given
 
     def refuse_no_site(self) -> None:
-        """Refuse a command that does not say which site it means, before it does anything slow.
+        """Refuse a missing site before anything slow.
 
         Raises:
             SettingsError: The address is missing or wrong.
@@ -53,7 +51,7 @@ class Connection:
         refuse_no_site(self._site_options(), settings().droa.url)
 
     def session(self) -> "DroaSession":
-        """The user; nothing has been asked yet but env.js.
+        """The user, before any request but env.js.
 
         Raises:
             DrError: A setting is missing or wrong, or env.js cannot be read.
@@ -104,7 +102,7 @@ class Connection:
 def connected(
     command: Callable[Concatenate[Connection, P], None],
 ) -> Callable[P, None]:
-    """A command with the options above; its first parameter becomes the connection."""
+    """Gives a command these options, and the connection as first parameter."""
     signature = inspect.signature(command)
 
     @wraps(command)

@@ -1,4 +1,4 @@
-"""The modes of `dr evaluate` that drive more than one evaluation."""
+"""Modes of `dr evaluate` with more than one evaluation."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,13 +20,10 @@ class Many:
     """What the options ask for.
 
     Attributes:
-        models: Prefixes, maybe with wildcards; empty for the model of the settings.
-        worlds: Tracks; empty for that of the settings.
-        robust: Whether to drive the grid of disturbances.
-        seed: Of all random numbers.
-        own: What drives instead of a checkpoint.
-        fresh_laps: How many laps from fresh starts to drive instead of the trials; 0 for none.
-        against: What drives from the same starts, as `Rival.parse` reads it; empty for nothing.
+        models: Prefixes or wildcards; empty: the settings', as with `worlds`.
+        robust: Drive the grid of disturbances.
+        fresh_laps: Laps from fresh starts instead of the trials.
+        against: As `Rival.parse` reads it.
     """
 
     models: list[str]
@@ -39,10 +36,10 @@ class Many:
 
 
 def evaluate_many(settings: "Settings", asked: Many, *, quiet: bool, as_json: bool) -> None:
-    """Drive all models on all tracks, and show the table; of a single model, what it drove.
+    """Drive all models on all tracks, and show the table.
 
     Raises:
-        typer.BadParameter: The other side of a comparison is not named in a way that can be read.
+        typer.BadParameter: The other side of a comparison cannot be read.
     """
     from drcli.base.errors import WorkerDied
     from drcli.base.problems import BadValue, shown
@@ -89,7 +86,6 @@ def evaluate_many(settings: "Settings", asked: Many, *, quiet: bool, as_json: bo
 def evaluate_in_a_loop(
     settings: "Settings", seed: int | None, *, quiet: bool, as_json: bool
 ) -> None:
-    """Evaluate until Ctrl-C or dr-stop-evaluation, and show the table of best laps."""
     from drcli.runs.evaluation_loop import run_loop
 
     say = _say(quiet=quiet)

@@ -1,4 +1,4 @@
-"""Options of `dr evaluate` that change a setting for one evaluation, and how they are read."""
+"""Options of `dr evaluate` that change a setting."""
 
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,10 +21,8 @@ OPTIONS = {
     "DR_EVAL_AVERAGE_LAPS": "--average-laps",
     "DR_EVAL_SAVE_MP4": "--video",
 }
-"""The option for each setting that can be given here."""
-
 MOST_LAPS = 1000
-"""Laps of one evaluation from fresh starts: enough to tell 90 from 93 % clean."""
+"""Enough to tell 90 from 93 % clean."""
 
 _PANEL = "How to drive"
 
@@ -98,7 +96,7 @@ Against = Annotated[
 
 
 def with_options(settings: "Settings", **given: Any) -> "Settings":
-    """The settings with those that an option has changed, by DR_ name; None changes nothing.
+    """The settings with those that an option has changed.
 
     Raises:
         typer.BadParameter: A value does not fit.
@@ -124,5 +122,4 @@ def with_options(settings: "Settings", **given: Any) -> "Settings":
 
 
 def listed(text: str | None) -> list[str]:
-    """The words of a list with commas."""
     return [word.strip() for word in (text or "").split(",") if word.strip()]

@@ -1,4 +1,4 @@
-"""Options that the exports of a checkpoint share, and the choice that they make."""
+"""Options that the exports of a checkpoint share."""
 
 from typing import TYPE_CHECKING, Annotated
 

@@ -1,4 +1,4 @@
-"""Downloads community tracks that a start needs and that are missing."""
+"""Downloads missing community tracks that a start needs."""
 
 from typing import TYPE_CHECKING
 
@@ -9,9 +9,7 @@ if TYPE_CHECKING:
 
 
 def bring_tracks(settings: "Settings") -> None:
-    """Download missing tracks, as DR_TRACKS_FETCH says: always, or after asking.
-
-    Tracks that stay missing are reported later, with all other problems.
+    """Download missing tracks, as DR_TRACKS_FETCH says.
 
     Raises:
         Aborted: The answer is no.

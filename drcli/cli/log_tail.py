@@ -1,4 +1,4 @@
-"""Shows the end of a log file, and lines that are added later."""
+"""Shows the end of a log file, and later lines."""
 
 import os
 import re
@@ -18,8 +18,6 @@ POLL_S = 0.3
 _BLOCK_BYTES = 1 << 20
 
 _MOST_BYTES = 16 << 20
-"""Most bytes to read at once: a log may be larger than the free memory."""
-
 
 _TIMED = re.compile(
     r'^(?:(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3})Z |\{"time": "(\d{4}-[^"]*)Z")', re.MULTILINE
@@ -33,14 +31,7 @@ def show_log(
     *,
     since: datetime | None = None,
 ) -> None:
-    """Print the last lines of a log, or all with None, and new lines while `follow` is true.
-
-    Args:
-        path: The current file of the log.
-        last_lines: How many of its lines to begin with.
-        follow: Whether to wait for more.
-        since: Begin with the first line that has this time or a later one.
-    """
+    """Print the last lines of a log, or all, and new ones while `follow` is true."""
     whole = last_lines is None or since is not None
     tail = Tail(path, None if whole else last_lines)
     try:
@@ -59,7 +50,6 @@ def show_log(
 
 
 def chosen(pieces: Iterable[str], last_lines: int | None, since: datetime | None) -> Iterator[str]:
-    """What is wanted of a log that comes in pieces: lines since a time, or the last of them."""
     if since is not None:
         pieces = _since(pieces, since)
     if last_lines is None:
@@ -74,7 +64,6 @@ def chosen(pieces: Iterable[str], last_lines: int | None, since: datetime | None
 
 
 def _since(pieces: Iterable[str], since: datetime) -> Iterator[str]:
-    """The log from the first line on whose time is not before `since`."""
     limit = since.astimezone(UTC).isoformat(timespec="milliseconds")[:23]
     rest, found = "", False
     for piece in pieces:
@@ -91,13 +80,7 @@ def _since(pieces: Iterable[str], since: datetime) -> Iterator[str]:
 
 
 class Tail:
-    """Reads a log file that may appear later, be replaced or emptied.
-
-    Args:
-        path: The file.
-        last_lines: Number of existing lines to begin with; None for all. A file that appears later
-            is read from its beginning.
-    """
+    """Reads a log file that may appear later, be replaced or emptied."""
 
     def __init__(self, path: Path, last_lines: int | None = None) -> None:
         self._path = path
@@ -106,7 +89,7 @@ class Tail:
         self._unfinished = b""
 
     def read(self, *, unfinished: bool = False) -> str:
-        """New lines, at most 16 MB; with `unfinished`, also a last line that has no end yet."""
+        """New lines, at most 16 MB; `unfinished`: also one without an end."""
         data = self._added()
         end = data.rfind(b"\n") + 1
         if len(data) < _MOST_BYTES:
@@ -117,12 +100,11 @@ class Tail:
         return data[:end].decode("utf-8", "replace")
 
     def __del__(self) -> None:
-        """Close the file, which stays open because it may be renamed before it is read."""
+        """Kept open: it may be renamed before it is read."""
         if self._file is not None:
             self._file.close()
 
     def _added(self) -> bytes:
-        """New bytes, after the part of a line that was read before."""
         if self._file is None:
             return self._begin()
         if os.fstat(self._file.fileno()).st_size < self._file.tell():
@@ -157,10 +139,7 @@ class Tail:
 
 
 def older(log: Path, since: datetime | None = None) -> Iterator[str]:
-    """The rotated parts of a log, oldest first, in pieces; without the current file.
-
-    Parts to which nothing was written `since` a time are left out.
-    """
+    """The rotated parts of a log, oldest first."""
     for part in log_files.older_parts(log):
         if since is not None and part.stat().st_mtime < since.timestamp():
             continue
@@ -170,7 +149,6 @@ def older(log: Path, since: datetime | None = None) -> Iterator[str]:
 
 
 def _seek_last_lines(file: BinaryIO, count: int) -> None:
-    """Go to a position with at least so many lines behind it, reading only from there."""
     position = file.seek(0, os.SEEK_END)
     found = 0
     while position and found <= count:

@@ -1,4 +1,4 @@
-"""Opens a page in the browser of the person at this machine."""
+"""Opens a page in this person's browser."""
 
 import os
 import shlex
@@ -20,14 +20,10 @@ _LEADS_TO = """<!doctype html>
 
 
 def open_page(url: str, program: str = "") -> None:
-    """Open a page if a browser could show it here, and not on another machine.
+    """Open a page if a browser could show it here, or with `program`.
 
-    An address with a token is not given to the program, because every user of the machine can read
-    the arguments of a process: it gets a file that leads to the page.
-
-    Args:
-        url: Its address.
-        program: Opens it in any case, such as "firefox --new-tab"; empty for the usual browser.
+    An address with a token is passed in a file: every user of the machine can read the arguments
+    of a process.
 
     Raises:
         SettingsError: The program does not start.

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
 
 def _not_a_digit(delimiter: str | None) -> str | None:
-    """Refuse a delimiter that ends in a digit, which would look like part of the number."""
     if delimiter is not None and (not delimiter or delimiter[-1].isdigit()):
         raise typer.BadParameter("-d must end in a character that is not a digit, such as - or _.")
     return delimiter
@@ -71,40 +70,33 @@ Delimiter = Annotated[
 
 
 def force_option(text: str) -> Any:
-    """The option -f, which leaves questions out, with this help."""
     return typer.Option("-f", "--force", "--yes", help=text)
 
 
 def models_argument(metavar: str, text: str) -> Any:
-    """An argument that takes prefixes of models."""
     return typer.Argument(metavar=metavar, help=text, autocompletion=candidates.model_prefixes)
 
 
 def wipe_option(text: str) -> Any:
-    """The option -w with this help."""
     return typer.Option("-w", "--wipe", help=text)
 
 
 def prefix_option(text: str, *names: str) -> Any:
-    """An option, -p if not named otherwise, that takes the prefix of a model."""
     names = names or ("-p", "--prefix")
     complete = candidates.model_prefixes
     return typer.Option(*names, metavar="PREFIX", help=text, autocompletion=complete)
 
 
 def world_option(text: str, *short: str) -> Any:
-    """The option --world with this help."""
     names = ("--world", *short)
     return typer.Option(*names, metavar="TRACK", help=text, autocompletion=candidates.worlds)
 
 
 def best_option(verb: str) -> Any:
-    """An option that chooses the best checkpoint; `verb` says what the command does with it."""
     return typer.Option("-b", "--best", help=f"{verb} the best checkpoint.")
 
 
 def checkpoint_option(verb: str, *names: str) -> Any:
-    """An option, -c and --checkpoint if not named otherwise, that chooses a checkpoint."""
     return typer.Option(
         *(names or ("-c", "--checkpoint")),
         metavar="WHICH",
@@ -117,7 +109,7 @@ World = Annotated[str | None, world_option("Name this track instead of the model
 
 
 def parsed_checkpoint(text: str | None, option: str = "--checkpoint") -> "CheckpointChoice | None":
-    """The checkpoint that the value of an option names; None if it was not given.
+    """The checkpoint of an option.
 
     Raises:
         BadParameter: It names none.
@@ -138,7 +130,7 @@ def checkpoint_choice(
 ) -> "CheckpointChoice":
     """The checkpoint that -b or -c chooses.
 
-    Without them, commands of DeepRacer-for-Cloud take the last one, as there, and ours the best.
+    By default, commands of DeepRacer-for-Cloud take the last one, ours the best.
 
     Raises:
         BadParameter: Both are given, or -c names none.
@@ -154,13 +146,7 @@ def checkpoint_choice(
 def in_options(
     error: ProblemsError, options: Mapping[str, str], given: Collection[str]
 ) -> Exception:
-    """The error with options instead of settings, if a setting that was given caused it.
-
-    Args:
-        error: What is wrong with settings.
-        options: The option for each DR_ name.
-        given: DR_ names whose values came from the command line.
-    """
+    """The error with options instead of settings, where one was `given`."""
 
     def option(match: "re.Match[str]") -> str:
         if match[1] is None:  # a command

@@ -1,4 +1,4 @@
-"""Entry points of the programs. Ctrl-C may end them at any time."""
+"""Entry points; Ctrl-C may end them at any time."""
 
 import os
 import shlex
@@ -7,7 +7,7 @@ import sys
 
 
 def main() -> None:
-    """Run the command line, for `dr` and every `dr-...`.
+    """Run the command line.
 
     Raises:
         SystemExit: Always, with the exit code.
@@ -38,7 +38,7 @@ def main() -> None:
 
 
 def answer_former_shells() -> None:
-    """Answer `drcli-complete SHELL WORD...`, which shells call that version 0.1.0 has set up."""
+    """Answer `drcli-complete SHELL WORD...` of version 0.1.0."""
     from drcli.cli.completion import ASKS, LINE
 
     words = [word.strip("\"'") for word in sys.argv[2:]]

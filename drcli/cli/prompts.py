@@ -1,7 +1,6 @@
-"""Asks questions on stderr and reads the answers from stdin.
+"""Asks questions on stderr, with answers from stdin.
 
-A terminal need not have a person: a cell of a notebook is one, too. So a question waits for a
-minute at most.
+They wait for a minute: the terminal may be a cell of a notebook.
 """
 
 import signal
@@ -15,11 +14,7 @@ from drcli.base.errors import Aborted, SettingsError
 from drcli.cli import console
 
 PATIENCE_S = 60.0
-"""How long a question on a terminal waits for an answer."""
-
 _PIPE_WAIT_S = 1.0
-"""Longest time to wait for an answer in a pipe."""
-
 T = TypeVar("T")
 
 
@@ -30,11 +25,9 @@ def agree(
     remedy: str = "Add -f (or --yes) to answer yes.",
     words: Sequence[str] = (),
 ) -> None:
-    """Ask before something is lost or replaced, unless an option has said yes already.
+    """Ask before something is lost or replaced, unless an option says yes.
 
-    Waits for an answer on a terminal only, for a minute. Elsewhere it takes the answer from
-    standard input, as in `echo y | dr-...`; without one, the answer is no. The remedy says how to
-    avoid the question. `words` are other answers that mean yes.
+    Without a terminal, the answer comes from a pipe, as in `echo y | dr-...`, or is no.
 
     Raises:
         Aborted: The answer is no.
@@ -52,7 +45,7 @@ def agree(
 
 
 def ask(question: str, default: str, choices: Sequence[str] = ()) -> str:
-    """Ask for one of these words, or for any; Enter takes the default. For terminals only.
+    """Ask on a terminal; Enter takes the default.
 
     Raises:
         Aborted: Nobody answers.
@@ -72,12 +65,10 @@ def ask(question: str, default: str, choices: Sequence[str] = ()) -> str:
 
 
 def secret(question: str, remedy: str) -> str:
-    """Ask for a secret, which is not shown while it is typed.
-
-    Without a terminal it is taken from standard input, as in `pass show droa | droa-...`.
+    """Ask for a secret without showing it, or take it from a pipe.
 
     Raises:
-        SettingsError: There is none. The remedy says how to give it.
+        SettingsError: There is none.
         Aborted: Nobody answers.
     """
     if sys.stdin.isatty():
@@ -98,7 +89,6 @@ def secret(question: str, remedy: str) -> str:
 
 
 def may_ask() -> bool:
-    """Whether the command runs on a terminal, where somebody can answer."""
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
@@ -107,12 +97,6 @@ class _TooLate(Exception):
 
 
 def _within_patience(read: Callable[[], T], remedy: str) -> T:
-    """What is read from a terminal.
-
-    Raises:
-        Aborted: Nobody answers within a minute; that is a no.
-    """
-
     def give_up(_number: int, _frame: FrameType | None) -> None:
         raise _TooLate
 
@@ -133,7 +117,6 @@ def _within_patience(read: Callable[[], T], remedy: str) -> T:
 
 
 def _line_in_pipe() -> str:
-    """A line from standard input; empty when none comes, as from a pipe that stays silent."""
     lines: list[str] = []
     reader = threading.Thread(target=lambda: lines.append(sys.stdin.readline()), daemon=True)
     reader.start()

@@ -1,4 +1,4 @@
-"""What the commands of races share: the bucket, the race that is meant, how it is shown."""
+"""What the commands of races share."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,7 +23,6 @@ Closes = Annotated[
 
 
 def print_race(report: "RaceReport", *, as_json: bool) -> None:
-    """Print a race, and what is damaged of it."""
     from drcli.races.race_limit import with_limit
 
     loaded = settings()
@@ -33,21 +32,20 @@ def print_race(report: "RaceReport", *, as_json: bool) -> None:
 
 
 def open_races(loaded: "Settings") -> "Bucket":
-    """The bucket of the races; its server is started if needed."""
+    """Starts the server if needed."""
     from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
 
     return open_bucket(loaded.storage, patience_s=COMMAND_PATIENCE_S)
 
 
 def races_to_look_at(loaded: "Settings") -> "Bucket | None":
-    """The bucket for readers, which need no server; None if there is nothing."""
+    """For readers, which need no server."""
     from drcli.store.connect import open_running_bucket
 
     return open_running_bucket(loaded.storage)
 
 
 def found_race(loaded: "Settings", race: str) -> "tuple[Bucket, str]":
-    """The bucket, and the id of the race that a text names."""
     from drcli.races.stored_race import find_race
 
     bucket = open_races(loaded)

@@ -111,7 +111,7 @@ Opens = Annotated[
 
 
 def object_settings(race_type: RaceKind, obstacles: int | None, bots: int | None) -> dict[str, str]:
-    """What the numbers of objects mean as settings.
+    """Settings for the numbers of objects.
 
     Raises:
         typer.BadParameter: The race has no such objects.

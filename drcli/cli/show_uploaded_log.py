@@ -1,4 +1,4 @@
-"""Shows the copy of a log in the bucket, and what the machine that writes it uploads later."""
+"""Shows the uploaded copy of a log."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -13,15 +13,11 @@ if TYPE_CHECKING:
     from drcli.runs.uploaded_log import UploadedLog
 
 LOOK_S = 20.0
-"""Pause between two looks at the bucket: a training uploads its logs every five minutes."""
+"""Logs are uploaded every five minutes."""
 
 
 def show_uploaded_log(log: "UploadedLog", last_lines: int | None, since: datetime | None) -> bytes:
-    """Print a log or its last lines.
-
-    Returns:
-        What was read of it, or at least its end.
-    """
+    """Print a log or its end, and return that."""
     if last_lines is not None and since is None:
         text = log.last_lines(last_lines)
         console.write(text.decode("utf-8", "replace"))
@@ -40,13 +36,6 @@ def show_uploaded_log(log: "UploadedLog", last_lines: int | None, since: datetim
 
 
 def follow_uploaded_log(log: "UploadedLog", shown: bytes, until: Callable[[], bool]) -> None:
-    """Print what is added to the copy of a log, until something happens or Ctrl-C.
-
-    Args:
-        log: What was shown.
-        shown: The end of it.
-        until: Whether to stop, looked at often.
-    """
     from drcli.runs.uploaded_log import UploadedTail
 
     tail = UploadedTail(log.bucket, log.key, shown)

@@ -1,4 +1,4 @@
-"""Options that the `dr-spot` commands share, and the account that they describe."""
+"""Options and account of the `dr-spot` commands."""
 
 import os
 from typing import TYPE_CHECKING, Annotated
@@ -25,13 +25,7 @@ Yes = Annotated[bool, typer.Option("-y", "--yes", "-f", "--force", help="Do not 
 
 
 def account(region: str | None, profile: str | None, loaded: "Settings | None" = None) -> "Account":
-    """The account of these options, else of the settings, else of the AWS files.
-
-    Args:
-        region: Option.
-        profile: Option.
-        loaded: Settings; None to read those of the working folder, if there are any.
-    """
+    """The account of these options, else of the settings, else of the AWS files."""
     from drcli.spot.aws_account import Account
 
     if loaded is None and (working_folder() / "run.env").is_file():
@@ -50,7 +44,7 @@ def account(region: str | None, profile: str | None, loaded: "Settings | None" =
 
 
 def usual_region(profile: str | None) -> str:
-    """The region that the AWS command would use, else Amazon's first one."""
+    """The AWS command's region, else Amazon's first."""
     from drcli.config.value_types import HOME_REGION
     from drcli.spot.aws_account import PROFILE_SETTING
     from drcli.store.profiles import read_profile

@@ -1,4 +1,4 @@
-"""Shows a running training: as a live display, as lines, or by its logs."""
+"""Shows a running training: live, as lines, or by its logs."""
 
 import threading
 import time
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from drcli.runs.status import RunReport
 
 POLL_S = 1.0
-"""Time between two reports; each takes processor time from the training."""
-
 NEXT = [
     ("dr-logs trainer -f", "follow the trainer's log"),
     ("dr-status", "show the progress"),
@@ -27,17 +25,11 @@ NEXT = [
 ]
 
 Show = Callable[["RunReport"], None]
-"""Shows one report of a run."""
-
 Display = AbstractContextManager[Show]
 
 
 def until_the_end(config: "RunConfig", display: Display) -> "RunReport | None":
-    """Watch until the training ends.
-
-    Returns:
-        The last report, or None after Ctrl-C or a closed pipe.
-    """
+    """Watch a training; None after Ctrl-C or a closed pipe."""
     try:
         with display as show:
             for report in _reports(config):
@@ -70,7 +62,6 @@ def meanwhile(config: "RunConfig", display: Display) -> Iterator[None]:
 
 @contextmanager
 def live(*, verbose: bool) -> Iterator[Show]:
-    """A display that is redrawn."""
     from rich.live import Live
 
     with Live(console=console.err, auto_refresh=False) as screen:
@@ -80,7 +71,7 @@ def live(*, verbose: bool) -> Iterator[Show]:
 
 
 def lines(before: "Sequence[IterationRecord]", *, verbose: bool) -> Display:
-    """A line for every iteration, except those `before`, of earlier starts."""
+    """Every iteration, except those `before`, of earlier starts."""
     # An iteration that is repeated has the same number and another time.
     printed = {(record.iteration, record.elapsed_s) for record in before}
     warned = False
@@ -101,7 +92,7 @@ def lines(before: "Sequence[IterationRecord]", *, verbose: bool) -> Display:
 
 
 def logs(paths: Mapping[str, Path]) -> Display:
-    """Lines that are added to the workers' logs from now on; with several, after their names."""
+    """New lines of the workers' logs."""
     tails = {name: Tail(path, last_lines=0) for name, path in paths.items()}
     for tail in tails.values():
         tail.read()
@@ -115,17 +106,14 @@ def logs(paths: Mapping[str, Path]) -> Display:
 
 
 def nothing() -> Display:
-    """No display."""
     return nullcontext(lambda report: None)
 
 
 def is_over(report: "RunReport") -> bool:
-    """Whether the run has ended."""
     return report.state not in ("starting", "running")
 
 
 def _reports(config: "RunConfig", stop: threading.Event | None = None) -> "Iterator[RunReport]":
-    """Reports until the training ends or, with a `stop`, one more after that is set."""
     from drcli.runs.status import inspect
     from drcli.store.history import HistoryReader
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def working_folder() -> Path:
-    """The folder of run.env: DR_DIR if that is set, else the current folder.
+    """The folder of run.env: DR_DIR, else the current folder.
 
     Raises:
         SettingsError: The current folder was deleted.
@@ -65,10 +65,7 @@ def settings() -> "Settings":
 
 
 def settings_or_defaults(flags: Mapping[str, str] | None = None) -> "Settings":
-    """The settings of the working folder; the defaults in a folder that is yet to become one.
-
-    Args:
-        flags: Values of options by DR_ name.
+    """The settings; the defaults outside of a working folder.
 
     Raises:
         SettingsError: One is wrong, or DR_DIR is.
@@ -83,14 +80,10 @@ def settings_or_defaults(flags: Mapping[str, str] | None = None) -> "Settings":
 
 
 def settings_for_files(words: Sequence[str]) -> "Settings":
-    """The settings of the working folder; outside of one, the defaults if all words name files.
-
-    Args:
-        words: What the racer named: files and folders, or models.
+    """The settings; outside of a working folder, the defaults if all words name files.
 
     Raises:
-        SettingsError: As for `settings`; or outside of a working folder, a word
-            can only be a path, and nothing is there.
+        SettingsError: As for `settings`, or a word names no file.
     """
     from drcli.config.loading import load_settings
 
@@ -108,7 +101,6 @@ def settings_for_files(words: Sequence[str]) -> "Settings":
 
 @cache
 def _mention(folder: Path, here: Path) -> None:
-    """Warn once that the current folder is not used."""
     console.warn(
         f"Using DR_DIR={folder}, not {here}, which has a run.env too. "
         "To use the current folder, `unset DR_DIR` or source its bin/activate.sh."

@@ -1,1 +1,1 @@
-"""Settings: run.env, system.env and worker-N.env declared, read, layered, edited."""
+"""Settings: run.env, system.env and worker-N.env."""

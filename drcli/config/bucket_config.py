@@ -1,4 +1,4 @@
-"""What the parts of a run are told about buckets, models in them, and files to copy there."""
+"""What the parts of a run are told about buckets."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +17,10 @@ class StorageConfig:
     """Where the bucket is.
 
     Attributes:
-        cloud: DR_CLOUD. `local` is served by ourselves, `remote` and `azure` by an S3 address,
-            `aws` by Amazon.
-        data_dir: Folder of the local server; objects are in `<data_dir>/<bucket>/`.
-        port: DR_LOCAL_S3_PORT. None lets the first start choose a free one, which is then kept.
-        endpoint_url: DR_REMOTE_MINIO_URL, for `remote` and `azure`.
-        profile: DR_LOCAL_S3_PROFILE, ignored for `local`. None leaves the search for keys to boto3.
+        cloud: `local` is served by ourselves, `remote` and `azure` by an S3 address.
+        data_dir: Objects of the local server are in `<data_dir>/<bucket>/`.
+        port: None: the first start chooses a free one, which is kept.
+        profile: Ignored for `local`. None leaves the search for keys to boto3.
     """
 
     cloud: Cloud
@@ -37,24 +35,18 @@ class StorageConfig:
 
     @property
     def at_amazon(self) -> bool:
-        """Whether Amazon bills the requests; what another server costs is not known."""
+        """Whether Amazon bills the requests."""
         host = urlsplit(self.endpoint_url or "").hostname or ""
         return self.cloud == "aws" or (self.cloud != "local" and host.endswith(".amazonaws.com"))
 
     @property
     def aws_profile(self) -> str | None:
-        """The profile for other services of Amazon; None if the bucket is not there."""
         return self.profile if self.cloud == "aws" else None
 
 
 @dataclass(frozen=True)
 class UploadConfig:
-    """The second bucket, which models are copied to and from.
-
-    Attributes:
-        endpoint_url: DR_UPLOAD_S3_ENDPOINT_URL; empty to use that of the profile.
-        region: DR_AWS_APP_REGION, for a profile without a region.
-    """
+    """The second bucket."""
 
     bucket: str
     profile: str | None
@@ -64,22 +56,13 @@ class UploadConfig:
 
 @dataclass(frozen=True)
 class TransferConfig:
-    """The two buckets between which models are copied."""
-
     own: StorageConfig
     upload: UploadConfig
 
 
 @dataclass(frozen=True)
 class DroaConfig:
-    """DeepRacer on AWS.
-
-    Attributes:
-        url: DR_DROA_URL, the address of its web page; empty if not set.
-        username: DR_DROA_USERNAME; empty if not set.
-        debug: DR_DROA_DEBUG.
-        aws_endpoint_url: DR_DROA_AWS_ENDPOINT_URL; empty for Amazon's own addresses.
-    """
+    """DeepRacer on AWS; texts are empty if not set."""
 
     url: str
     username: str
@@ -89,7 +72,7 @@ class DroaConfig:
 
 @dataclass(frozen=True)
 class CustomFilesConfig:
-    """Where the racer's three files are: a folder on this machine, and places in the bucket."""
+    """The racer's three files."""
 
     folder: Path
     prefix: str
@@ -100,8 +83,6 @@ class CustomFilesConfig:
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """The model in the bucket."""
-
     prefix: str
     metrics_prefix: str
     metric: str
@@ -112,7 +93,7 @@ class ModelConfig:
 
 @dataclass(frozen=True)
 class PretrainedConfig:
-    """The model whose weights a new model begins with, and where its two settings were given."""
+    """The model whose weights a new model begins with."""
 
     prefix: str
     checkpoint: CheckpointChoice

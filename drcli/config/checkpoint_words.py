@@ -1,4 +1,4 @@
-"""The words that choose a checkpoint of a model, in settings and on command lines."""
+"""The words that choose a checkpoint."""
 
 import re
 from typing import Annotated, Literal, get_args
@@ -7,16 +7,10 @@ from drcli.base.problems import BadValue, closest
 from drcli.config.value_types import Check, Shape
 
 CheckpointWord = Literal["last", "best", "first-lap", "three-laps", "best-lap"]
-"""The newest, the one with the best evaluation, and the milestones of the training."""
-
 CheckpointChoice = CheckpointWord | int
-"""A word, or the number of a checkpoint."""
-
 WORDS: tuple[CheckpointWord, ...] = get_args(CheckpointWord)
 
 MOST_NUMBER = 10**9
-"""More iterations than any training has."""
-
 _NAME = re.compile(r"(\d{1,12})(?:_Step-\d{1,18}(?:\.ckpt)?)?")
 
 
@@ -46,11 +40,8 @@ CheckpointText = Annotated[
     Check(lambda text: str(parse_checkpoint(text))),
     Shape(f"one of {', '.join(WORDS)}, or the number of a checkpoint"),
 ]
-"""The choice as text, so that it can travel with the other settings."""
-
 OptionalCheckpointText = Annotated[
     str,
     Check(lambda text: str(parse_checkpoint(text)) if text.strip() else ""),
     Shape(f"one of {', '.join(WORDS)}, the number of a checkpoint, or nothing"),
 ]
-"""The same, or nothing."""

@@ -10,12 +10,11 @@ from drcli.config.value_types import BUCKET_RULE, RUN_FOLDERS, follows_s3
 
 
 def contradictions(settings: Settings) -> Iterator[Problem]:
-    """Values that fit on their own but not together, and one that the reference refuses."""
+    """Values that do not fit together, and one that the reference refuses."""
 
     def problem(
         names: tuple[str, ...], message: str, remedy: str, severity: Severity = "error"
     ) -> Problem:
-        """A problem at the first of these settings that somebody has set."""
         name = next((name for name in names if name in settings.sources), names[-1])
         return setting_problem(name, settings.place(name), message, remedy, severity=severity)
 
@@ -119,7 +118,6 @@ def contradictions(settings: Settings) -> Iterator[Problem]:
 
 
 def _models_named(settings: Settings) -> Iterator[tuple[str, str]]:
-    """DR_ name and prefix of each model in the racer's bucket that the settings name."""
     yield "DR_LOCAL_S3_MODEL_PREFIX", settings.model_prefix
     if settings.pretrained:
         yield "DR_LOCAL_S3_PRETRAINED_PREFIX", settings.pretrained_prefix

@@ -1,4 +1,4 @@
-"""Changes values in settings files, and leaves everything else in them as it is."""
+"""Changes values in settings files, and leaves everything else as it is."""
 
 import codecs
 import hashlib
@@ -35,7 +35,6 @@ _QUOTED = re.compile(r"""([^\S\r\n]*)(['"])((?:\\.|(?!\2)[^\\])*)\2(.*)""", re.D
 _BARE = re.compile(
     r"([^\S\r\n]*?)((?:\S[^\r\n]*?)?)((?:[^\S\r\n]+#[^\r\n]*)?[^\S\r\n]*(?:\r\n|\n|\r)?)"
 )
-"""The text after the =: space, value, and the rest of the line."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ class FilesChanged(SettingsError):
 
 
 def version_of(data: bytes | None) -> str:
-    """A short text that changes with the content of a file; empty if there is no file."""
+    """Changes with the content; empty without a file."""
     return "" if data is None else hashlib.sha256(data).hexdigest()[:24]
 
 
@@ -90,20 +89,10 @@ def set_values(
     keep_old: bool = False,
     write: bool = True,
 ) -> Edit:
-    """Write values into the files in which they belong.
+    """Write values into the files in which they belong; run.env is that of the experiment.
 
-    A name is changed where it is; a new one goes to the file of its kind. Everything is checked
-    before anything is written: old mistakes may stay, new ones are refused.
-
-    Args:
-        directory: The racer's working folder.
-        wanted: Texts by name, maybe with `$NAME` in them.
-        file: Write into that file instead; run.env is the one of the experiment, if there is one.
-        environ: Process environment; `os.environ` when None.
-        seen: Versions of the files that the values were made for, by name; other files are changed
-            whatever is in them.
-        keep_old: Whether a file that changes is kept as NAME.bak.
-        write: Whether to write at all, or only to check.
+    Everything is checked before anything is written: old mistakes may stay, new ones are refused.
+    `seen` has versions of files that the values were made for. `keep_old` keeps NAME.bak.
 
     Raises:
         ProblemsError: A value would be wrong; nothing was changed.
@@ -134,9 +123,8 @@ def set_values(
 def with_values(data: bytes, values: Mapping[str, str], name: str) -> bytes:
     """The content of a settings file with other values for some names.
 
-    Everything else stays as it is: comments, order, quotes, line ends, byte order mark. If a name
-    occurs twice, the last line is changed. A new name gets a line at the end. Values must have no
-    quotes or line breaks, and the content no problems.
+    All else stays: comments, order, quotes, line ends, byte order mark. Of a name twice, the last
+    line is changed; a new one goes to the end. Values must have no quotes or line breaks.
 
     Raises:
         ProblemsError: The content is not text.
@@ -159,10 +147,7 @@ def with_values(data: bytes, values: Mapping[str, str], name: str) -> bytes:
 
 
 def with_any_value(data: bytes, key: str, value: str, name: str) -> bytes | None:
-    """`with_values` for one value, in quotes where it needs them; a `$` in it keeps its meaning.
-
-    Returns:
-        None where quotes do not help, or the value is not text.
+    """One value, quoted where needed; None where that is impossible.
 
     Raises:
         ProblemsError: The content is not text.
@@ -180,7 +165,6 @@ def with_any_value(data: bytes, key: str, value: str, name: str) -> bytes | None
 
 
 def _line_with(line: str, value: str) -> str:
-    """A NAME=value line with another value, in the quotes that it had."""
     head, equals, rest = line.partition("=")
     quoted = _QUOTED.fullmatch(rest)
     if quoted is not None:
@@ -192,8 +176,6 @@ def _line_with(line: str, value: str) -> str:
 
 
 class _Texts:
-    """The contents of the two settings files while they are changed."""
-
     def __init__(self, directory: Path, run_file: str) -> None:
         self._run_file = run_file
         self._data = {
@@ -205,19 +187,12 @@ class _Texts:
 
     @property
     def changed(self) -> dict[str, bytes]:
-        """New contents by name."""
         return {name: data for name, data in self._data.items() if data != self._original[name]}
 
     def original(self, name: str) -> bytes:
-        """What a file had before."""
         return self._original[name]
 
     def refuse_other(self, name: str, version: str) -> None:
-        """Refuse a file that is not of this version; others are not touched.
-
-        Raises:
-            FilesChanged: It is not.
-        """
         if name in self._original and version_of(self._original[name]) != version:
             raise FilesChanged(
                 f"{name} was changed on the disk after this page had read it.",
@@ -225,11 +200,9 @@ class _Texts:
             )
 
     def named(self, file: FileName) -> str:
-        """The file as it is called in the working folder."""
         return self._run_file if file == "run.env" else file
 
     def of(self, name: str) -> str:
-        """The file that has a name, else the one in which it belongs."""
         for file in self._data:
             if name in self._entries(file):
                 return file
@@ -237,11 +210,6 @@ class _Texts:
         return self.named(known.file) if known is not None else self._run_file
 
     def set(self, name: str, value: str, file: str) -> None:
-        """Change one value.
-
-        Raises:
-            ProblemsError: It cannot be written into its line.
-        """
         old = self._entries(file).get(name)
         data = with_any_value(self._data[file], name, value, file)
         if data is None:
@@ -254,7 +222,6 @@ class _Texts:
         self.changes.append(Change(name, was, hidden(name, value), file))
 
     def stronger(self, change: Change, environ: Mapping[str, str]) -> str | None:
-        """What wins over a changed value, as a sentence."""
         if environ.get(change.name, "").strip():
             return (
                 f"environment: {change.name} is set there and overrides {change.file}. "
@@ -275,11 +242,7 @@ def _refuse_mistakes(
     contents: Mapping[str, bytes],
     environ: Mapping[str, str],
 ) -> list[str]:
-    """Load the settings as they will be, and return what is odd about them that was not before.
-
-    Raises:
-        ProblemsError: Something is wrong that was not before, or a value that was just given.
-    """
+    """Returns what is newly odd."""
     # The environment would hide the values that are to be checked.
     others = {name: value for name, value in environ.items() if name not in wanted}
     # A track may be named before it is fetched.
@@ -293,7 +256,6 @@ def _refuse_mistakes(
 
 
 def _as_it_was(problem: Problem) -> Problem:
-    """A mistake that was not written into the file, so it has no line there."""
     if problem.line is None:
         return problem
     return replace(problem, file=f"{problem.file} stays as it was", line=None)

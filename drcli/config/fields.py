@@ -1,8 +1,6 @@
 """How a DR_ name is declared: one field with its type, default, range and meaning.
 
-Pydantic's core reads the flags and numbers that somebody wrote, one by one: to load the rest of it
-and to build a model of all the fields takes a quarter of a second, and every command reads
-settings.
+Pydantic's core reads only what somebody wrote: all of pydantic takes a quarter of a second.
 """
 
 import inspect
@@ -22,11 +20,9 @@ from drcli.config.value_types import Check, Shape
 T = TypeVar("T")
 
 Effect = Literal["used", "accepted", "planned"]
-"""Whether a setting does something here: `accepted` is harmless to ignore, `planned` is not."""
+"""`accepted` is harmless to ignore, `planned` is not."""
 
 FileName = Literal["run.env", "system.env"]
-"""Where a setting belongs; it works in both files."""
-
 _UNREADABLE = {
     "flag": "is neither True nor False",
     "whole": "is not a whole number",
@@ -35,13 +31,7 @@ _UNREADABLE = {
 
 
 class Group:
-    """Settings that belong together.
-
-    Attributes:
-        title: Heading in the documentation.
-        file: Where they belong, unless a setting says otherwise.
-        ignored: Why they may be ignored for good, unless a setting says otherwise.
-    """
+    """Settings that belong together, usually in `file`; `ignored`: why they do nothing."""
 
     title: ClassVar[str]
     file: ClassVar[FileName]
@@ -56,20 +46,14 @@ class Group:
 
 @dataclass(frozen=True)
 class Setting:
-    """What is known about one DR_ name; `declared` fills in what has a default here.
+    """What is known about one DR_ name; `declared` fills in the defaults.
 
     Attributes:
-        meaning: One line for the documentation.
-        old_names: Names that earlier versions of the reference used for it.
-        effect: Whether it does something here.
-        reason: Why it has no effect.
-        own_file: Where it belongs, if not where its group does.
-        cosmetic: Whether it only changes how something looks: a wrong value is a warning, and the
-            default is used.
-        field: Attribute of `Settings`.
-        kind: What its text must be: text, flag, whole, number, choice, path or list.
+        old_names: Names in earlier versions of the reference.
+        cosmetic: A wrong value is a warning, and the default is used.
+        kind: text, flag, whole, number, choice, path or list.
         shape: What a text may be.
-        check: Checks a text that fits the kind and returns the value; None where any will do.
+        check: Returns the value of a text of that kind.
     """
 
     name: str
@@ -92,12 +76,11 @@ class Setting:
 
     @property
     def default_text(self) -> str:
-        """The default as it would be written in a settings file."""
         return self.text(self.default)
 
     @property
     def expected(self) -> str:
-        """What may be written, as it reads after `Set it to`."""
+        """As it reads after `Set it to`."""
         words = {
             "flag": "True or False",
             "whole": "a whole number",
@@ -113,13 +96,13 @@ class Setting:
         return text if self.low is None else f"{text}, {self.low} or more"
 
     def text(self, value: Any) -> str:
-        """A value as it would be written in a settings file; `read` turns it back."""
+        """A value as in a settings file."""
         if self.kind == "list":
             return ";".join(f"{progress},{lane}" for progress, lane in value)
         return "" if value is None else str(value)
 
     def read(self, text: str) -> Any:
-        """The value that a text means; a choice may be in any letter case.
+        """The value that a text means.
 
         Raises:
             BadValue: The text does not fit.
@@ -165,9 +148,7 @@ def setting(
 ) -> T:
     """Declare a field of a group: see `Setting`. Texts of defaults may hold `$NAME`.
 
-    `low` is the least number allowed, `between` the least and the greatest one.
-    `planned` says why it does nothing although somebody who changes it expects an effect, `ignored`
-    why it may be ignored for good, `file` where it belongs if not where its group does.
+    `planned`: why it does nothing although somebody expects an effect; `ignored`: why for good.
     """
     effect: Effect = "planned" if planned else "accepted" if ignored else "used"
     reason = planned or ignored
@@ -187,7 +168,7 @@ def _reader(kind: str, low: float | None, high: float | None) -> SchemaValidator
 
 
 def declared(model: type[Any]) -> Mapping[str, Setting]:
-    """Every setting of a model by its DR_ name, in the order of declaration."""
+    """Every setting of a model by its DR_ name."""
     found = {}
     groups = [base for base in reversed(model.__mro__) if issubclass(base, Group)]
     for group in groups:
@@ -223,7 +204,7 @@ def _kind(annotation: Any) -> tuple[str, tuple[str, ...]]:
 
 
 class FrozenGroups(SimpleNamespace):
-    """Groups of settings as one frozen value, which can travel to another process as JSON."""
+    """Groups of settings as one frozen value, also as JSON."""
 
     declared: ClassVar[Mapping[str, Setting]]
 
@@ -235,18 +216,16 @@ class FrozenGroups(SimpleNamespace):
         raise AttributeError(f"{type(self).__name__} is frozen; change {name} with `replaced`.")
 
     def replaced(self, **changes: Any) -> Self:
-        """The same with other values for some fields."""
         if unknown := changes.keys() - vars(self).keys():
             raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}.")
         return type(self)(**{**vars(self), **changes})
 
     def to_json(self) -> dict[str, Any]:
-        """The texts that the settings files would hold, by field."""
         return {item.field: item.text(getattr(self, item.field)) for item in self.declared.values()}
 
     @classmethod
     def from_json(cls, value: Any) -> Self:
-        """Read what `to_json` made, and check every value.
+        """Read and check what `to_json` made.
 
         Raises:
             RecordError: A setting is missing or its value is not allowed.
@@ -255,7 +234,7 @@ class FrozenGroups(SimpleNamespace):
 
     @classmethod
     def values_of(cls, value: Any) -> dict[str, Any]:
-        """The values of the settings in what `to_json` made, by field; raises like `from_json`."""
+        """The same as values by field."""
         if not isinstance(value, dict):
             raise RecordError("a group of settings is not an object with keys")
         found = {}

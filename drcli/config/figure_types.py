@@ -1,4 +1,4 @@
-"""Checks of texts for the settings of live figures."""
+"""Checks of settings of live figures."""
 
 import re
 from typing import Annotated
@@ -8,10 +8,9 @@ from drcli.base.problems import BadValue
 from drcli.config.value_types import Check, Shape, is_address
 
 THIS_MACHINE = "127.0.0.1"
-"""An empty address would be all of the machine's, and let everybody read the figures."""
+"""An empty address would let everybody read the figures."""
 
 LOOPBACK_HOSTS = frozenset({THIS_MACHINE, "::1", "localhost"})
-"""Addresses that only this machine can reach."""
 
 
 def _host(value: str) -> str:

@@ -1,7 +1,6 @@
-"""Loads system.env and run.env into typed, frozen settings.
+"""Loads system.env and run.env into typed, frozen settings, with all problems at once.
 
-Settings win in this order: flag, process environment, run.env, system.env, default. A load collects
-everything that is wrong or odd, so that one start reports all of it.
+The order is flag, process environment, run.env, system.env, default.
 """
 
 import os
@@ -44,7 +43,7 @@ WORKER_NAMES = (
     "DR_CAR_MAX_SPEED",
     "DR_CAR_BATTERY",
 )
-"""Settings that worker-N.env may change, besides all that begin with one of the following."""
+"""In worker-N.env, besides those that begin as follows."""
 
 WORKER_STEMS = ("DR_OA_", "DR_H2B_", "DR_SIM_")
 
@@ -56,13 +55,7 @@ def load_settings(
     environ: Mapping[str, str] | None = None,
     contents: Mapping[str, bytes] | None = None,
 ) -> Settings:
-    """Read and check all settings.
-
-    Args:
-        directory: Folder with run.env and, usually, system.env.
-        flags: Values from the command line, by DR_ name.
-        environ: Process environment; `os.environ` when None.
-        contents: Content of files, by names such as `run.env`, to use instead of those on the disk.
+    """Read and check all settings; `contents` replace files on the disk.
 
     Raises:
         ProblemsError: Something is wrong, or there is no run.env.
@@ -79,11 +72,6 @@ def active_run_file(
 ) -> str:
     """Name of the active run.env: that of the experiment, if there is one.
 
-    Args:
-        directory: Folder with run.env.
-        flags: Values from the command line, by DR_ name.
-        environ: Process environment; `os.environ` when None.
-
     Raises:
         SettingsError: There is no such experiment, or system.env cannot be read.
     """
@@ -94,28 +82,16 @@ def active_run_file(
 
 
 def _outside(flags: Mapping[str, str], environ: Mapping[str, str] | None) -> list[dict[str, Entry]]:
-    """The layers above the files, the strongest first."""
     chosen = activation.chosen(os.environ if environ is None else environ)
     return [given(flags, "flag"), given(chosen, "environment")]
 
 
 class _Loader:
-    """One load: collects problems until it can raise or return."""
-
     def __init__(self, files: SettingsFiles) -> None:
         self._files = files
         self._problems = files.problems
 
     def load(self, outside: list[dict[str, Entry]], worker: int | None = None) -> Settings:
-        """Read everything.
-
-        Args:
-            outside: Layers above the files.
-            worker: Number of the worker whose own file goes on top of all, counted from 1.
-
-        Raises:
-            ProblemsError: Something is wrong, or there is no run.env.
-        """
         system = self._system()
         experiment = self._files.experiment([*outside, system])
         run = self._files.read(self._files.run_file(outside, experiment))
@@ -161,10 +137,7 @@ class _Loader:
         return settings.replaced(problems=tuple(self._problems), overrides=overrides)
 
     def _refuse_errors(self, race: RaceConfig | None = None) -> None:
-        """Raise what was found so far, in the order of reading, if there is an error.
-
-        An unknown track of the race is then told too; alone, it keeps no settings from loading.
-        """
+        """An unknown track is told then too; alone, it keeps no settings from loading."""
         if any(problem.severity == "error" for problem in self._problems):
             track = track_problem(race) if race is not None else None
             if track is not None and track.severity == "error":
@@ -180,7 +153,6 @@ class _Loader:
         return {}
 
     def _worker_file(self, folder: str, worker: int) -> dict[str, Entry]:
-        """The entries of a worker's own file that may differ from worker to worker."""
         name = f"{folder}worker-{worker}.env"
         if not self._files.exist(name):
             what = (
@@ -204,7 +176,6 @@ class _Loader:
     def _overrides(
         self, settings: Settings, outside: list[dict[str, Entry]]
     ) -> tuple[Override, ...]:
-        """What the files of the second and all further workers change."""
         overrides: list[Override] = []
         for worker in range(2, settings.workers + 1):
             loader = _Loader(SettingsFiles(self._files.directory, self._files.contents))
@@ -219,7 +190,6 @@ class _Loader:
         return tuple(overrides)
 
     def _add(self, problems: Iterable[Problem]) -> None:
-        """Add problems that are not in the list yet."""
         self._problems += [each for each in problems if each not in self._problems]
 
     def _refuse_late_experiment(self, run: dict[str, Entry], experiment: str) -> None:
@@ -230,7 +200,6 @@ class _Loader:
             self._problems.append(setting_problem(EXPERIMENT, entry.place, what, remedy))
 
     def _resolve(self, entries: list[dict[str, Entry]]) -> tuple[Layers, dict[str, Any]]:
-        """Values by field name; wrong ones without effect are dropped from the layers."""
         # Other values refer to defaults, and some defaults refer to other names.
         defaults = {name: setting.default_text for name, setting in catalogue().items()}
         while True:
@@ -244,7 +213,6 @@ class _Loader:
                     layer.pop(name, None)
 
     def _values(self, layers: Layers) -> tuple[dict[str, Any], set[str]]:
-        """Values by field name, and the names of wrong ones without effect."""
         dropped: set[str] = set()
         texts: dict[str, str] = {}
         values: dict[str, Any] = {}
@@ -273,11 +241,6 @@ class _Loader:
         return values, dropped
 
     def _value(self, setting: Setting, text: str) -> Any:
-        """The value of a text; folders are absolute.
-
-        Raises:
-            BadValue: The text does not fit.
-        """
         value = setting.read(text)
         if not all(character >= " " for character in text):
             remedy = f"Remove it from {setting.name}."
@@ -291,7 +254,6 @@ class _Loader:
             raise BadValue(reason, "Write the whole path, or set HOME.") from e
 
     def _blame(self, name: str, problem: Problem, dropped: set[str]) -> None:
-        """Add what is wrong with a setting; only a warning where it does not matter."""
         setting = catalogue()[name]
         harmless = ""
         if setting.effect != "used":
@@ -306,13 +268,12 @@ class _Loader:
 
 
 def is_of_worker(name: str) -> bool:
-    """Whether a setting may differ from worker to worker; old names count as the present ones."""
+    """Whether a setting, also by an old name, may differ from worker to worker."""
     present = old_names().get(name, name)
     return present in WORKER_NAMES or present.startswith(WORKER_STEMS)
 
 
 def _override(layers: Layers, own: dict[str, Entry], values: dict[str, Any]) -> Override:
-    """What a worker's own file says, with everything filled in."""
     known = [name for name in own if name in catalogue() and layers.find(name) is own[name]]
     fields = [catalogue()[name].field for name in known]
     return Override(

@@ -1,4 +1,4 @@
-"""Plans a working folder, or an experiment in one, in which a training can start at once."""
+"""Plans a working folder, or an experiment, in which a training can start at once."""
 
 import re
 import shlex
@@ -22,17 +22,13 @@ from drcli.config.value_types import FOLDER_NAME
 from drcli.config.write_folder import FolderPlan, NewFile
 
 CURRICULUM = "curriculum.yaml"
-"""The example of a training in stages."""
-
 OVERTAKE = "overtake.py"
-"""The reward function of its stage with bots: staying near the middle would not let a car pass."""
+"""Near the middle, no car could pass."""
 
 EXAMPLES = {"OBJECT_AVOIDANCE": "rewards/object_avoidance/", "HEAD_TO_BOT": "rewards/head_to_bot/"}
-"""Folders of the example files for a race; other races use those at the top."""
+"""Other races use those at the top."""
 
 IGNORED = "/data/"
-"""What git shall leave out: bucket, logs and records of runs."""
-
 _FIRST_LINE = (
     "# Source this in bash or zsh: source bin/activate.sh [-e EXPERIMENT] [FILE]. Written by "
     "`dr init`.\n"
@@ -51,11 +47,7 @@ def plan_folder(
 ) -> FolderPlan:
     """Work out a working folder; nothing is written yet.
 
-    Args:
-        folder: The folder; it need not exist.
-        values: Texts of settings by DR_ name that replace those of the example files.
-        preset: Settings and files that replace them too, unless `values` say otherwise.
-        files_of_model: The three files of a model by name; without them, those of the preset.
+    `values` win over `files_of_model` and preset, these over the example files.
 
     Raises:
         ProblemsError: A value is wrong.
@@ -79,7 +71,6 @@ def plan_folder(
 
 
 def with_curriculum(plan: FolderPlan) -> FolderPlan:
-    """The same folder or experiment, with the example of a training in stages."""
     files = []
     for file in plan.files:
         data, (here, _, name) = file.data, file.name.rpartition("/")
@@ -100,17 +91,7 @@ def plan_experiment(
     preset: Preset | None = None,
     files_of_model: Mapping[str, bytes] | None = None,
 ) -> FolderPlan:
-    """Work out experiments/<name>/, as a copy of what the working folder has now.
-
-    The experiment gets another model and a free DR_RUN_ID, so that it can run at the same time as
-    the others.
-
-    Args:
-        folder: A working folder.
-        name: Name of the experiment.
-        values: Texts of settings by DR_ name that differ from those of the working folder.
-        preset: Settings and files that replace its, unless `values` say otherwise.
-        files_of_model: The three files of a model by name; without them, those of the folder.
+    """Work out experiments/<name>/, a copy of the working folder with another model and run id.
 
     Raises:
         ProblemsError: A value is wrong, or belongs in system.env, which experiments share.
@@ -166,24 +147,18 @@ def plan_experiment(
 
 
 def has_activate_script(folder: Path) -> bool:
-    """Whether bin/activate.sh of a working folder is ours; the reference has its own."""
+    """Whether bin/activate.sh is ours; the reference has its own."""
     path = folder / "bin" / "activate.sh"
     return path.is_file() and content_of(path, path.name).startswith(_FIRST_LINE.encode())
 
 
 def _shared(values: Mapping[str, str]) -> list[str]:
-    """The names that the example of system.env has, some of them commented out."""
     data = _uncommented(settings_file("system.env").read_bytes())
     known = parse_env(data, "system.env").last
     return [name for name in values if name in known]
 
 
 def _filled(data: bytes, values: Mapping[str, str], name: str) -> bytes:
-    """A settings file with values; lines that are commented out are used for them.
-
-    Raises:
-        ProblemsError: A value cannot be written there, or the file is not text.
-    """
     there = parse_env(data, name).last
     lines = data.splitlines(keepends=True)
     for index, line in enumerate(lines):
@@ -207,7 +182,6 @@ def _uncommented(data: bytes) -> bytes:
 
 
 def _refuse_name(experiment: str) -> None:
-    """Refuse a name that cannot be a folder in experiments/."""
     if not FOLDER_NAME.fullmatch(experiment):
         what = f"{EXPERIMENT}={shown(experiment)} is not a plain folder name."
         remedy = "Use letters, digits and the characters . _ -"
@@ -216,7 +190,6 @@ def _refuse_name(experiment: str) -> None:
 
 
 def _with_preset(data: bytes, preset: Preset | None, values: Mapping[str, str]) -> bytes:
-    """A run.env with the settings of a preset, except those that get another of the `values`."""
     if preset is None:
         return data
     there = set(parse_env(_uncommented(data), "run.env").last)
@@ -231,10 +204,7 @@ def _custom_files(
     preset: Preset | None,
     files_of_model: Mapping[str, bytes] | None,
 ) -> list[NewFile]:
-    """The files of a model, those of a preset, or the example files for a race.
-
-    The reward function of a preset is for a car alone, so that of a race with others wins.
-    """
+    """In a race with others, its reward function wins over the preset's."""
     if files_of_model is not None:
         return [NewFile(f"{folder}/{name}", files_of_model[name]) for name in MODEL_FILES]
     examples = EXAMPLES.get(race_type.upper(), "")
@@ -258,7 +228,6 @@ def _activate() -> str:
 
 
 def _gitignore(path: Path) -> bytes:
-    """The racer's own lines and ours."""
     before = content_of(path, path.name) if path.is_file() else b""
     if IGNORED.encode() in before.splitlines():
         return before
@@ -267,7 +236,6 @@ def _gitignore(path: Path) -> bytes:
 
 
 def _missing_track(settings: Settings) -> tuple[str | None, tuple[str, ...]]:
-    """The track if it has to be fetched first, and what to do about one that is not installed."""
     problem = track_problem(settings.race)
     if problem is None:
         return None, ()
@@ -275,7 +243,6 @@ def _missing_track(settings: Settings) -> tuple[str | None, tuple[str, ...]]:
 
 
 def _free_run_id(folder: Path) -> int:
-    """The first number that no run.env of this folder uses."""
     used = set()
     for file in (folder / "run.env", *folder.glob("experiments/*/run.env")):
         name = str(file.relative_to(folder))

@@ -1,4 +1,4 @@
-"""Presets: files and settings for a purpose, which `dr init --preset` writes into a new folder."""
+"""Presets: files and settings for a purpose."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,20 +14,11 @@ PRESET_SETTINGS = "preset.env"
 MODEL_FILES = ("reward_function.py", "hyperparameters.json", "model_metadata.json")
 
 EXAMPLES = {"virtual": "rewards/speed"}
-"""Presets whose files of a model are those of a shipped example."""
 
 
 @dataclass(frozen=True)
 class Preset:
-    """A folder of the shipped presets.
-
-    Attributes:
-        summary: What it is for, one sentence.
-        settings: Texts by DR_ name.
-        reasons: Why it has these settings, by DR_ name.
-        env: Its settings file, with comments; empty without one.
-        files: Its files of a model, by name; a preset need not have all three.
-    """
+    """A shipped preset; it need not have all three files, or settings."""
 
     name: str
     summary: str
@@ -37,7 +28,7 @@ class Preset:
     files: dict[str, bytes]
 
     def section(self, without: set[str]) -> bytes:
-        """Its settings as a part of run.env, but without those that stand there already."""
+        """Its settings for run.env, without those that stand there."""
         lines: list[str] = []
         for block in _blocks(self.env.decode()):
             kept = [line for line in block if _name(line) not in without]
@@ -101,7 +92,6 @@ class PresetReports:
 
 
 def preset_names() -> list[str]:
-    """Names of the shipped presets."""
     folder = presets_folder()
     return sorted(path.name for path in folder.iterdir() if path.is_dir() and _files(path))
 
@@ -132,7 +122,7 @@ def preset_of(name: str) -> Preset:
 
 
 def explain(names: list[str], settings: Settings | None) -> PresetReports:
-    """Presets, or all of them without names, beside the settings of a working folder, if any.
+    """Some presets, or all, beside the settings of a working folder.
 
     Raises:
         SettingsError: There is no preset of a name.
@@ -161,7 +151,6 @@ def _value(setting: Setting, value: str, reason: str, settings: Settings | None)
 
 
 def _files(folder: Path) -> list[Path]:
-    """The files of a preset; those of a model may be elsewhere."""
     example = EXAMPLES.get(folder.name)
     model = folder if example is None else model_file(example)
     paths = (folder / PRESET_SETTINGS, *(model / name for name in MODEL_FILES))
@@ -169,23 +158,19 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _summary(text: str, files: list[str]) -> str:
-    """The first comment; without one, what the preset consists of."""
     first = text.partition("\n")[0]
     return first.removeprefix("#").strip() or f"Its own {' and '.join(files)}."
 
 
 def _blocks(text: str) -> list[list[str]]:
-    """Lines between empty lines: comments, and the settings that they explain."""
     return [block.splitlines() for block in text.split("\n\n") if block.strip()]
 
 
 def _name(line: str) -> str:
-    """The setting that a line gives; empty for a comment."""
     return "" if line.startswith("#") else line.partition("=")[0].strip()
 
 
 def _reasons(text: str) -> dict[str, str]:
-    """The comment above each setting."""
     reasons: dict[str, str] = {}
     for block in _blocks(text):
         comment = " ".join(line.lstrip("# ") for line in block if line.startswith("#"))

@@ -1,4 +1,4 @@
-"""The narrow values that the parts of a run are given, made of small groups of settings."""
+"""The narrow values that the parts of a run are given."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -34,17 +34,11 @@ from drcli.config.groups.unattended import (
 from drcli.config.setting_problems import setting_problem
 
 SUPERVISOR_ONLY = frozenset({*declared(MessageSettings), "DR_ON_END"})
-"""Settings that no worker or command of a run needs. They hold addresses of people, and a command
-that may contain anything, so no copy of a model tells them."""
+"""Addresses and a command that no copy of a model tells."""
 
 
 class PlacedSettings(FrozenGroups):
-    """Settings that know where each of them was given.
-
-    Attributes:
-        directory: Folder with run.env and system.env, absolute.
-        sources: Place at which each setting was given; defaults are absent.
-    """
+    """Settings with the places at which they were given."""
 
     directory: Path
     sources: Mapping[str, Place]
@@ -52,15 +46,15 @@ class PlacedSettings(FrozenGroups):
 
     @property
     def tracks_folder(self) -> Path:
-        """Folder with the racer's own route files; it need not exist."""
+        """It need not exist."""
         return self.directory / (self.tracks_dir or "tracks")
 
     def place(self, name: str) -> Place:
-        """Where a DR_ setting was given; the file is `default` where nobody gave it."""
+        """The file is `default` where nobody gave it."""
         return self.sources.get(name, Place("default"))
 
     def source(self, name: str) -> str:
-        """The place as text: `run.env line 7`, `environment`, `flag` or `default`."""
+        """`run.env line 7`, `environment`, `flag` or `default`."""
         return str(self.place(name))
 
 
@@ -73,11 +67,10 @@ class RaceConfig(
     RealismSettings,
     OwnCarSettings,
 ):
-    """What one simulation worker drives: track, race, starts of episodes, sim-to-real extras."""
+    """What one simulation worker drives."""
 
     @property
     def untrainable(self) -> Problem | None:
-        """Why no model can be trained in this race; None where one can."""
         if self.race_type != "HEAD_TO_MODEL":
             return None
         return setting_problem(
@@ -88,13 +81,12 @@ class RaceConfig(
         )
 
     def to_json(self) -> dict[str, Any]:
-        """The texts by field, the folder and the places."""
         folder = str(self.directory)
         return super().to_json() | {"directory": folder, "sources": dict(self.sources)}
 
     @classmethod
     def from_json(cls, value: Any) -> Self:
-        """Read what `to_json` made, and check every value.
+        """Read and check what `to_json` made.
 
         Raises:
             RecordError: Something is missing or its value is not allowed.
@@ -109,7 +101,7 @@ class _Places:
 
 
 class TrainConfig(FrozenGroups, TrainSettings, FailureSettings, ProcessorSettings):
-    """How to train: workers, goals, evaluations during the training, failures, the processor."""
+    """How to train."""
 
 
 class EvaluationConfig(FrozenGroups, EvaluationSettings, OpponentSettings):
@@ -124,25 +116,20 @@ class UnattendedConfig(
     WatchSettings,
     MessageSettings,
 ):
-    """What happens to a training that nobody watches."""
+    """For a training that nobody watches."""
 
 
 class LogConfig(FrozenGroups, LogSettings):
-    """The logs of a run: their size, their form, and whether they also go to CloudWatch."""
+    """The logs of a run."""
 
 
 class FigureConfig(FrozenGroups, FigureSettings):
-    """Where else the figures of a training go while it runs."""
+    """Where the figures of a training go."""
 
 
 @dataclass(frozen=True)
 class WebConfig:
-    """Where the console listens.
-
-    Attributes:
-        port_place: Where DR_WEBVIEWER_PORT was given.
-        asks_token: Whether who opens it needs its token.
-    """
+    """Where the console listens."""
 
     host: str
     port: int
@@ -151,19 +138,15 @@ class WebConfig:
 
     @property
     def is_chosen(self) -> bool:
-        """Whether somebody has chosen the port."""
         return self.port_place.file != "default"
 
 
 @dataclass(frozen=True)
 class RunConfig:
-    """Everything that the processes of a training or an evaluation need to know.
+    """Everything that the processes of a run need to know.
 
     Attributes:
-        races: For the first worker, and for all others that have a race of their own.
-        given: The settings that somebody has given, without secrets, as texts by DR_ name: for
-            commands that the run calls while the files may be edited for another training.
-        eval_world_place: Where DR_TRAIN_EVAL_WORLD was given.
+        given: Without secrets: for commands that the run calls while the files may be edited.
         live_view: Whether workers show what they do to viewers on this machine.
     """
 
@@ -182,16 +165,15 @@ class RunConfig:
     live_view: bool = True
 
     def race(self, worker: int = 0) -> RaceConfig:
-        """What a simulation worker drives, counted from 0."""
+        """Of a worker, counted from 0."""
         return self.races[worker if worker < len(self.races) else 0]
 
     def second_race(self, race: RaceConfig) -> RaceConfig | None:
-        """The same race on DR_TRAIN_EVAL_WORLD; None without that second track."""
         return on_world(race, self.train.train_eval_world, self.eval_world_place)
 
 
 def on_world(race: RaceConfig, world: str, place: Place) -> RaceConfig | None:
-    """A race on another track, whose name was given at that place; None without a name."""
+    """A race on another track; None without a name."""
     if not world:
         return None
     return race.replaced(world_name=world, sources={**race.sources, "DR_WORLD_NAME": place})

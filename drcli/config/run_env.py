@@ -1,4 +1,4 @@
-"""Edits the active run.env: new values in one step, with a copy of the old file."""
+"""Edits the active run.env in one step, with a copy of the old file."""
 
 import re
 import shutil
@@ -18,15 +18,13 @@ from drcli.config.settings import Settings
 from drcli.config.settings_files import parse_env
 
 DELIMITER = "-"
-"""Comes before the first number of a name."""
-
 _REFERENCE = re.compile(r"\$\{\w+(?::-[^}]*)?\}|\$[A-Za-z_]\w*", re.ASCII)
 _NAME_AT_END = re.compile(r"\$([A-Za-z_]\w*)\Z", re.ASCII)
 
 
 @dataclass(frozen=True)
 class RunEnvEdit:
-    """A run.env of a working folder, with its content now and after the edit."""
+    """A run.env before and after the edit."""
 
     directory: Path
     path: Path
@@ -35,11 +33,10 @@ class RunEnvEdit:
 
     @property
     def backup(self) -> Path:
-        """Path of the copy of the old content."""
         return self.path.with_name(f"{self.path.name}.bak")
 
     def check(self) -> None:
-        """Refuse if the file was changed since it was read.
+        """Refuse a file that was changed since it was read.
 
         Raises:
             SettingsError: It was.
@@ -71,13 +68,13 @@ class RunEnvEdit:
 
 
 def file_name(settings: Settings) -> str:
-    """Path of the active run.env below the working folder: an experiment has its own."""
+    """Path below the working folder."""
     name = settings.experiment_name
     return f"experiments/{name}/run.env" if name else active_run_file(settings.directory)
 
 
 def written(settings: Settings, name: str) -> str | None:
-    """The text of a setting in that file, maybe with `$NAME` in it; None if it is not in there."""
+    """The text of a setting in that file, with `$NAME`."""
     file = file_name(settings)
     entry = parse_env(read_regular(settings.directory / file), file).last.get(name)
     return None if entry is None else entry.value
@@ -86,16 +83,10 @@ def written(settings: Settings, name: str) -> str | None:
 def plan_edit(
     settings: Settings, values: Mapping[str, str], texts: Mapping[str, str] | None = None
 ) -> RunEnvEdit:
-    """Work out an edit; nothing is changed yet.
-
-    Args:
-        settings: Name the file.
-        values: Names in the bucket and other words, by setting.
-        texts: Any texts by setting; they get quotes where they need them.
+    """Work out an edit with `values`, or with any `texts`, which get quotes where needed.
 
     Raises:
-        SettingsError: One of the names is set in the environment, which would win, or a text cannot
-            be written into its line.
+        SettingsError: The environment has a name too, or a text cannot be written.
     """
     texts = texts or {}
     refuse_stronger_values(settings, (*values, *texts))
@@ -115,10 +106,10 @@ def plan_edit(
 
 
 def refuse_stronger_values(settings: Settings, names: Iterable[str]) -> None:
-    """Refuse to edit settings that the environment has too: its values would win.
+    """Refuse to edit settings that the environment has too.
 
     Raises:
-        SettingsError: One of the names is set in the environment.
+        SettingsError: One of the names is set there.
     """
     for name in names:
         if settings.source(name) == "environment":
@@ -129,18 +120,10 @@ def refuse_stronger_values(settings: Settings, names: Iterable[str]) -> None:
 
 
 def raised(text: str, prefix: str, delimiter: str | None = None) -> tuple[str, str]:
-    """The name of the next model: the number at its end plus one, or with a first number.
+    """Text and prefix of the next model: the number at its end plus one, or a first number.
 
-    Leading zeros stay, so m-09 becomes m-10. A name that is only a number gets a second one, and
-    digits that belong to a `$NAME` do not count.
-
-    Args:
-        text: The prefix in the file, maybe with `$NAME` in it.
-        prefix: The same with everything filled in.
-        delimiter: The text before the number; anything but a digit if left out.
-
-    Returns:
-        Both for the next model.
+    Leading zeros stay, so m-09 becomes m-10. A name that is only a number gets a second one;
+    digits of a `$NAME` do not count.
     """
     digits = _number_at_end(text, delimiter)
     if digits:

@@ -1,8 +1,7 @@
-"""Hides secrets of the environment from a racer's code: access keys, passwords, tokens.
+"""Hides access keys, passwords and tokens from a racer's code.
 
-A process that calls a reward function gets them through a pipe. It must not have them in its
-environment, which that code could print, and which `/proc` shows to every process of the same user.
-The process lends them to the AWS library only while that looks for keys.
+A process that calls a reward function gets them through a pipe: that code could print the
+environment, which `/proc` shows to every process of the user. They are lent to the AWS library.
 """
 
 import ctypes
@@ -16,8 +15,6 @@ from contextlib import contextmanager, suppress
 from drcli.config.setting_problems import hidden
 
 _MORE = re.compile(r"PASSPHRASE|PRIVATE_?KEY|AUTHORIZATION|_PASS$|^RCLONE_AUTH_KEY$", re.IGNORECASE)
-"""Names of secrets besides those that `hidden` hides."""
-
 _PR_SET_DUMPABLE = 4
 
 _kept: dict[str, str] = {}
@@ -26,10 +23,7 @@ _lendings = 0
 
 
 def split(environment: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
-    """The harmless variables of an environment, and the secret ones.
-
-    The path of a file with secrets is not a secret.
-    """
+    """The harmless and the secret variables."""
     with _lock:  # another thread may just be lending
         everything = dict(environment)
     secret = {name: value for name, value in everything.items() if is_secret(name, value)}
@@ -37,7 +31,6 @@ def split(environment: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str
 
 
 def all_secrets() -> dict[str, str]:
-    """The secrets of this process: those in its environment, and those that it was given."""
     with _lock:
         return {**_kept, **split(os.environ)[1]}
 
@@ -50,7 +43,7 @@ def keep(secrets: Mapping[str, str]) -> None:
 
 @contextmanager
 def lent() -> Iterator[None]:
-    """Put the secrets into the environment for a moment, for the AWS library to find."""
+    """Put the secrets into the environment, for the AWS library."""
     global _lendings
     with _lock:
         _lendings += 1
@@ -69,8 +62,7 @@ def lent() -> Iterator[None]:
 def hide_process() -> None:
     """Let no other process of this user read memory and environment of this one; only on Linux.
 
-    Root may read the memory anyway, so the environment that `/proc` shows is overwritten too. This
-    process itself keeps its variables.
+    Root may read the memory anyway, so the environment that `/proc` shows is overwritten too.
     """
     if sys.platform != "linux":
         return
@@ -81,7 +73,6 @@ def hide_process() -> None:
 
 
 def _overwrite(library: ctypes.CDLL, secrets: Mapping[str, str]) -> None:
-    """Overwrite values where the system has put them, and give the process new copies of them."""
     block = ctypes.POINTER(ctypes.c_void_p).in_dll(library, "environ")
     index = 0
     while (address := block[index]) is not None:
@@ -95,7 +86,6 @@ def _overwrite(library: ctypes.CDLL, secrets: Mapping[str, str]) -> None:
 
 
 def is_secret(name: str, value: str) -> bool:
-    """Whether a variable of this name and value is hidden from a racer's code."""
     if name.endswith("_FILE"):
         return False
     return bool(value) and (hidden(name, value) != value or _MORE.search(name) is not None)

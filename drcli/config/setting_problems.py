@@ -1,4 +1,4 @@
-"""Problems with settings: which rule each one breaks, and which values may be shown."""
+"""Problems with settings: broken rules, and which values may be shown."""
 
 import re
 from urllib.parse import urlsplit
@@ -17,36 +17,31 @@ RULES = {
     "DR_TRAIN_ROUND_ROBIN_ADVANCE_DIST": "V-42",
     "DR_WORKERS": "V-45",
 }
-"""Settings with a rule of their own."""
-
 GENERAL_RULE = "V-12"
-"""The rule for all other settings, and for the files that hold them."""
-
 HIDDEN = "(hidden)"
 
 _SECRET = re.compile(
     r"SECRET|PASSWORD|PASSWD|TOKEN|CREDENTIAL|ACCESS_?KEY|API_?KEY|WEBHOOK", re.IGNORECASE
 )
-"""Names of variables with secrets, such as the AWS keys. Whoever knows the address of a webhook may
-write there; no other setting has such a name."""
+"""Whoever knows the address of a webhook may write there."""
 
 
 def setting_problem(
     name: str, place: Place, message: str, remedy: str, *, severity: Severity = "error"
 ) -> Problem:
-    """A problem with one setting; the message is a sentence with its name and value."""
+    """A problem with one setting; the message has its name and value."""
     return Problem(RULES.get(name, GENERAL_RULE), severity, *place, message, remedy, name)
 
 
 def file_problem(
     place: Place, message: str, remedy: str, *, severity: Severity = "error"
 ) -> Problem:
-    """A problem with a settings file, or with a line that is not a setting."""
+    """A problem with a file, or a line that is not a setting."""
     return Problem(GENERAL_RULE, severity, *place, message, remedy)
 
 
 def hidden(name: str, value: str) -> str:
-    """A value as it may be shown: no secret, and no password or signature in an address."""
+    """A value without a secret, password or signature."""
     if _SECRET.search(name):
         return HIDDEN if value else ""
     if "://" not in value:

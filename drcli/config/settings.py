@@ -64,8 +64,6 @@ from drcli.config.setting_problems import hidden
 
 @dataclass(frozen=True)
 class Override:
-    """What the file of one worker changes: values by field, and their places by DR_ name."""
-
     values: Mapping[str, Any]
     sources: Mapping[str, Place]
 
@@ -101,12 +99,12 @@ class Settings(
     TrainSettings,
     RaceSettings,
 ):
-    """Every DR_ setting, checked. `load_settings` makes one; planners take narrow values from it.
+    """Every DR_ setting, checked.
 
     Attributes:
-        extra: Names in the files that are not settings, with their values; `sources` has them too.
-        problems: Warnings: what was accepted but looks odd.
-        overrides: What worker-N.env changes, for the second worker first.
+        extra: Other names in the files.
+        problems: Warnings.
+        overrides: What worker-N.env changes, from the second worker on.
     """
 
     extra: Mapping[str, str]
@@ -115,23 +113,21 @@ class Settings(
 
     @property
     def custom_files_dir(self) -> Path:
-        """Folder on this machine with the racer's own three files."""
         if not self.experiment_name:
             return self.directory / "custom_files"
         return self.directory / "experiments" / self.experiment_name / "custom_files"
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The problems as sentences."""
         return tuple(few(map(str, self.problems)))
 
     @property
     def untrainable(self) -> Problem | None:
-        """Why no model can be trained with these settings; None where one can."""
+        """Why no model can be trained with these settings."""
         return next(filter(None, (race.untrainable for race in self.races)), None)
 
     def for_worker(self, worker: int) -> "Settings":
-        """The settings of one simulation worker, counted from 0; the first one has these."""
+        """Counted from 0; the first one has these."""
         if not 1 <= worker <= len(self.overrides):
             return self
         own = self.overrides[worker - 1]
@@ -139,7 +135,6 @@ class Settings(
 
     @property
     def storage(self) -> StorageConfig:
-        """Where the bucket is."""
         return StorageConfig(
             cloud=self.cloud,
             bucket=self.bucket,
@@ -154,7 +149,6 @@ class Settings(
 
     @property
     def transfer(self) -> TransferConfig:
-        """The bucket, and the one that models are copied to and from."""
         upload = UploadConfig(
             self.upload_s3_bucket,
             self.upload_s3_profile or None,
@@ -165,14 +159,12 @@ class Settings(
 
     @property
     def droa(self) -> DroaConfig:
-        """DeepRacer on AWS."""
         return DroaConfig(
             self.droa_url, self.droa_username, self.droa_debug, self.droa_aws_endpoint_url
         )
 
     @property
     def web(self) -> WebConfig:
-        """Where the console listens."""
         return WebConfig(
             self.webviewer_host,
             self.webviewer_port,
@@ -182,7 +174,6 @@ class Settings(
 
     @property
     def custom_files(self) -> CustomFilesConfig:
-        """The racer's own three files."""
         return CustomFilesConfig(
             self.custom_files_dir,
             self.custom_files_prefix,
@@ -193,7 +184,6 @@ class Settings(
 
     @property
     def model(self) -> ModelConfig:
-        """The model to train or evaluate."""
         return ModelConfig(
             prefix=self.model_prefix,
             metrics_prefix=self.metrics_prefix,
@@ -205,7 +195,7 @@ class Settings(
 
     @property
     def pretrained_model(self) -> PretrainedConfig | None:
-        """The model whose weights a new model begins with; None for fresh weights."""
+        """None for fresh weights."""
         if not self.pretrained:
             return None
         return PretrainedConfig(
@@ -217,7 +207,6 @@ class Settings(
 
     @property
     def race(self) -> RaceConfig:
-        """What the first simulation worker drives."""
         return RaceConfig(
             **self._of(RaceConfig),
             directory=self.directory,
@@ -226,12 +215,11 @@ class Settings(
 
     @property
     def races(self) -> tuple[RaceConfig, ...]:
-        """What the first worker drives, and all others that have a file of their own."""
+        """Of the first worker, and of others with a file of their own."""
         return tuple(self.for_worker(k).race for k in range(len(self.overrides) + 1))
 
     @property
     def run(self) -> RunConfig:
-        """What the processes of a training or an evaluation need to know."""
         return RunConfig(
             run_id=self.run_id,
             directory=self.directory,
@@ -249,7 +237,6 @@ class Settings(
         )
 
     def _given(self) -> dict[str, str]:
-        """Texts of the settings that somebody has given, except the secret ones."""
         texts = {
             name: setting.text(getattr(self, setting.field))
             for name, setting in catalogue().items()
@@ -258,10 +245,9 @@ class Settings(
         return {name: text for name, text in texts.items() if hidden(name, text) == text}
 
     def _of(self, part: type[FrozenGroups]) -> dict[str, Any]:
-        """The values of the groups that a narrow value has."""
         return {item.field: getattr(self, item.field) for item in part.declared.values()}
 
 
 def catalogue() -> Mapping[str, Setting]:
-    """Every setting by its DR_ name, in the order of the documentation."""
+    """Every setting, in the order of the documentation."""
     return Settings.declared

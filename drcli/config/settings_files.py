@@ -1,12 +1,9 @@
 """Reads the settings files of a working folder, and puts the values on top of each other.
 
-Files are read, never executed. Values may hold spaces and `=` and may be in quotes; `#` after a
-space starts a comment. The strongest layer that has a name wins: flags, then the environment, then
-run.env, then system.env.
+Files are read, never executed. Values may be in quotes; `#` after a space starts a comment.
 
-`$NAME` means the value that wins in the end, wherever it is set: a flag for the model prefix also
-moves the metrics folder that run.env derives from it. A name that refers to itself means the value
-in the layers below.
+`$NAME` means the value that wins in the end: a flag for the model prefix also moves the metrics
+folder that run.env derives from it. A name that refers to itself means the layers below.
 """
 
 import io
@@ -31,11 +28,9 @@ LARGEST_BYTES = 64 * 1024
 """A larger file was named by mistake."""
 
 LONGEST_VALUE = 4096
-"""Characters of a filled-in value, so that names that repeat each other cannot fill the memory."""
+"""Names that repeat each other must not fill the memory."""
 
 DEEPEST_CHAIN = 20
-"""Names that may refer to each other in a row."""
-
 LINE_END = re.compile(r"\r\n|\n|\r")
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -44,35 +39,32 @@ _REFERENCE = re.compile(r"\\\$|\$\{(\w+)(?::-([^}]*))?\}|\$([A-Za-z_]\w*)", re.A
 
 @dataclass(frozen=True)
 class Entry:
-    """One value that somebody gave to a name, without its quotes."""
+    """One value without its quotes; `expands`: `$NAME` inside stands for another."""
 
     name: str
     value: str
     place: Place
     expands: bool
-    """Whether `$NAME` inside stands for another value."""
 
 
 @dataclass(frozen=True)
 class EnvFile:
-    """The entries of a file in their order, and the lines that could not be read."""
-
     entries: tuple[Entry, ...]
     problems: tuple[Problem, ...]
 
     @property
     def last(self) -> dict[str, Entry]:
-        """The entries by name; the last line of a name counts, as in a shell."""
+        """The last line of a name counts, as in a shell."""
         return {entry.name: entry for entry in self.entries}
 
 
 def given(values: Mapping[str, str], source: str) -> dict[str, Entry]:
-    """Values from outside of the files as a layer; the source is their place."""
+    """A layer from outside of the files."""
     return {name: Entry(name, value, Place(source), False) for name, value in values.items()}
 
 
 def content_of(path: Path, name: str) -> bytes:
-    """The bytes of a file that messages call by a name.
+    """The bytes of a file.
 
     Raises:
         ProblemsError: It cannot be read.
@@ -144,12 +136,7 @@ def _line_problem(binding: Binding, place: Place) -> Problem | None:
 
 
 class SettingsFiles:
-    """The settings files of one folder.
-
-    Args:
-        directory: The folder, absolute.
-        contents: Content of files, by name, that replaces what is on the disk.
-    """
+    """The settings files of one folder; `contents` replace those on the disk."""
 
     def __init__(self, directory: Path, contents: Mapping[str, bytes] | None = None) -> None:
         self.directory = directory
@@ -160,11 +147,10 @@ class SettingsFiles:
         """Whether all of them could be read, apart from single lines."""
 
     def exist(self, name: str) -> bool:
-        """Whether a file or a broken link has that name."""
         return name in self.contents or os.path.lexists(self.directory / name)
 
     def read(self, name: str) -> dict[str, Entry]:
-        """The entries of a file by name; none where the file cannot be read.
+        """The entries of a file; none where it cannot be read.
 
         Raises:
             ProblemsError: The file does not exist.
@@ -197,14 +183,14 @@ class SettingsFiles:
         return file.last
 
     def run_file(self, outside: Sequence[Mapping[str, Entry]], experiment: str) -> str:
-        """Path of the active run.env, below the folder or absolute; by experiment or activation."""
+        """By experiment or activation."""
         if experiment:
             return f"experiments/{experiment}/run.env"
         values = {name: entry.value for layer in outside for name, entry in layer.items()}
         return activation.run_file(values, self.directory)
 
     def experiment(self, layers: Sequence[Mapping[str, Entry]]) -> str:
-        """Name of the chosen experiment, empty without one; run.env cannot choose itself.
+        """Name of the chosen experiment; run.env cannot choose itself.
 
         Raises:
             ProblemsError: There is no such experiment, or a file before it is wrong.
@@ -227,13 +213,12 @@ class SettingsFiles:
 
 
 def references(value: str) -> set[str]:
-    """Names that a text refers to."""
     found = {match[1] or match[3] for match in _REFERENCE.finditer(value)}
     return found - {None}
 
 
 class Layers:
-    """Looks up names: in entries by name, the strongest layer first, then in defaults."""
+    """Looks up names, the strongest layer first, defaults last."""
 
     def __init__(
         self, layers: Sequence[Mapping[str, Entry]], defaults: Mapping[str, str] | None = None
@@ -247,14 +232,10 @@ class Layers:
         self._known: dict[str, str] = {}
 
     def find(self, name: str) -> Entry | None:
-        """The entry of the strongest layer that has the name."""
         return next((layer[name] for layer in self._layers if name in layer), None)
 
     def text(self, name: str, trail: tuple[str, ...] = ()) -> str | None:
-        """The value of a name with everything filled in; None when it is set nowhere.
-
-        The trail has the names whose values led here.
-        """
+        """A value with everything filled in."""
         if name not in self._known:
             value = self._lookup(name, 0, trail)
             if value is None:

@@ -1,4 +1,4 @@
-"""What `dr config show` and `dr config check` report: values with their places, and problems."""
+"""What `dr config show` and `dr config check` report."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -80,7 +80,7 @@ class Values:
 
 @dataclass(frozen=True)
 class SettingsCheck:
-    """What `dr config check` found; `summary` is the warning that `without_effect` replaces."""
+    """What `dr config check` found; `without_effect` replaces the warning `summary`."""
 
     directory: str
     problems: tuple[Problem, ...] = ()
@@ -89,17 +89,15 @@ class SettingsCheck:
 
     @property
     def errors(self) -> tuple[Problem, ...]:
-        """Problems that keep a training from starting."""
         return tuple(problem for problem in self.problems if problem.severity == "error")
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """All other problems, as sentences."""
         return tuple(warnings_of(each for each in self.problems if each != self.summary))
 
 
 def find_name(written: str, others: Sequence[str] = ()) -> str | None:
-    """The setting or other name that is meant: small letters and a missing DR_ are fine."""
+    """The name that is meant: small letters and a missing DR_ are fine."""
     if written in others:
         return written
     candidates = (written.upper(), f"DR_{written.upper()}")
@@ -107,7 +105,6 @@ def find_name(written: str, others: Sequence[str] = ()) -> str | None:
 
 
 def suggestion(written: str) -> str:
-    """A hint at the name that was probably meant, and what to do."""
     full = written.upper()
     if full in FORMER:
         return f"It is a name of the reference and has no effect here: {FORMER[full].reason}."
@@ -120,7 +117,7 @@ def suggestion(written: str) -> str:
 def inspect_values(
     settings: Settings, names: Sequence[str] = (), *, changed: bool = False
 ) -> Values:
-    """The values of all settings and other names, or only of `names`, or only those `changed`."""
+    """All settings and other names, or some."""
 
     def chosen(values: Iterable[Value]) -> tuple[Value, ...]:
         wanted = (value for value in values if not names or value.name in names)
@@ -146,10 +143,7 @@ def check_settings(
     *,
     known_suffices: bool = False,
 ) -> SettingsCheck:
-    """Report everything that is wrong or odd.
-
-    The arguments are those of `load_settings` and of `track_problem`.
-    """
+    """Report all problems; see `load_settings`."""
     try:
         settings = load_settings(directory, environ=environ, contents=contents)
     except ProblemsError as error:
@@ -161,7 +155,7 @@ def check_settings(
 
 
 def warnings_of(problems: Iterable[Problem]) -> list[str]:
-    """Warnings and notes as sentences; those of notes also say what to do."""
+    """Warnings and notes as sentences; notes with what to do."""
     odd = (problem for problem in problems if problem.severity != "error")
     return few(f"{each} {each.remedy}" if each.severity == "note" else str(each) for each in odd)
 
@@ -172,7 +166,6 @@ def _value(settings: Settings, setting: Setting) -> Value:
 
 
 def _other_name(settings: Settings, name: str) -> Value:
-    """A name in the racer's files that is not a setting; other values may refer to it."""
     former = FORMER.get(name)
     meaning = "A name of your own, which other values can refer to."
     reason = ""
@@ -203,14 +196,12 @@ def _present(settings: Settings, setting: Setting, text: str, default: str | Non
 
 
 def _text(value: Any) -> str:
-    """A value as it would be written in a settings file, with short numbers."""
     if isinstance(value, tuple):
         return ";".join(",".join(f"{number:g}" for number in pair) for pair in value)
     return "" if value is None else str(value)
 
 
 def _default(settings: Settings, setting: Setting) -> str:
-    """The default, with the present values of the names it refers to."""
     if setting.kind == "path" and setting.default is not None:
         return str(settings.directory / setting.default)
     if "$" not in setting.default_text:

@@ -19,7 +19,7 @@ _HEX = re.compile(r"f1_car_#?([0-9a-fA-F]{6})")
 
 
 def shell_color(name: str) -> RGB:
-    """Red, green and blue, 0 to 255, of a colour of DR_CAR_COLOR; red for one without a number."""
+    """RGB, 0 to 255; red for a colour without a number."""
     match = _HEX.fullmatch(name)
     if match is not None:
         red, green, blue = bytes.fromhex(match[1])

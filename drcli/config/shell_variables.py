@@ -1,4 +1,4 @@
-"""The settings of a working folder as variables of a shell: what to export and what to unset."""
+"""The settings of a working folder as variables of a shell."""
 
 import json
 import shlex
@@ -12,24 +12,18 @@ from drcli.config.settings import catalogue
 from drcli.config.settings_files import EXPERIMENT, Layers, SettingsFiles, given
 
 OURS = (activation.FOLDER, activation.RUN_FILE, activation.MARK)
-"""Variables that activation sets itself, whatever a file says."""
 
 
 @dataclass(frozen=True)
 class ShellChange:
-    """What activation changes in a shell.
-
-    Attributes:
-        unset: Variables that an earlier activation left and that no file has any more.
-        warnings: Sentences about values that could not be filled in.
-    """
+    """What activation changes in a shell."""
 
     export: Mapping[str, str]
     unset: tuple[str, ...]
     warnings: tuple[str, ...]
 
     def script(self) -> str:
-        """Lines for bash and zsh that make the change."""
+        """For bash and zsh."""
         lines = [f"unset {name}\n" for name in self.unset]
         lines += [f"export {name}={shlex.quote(value)}\n" for name, value in self.export.items()]
         return "".join(lines)
@@ -38,14 +32,9 @@ class ShellChange:
 def shell_change(
     directory: Path, environ: Mapping[str, str], *, experiment: str = ""
 ) -> ShellChange:
-    """What the files of a working folder mean for a shell.
+    """What the files of a working folder mean for a shell, unchecked.
 
-    Values are taken as they are written: the commands check them.
-
-    Args:
-        directory: Folder with run.env, absolute.
-        environ: The shell's environment. What somebody exported there by hand wins over the files.
-        experiment: Take experiments/<name>/run.env from now on; empty leaves it as it is.
+    What somebody exported by hand wins over the files.
 
     Raises:
         SettingsError: A file is missing, or a line of it cannot be read.
@@ -79,7 +68,6 @@ def shell_change(
 
 
 def _derived(values: Mapping[str, str], directory: Path) -> dict[str, str]:
-    """Other variables that the activation of the reference sets and that are useful here."""
     derived = {"DR_RUN_ID": "0"} if "DR_RUN_ID" not in values else {}
     if region := values.get("DR_AWS_APP_REGION"):
         derived["AWS_DEFAULT_REGION"] = region
@@ -94,7 +82,7 @@ def _derived(values: Mapping[str, str], directory: Path) -> dict[str, str]:
 
 
 def _address(values: Mapping[str, str], directory: Path) -> str:
-    """The bucket's address if it is known without a request; empty for Amazon's own."""
+    """Without a request; empty for Amazon's own."""
     cloud = values.get("DR_CLOUD", "local")
     if cloud in ("remote", "azure"):
         return values.get("DR_REMOTE_MINIO_URL", "")

@@ -1,4 +1,4 @@
-"""The names of all tracks, and whether a track is installed, without loading the simulation."""
+"""The names of all tracks, without loading the simulation."""
 
 import json
 import re
@@ -32,8 +32,6 @@ Virtual_May19_Train_track
 """
 
 ASKED = "answer yes when a start asks on a terminal"
-"""In the remedy of a community track that is not installed, with DR_TRACKS_FETCH=ask."""
-
 COMMUNITY = frozenset(
     [*_ALL_WAYS.split(), *_PLAIN_ONLY.split()]
     + [
@@ -42,11 +40,11 @@ COMMUNITY = frozenset(
         for way in ("cw", "ccw")
     ]
 )
-"""Worlds of the reference simulator, version 6, each with a route file of its name."""
+"""Worlds of the reference simulator, version 6."""
 
 
 def built_in() -> list[str]:
-    """Tracks that come with the simulation; none where it is not installed."""
+    """None where the simulation is not installed."""
     spec = find_spec("drsim")
     packages = (spec.submodule_search_locations or ()) if spec is not None else ()
     folders = [Path(package, "track", "definitions") for package in packages]
@@ -54,7 +52,7 @@ def built_in() -> list[str]:
 
 
 def definition(world: str) -> Path | None:
-    """The file that defines a built-in track, or that of the track whose route it shares."""
+    """The file of a built-in track, or whose route it shares."""
     spec = find_spec("drsim")
     packages = (spec.submodule_search_locations or ()) if spec is not None else ()
     for package in packages:
@@ -66,12 +64,11 @@ def definition(world: str) -> Path | None:
 
 
 def own(folder: Path) -> list[str]:
-    """The racer's own tracks, by the route files in a folder, which need not exist."""
     return _stems(folder, ROUTE_FILES)
 
 
 def is_installed(race: RaceConfig) -> bool:
-    """Whether the track of a race is installed; True if that cannot be known."""
+    """True if that cannot be known."""
     if not built_in():
         return True
     world = race.world_name
@@ -86,7 +83,7 @@ def is_installed(race: RaceConfig) -> bool:
 
 
 def own_route_file(race: RaceConfig) -> Path | None:
-    """The racer's own route file of the track of a race; None if the track is built in."""
+    """Of a track that is not built in."""
     name = _name(race)
     plain = re.sub(r"_c?cw\Z", "", name)
     if {name, plain} & set(built_in()):
@@ -100,8 +97,8 @@ def own_route_file(race: RaceConfig) -> Path | None:
 def track_problem(race: RaceConfig, *, known_suffices: bool = False) -> Problem | None:
     """The problem with the track of a race, if any.
 
-    A community track that is not installed keeps a training from starting, unless the start fetches
-    it without a question, or `known_suffices`: where nothing is to start yet.
+    A community track that is not installed is one unless the start fetches it without a question,
+    or `known_suffices`: nothing is to start yet.
     """
     place, name = race.place("DR_WORLD_NAME"), race.world_name
     if is_installed(race):
@@ -116,19 +113,17 @@ def track_problem(race: RaceConfig, *, known_suffices: bool = False) -> Problem 
 
 
 def track_problems(races: Sequence[RaceConfig], *, known_suffices: bool = False) -> list[Problem]:
-    """The problems with the tracks of all workers, each place once; see `track_problem`."""
+    """Each place once."""
     problems = (track_problem(race, known_suffices=known_suffices) for race in races)
     return list(dict.fromkeys(problem for problem in problems if problem is not None))
 
 
 def to_fetch(races: Sequence[RaceConfig]) -> list[str]:
-    """Names of the community tracks that a start has to fetch first."""
     missing = [race for race in races if _name(race) in COMMUNITY and not is_installed(race)]
     return list(dict.fromkeys(map(_name, missing)))
 
 
 def remedy(race: RaceConfig) -> str:
-    """What to do about a track that is not installed."""
     name = _name(race)
     if name in COMMUNITY:
         add = f"Without a network add its file with `dr-tracks add {name}.npy`."
@@ -145,13 +140,11 @@ def remedy(race: RaceConfig) -> str:
 
 
 def _name(race: RaceConfig) -> str:
-    """The track without the ending of a file, which racers may write."""
     world = race.world_name
     return Path(world).stem if world.endswith(ROUTE_FILES) and "/" not in world else world
 
 
 def _is_file(path: Path) -> bool:
-    """Whether this is a file; False for a path that no file can have."""
     try:
         return path.is_file()
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Checks of texts for the settings of trainings that nobody watches: money, messages, retention."""
+"""Checks of settings of trainings that nobody watches."""
 
 import re
 import shlex
@@ -9,7 +9,7 @@ from drcli.base.problems import BadValue
 from drcli.config.value_types import Check, Shape, is_address
 
 _HIGHEST_PRICE = 10_000.0
-"""USD per hour; the dearest machines that can be rented cost some hundreds."""
+"""USD per hour; the dearest machines cost some hundreds."""
 
 MESSAGE_EVENTS = (
     "start",
@@ -25,8 +25,6 @@ MESSAGE_EVENTS = (
     "best",
     "upload",
 )
-"""What a message can be about."""
-
 _RULE = re.compile(r"last(?:-[1-9]\d{0,6})?|best|every-[1-9]\d{0,6}")
 
 

@@ -1,9 +1,4 @@
-"""Finds names in the racer's files that do nothing here: unused settings, old and misspelt names.
-
-Folders of earlier years hold names that templates and scripts of the reference no longer have, and
-so do shells in which an earlier version was activated. They are not settings, so their values are
-not read; names that mean a setting of today are its `old_names`.
-"""
+"""Finds names that do nothing here: unused, old and misspelt ones."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,16 +10,15 @@ from drcli.config.settings import Settings, catalogue
 from drcli.config.settings_files import Entry, Layers
 
 TYPO_SIMILARITY = 0.85
-"""From here on an unknown DR_ name is a misspelt one. DR_WORKER and DR_WORKERS: 0.95."""
+"""DR_WORKER and DR_WORKERS: 0.95."""
 
 OUTSIDE = ("default", "environment")
-"""Sources of values that the racer has not written into a file: a shell in which the reference was
-activated holds all of its names."""
+"""Not written by the racer: a shell activated by the reference holds all names."""
 
 REMEDY = "Keep the lines or remove them."
 
 OF_COMMANDS = frozenset({"DR_CAR_PASSWORD", "DR_DROA_PASSWORD", "DR_DEBUG"})
-"""Variables of the environment that commands read themselves: no file should hold them."""
+"""Only from the environment: no file should hold them."""
 
 _VIEWER = "the console needs no files of nginx"
 _TOURNAMENT = "`dr-race create NAME --type HEAD_TO_MODEL` makes a tournament"
@@ -35,20 +29,13 @@ _CUT_OFF = "the name is cut off; write {}"
 
 @dataclass(frozen=True)
 class Former:
-    """What is known about a name that the reference used to have.
-
-    Attributes:
-        reason: Why it does nothing here, without a full stop.
-        harmless: The values, in small letters, with which nobody expects an effect; None if that
-            holds for every value.
-    """
+    """A former name of the reference; `harmless` None: any value is."""
 
     meaning: str
     reason: str
     harmless: tuple[str, ...] | None = None
 
     def missed(self, value: str) -> bool:
-        """Whether somebody who wrote that value expects an effect."""
         return self.harmless is not None and value.strip().casefold() not in self.harmless
 
 
@@ -114,16 +101,14 @@ FORMER: Mapping[str, Former] = {
         harmless=("", "0.05"),
     ),
 }
-"""By name."""
 
 
 def old_names() -> dict[str, str]:
-    """The present name of a setting, for each name that earlier versions of the reference used."""
     return {old: setting.name for setting in catalogue().values() for old in setting.old_names}
 
 
 def rename_old(layers: Sequence[dict[str, Entry]]) -> list[Problem]:
-    """Replace old names by the present ones, in the layers; a warning about each of them."""
+    """Replace old names in the layers, with a warning about each."""
     warnings = []
     for old, name in old_names().items():
         layer = next((layer for layer in layers if old in layer), None)
@@ -143,10 +128,7 @@ def rename_old(layers: Sequence[dict[str, Entry]]) -> list[Problem]:
 def unknown_names(
     looked_up: Layers, layers: Sequence[dict[str, Entry]]
 ) -> tuple[dict[str, str], list[Problem]]:
-    """The names that are not settings, with their filled-in values, and what is wrong with them.
-
-    `looked_up` knows which names the values of settings refer to.
-    """
+    """Names that are not settings with their values, and problems with them."""
     values: dict[str, str] = {}
     problems: list[Problem] = []
     known = catalogue().keys() | old_names().keys()
@@ -188,7 +170,6 @@ def unknown_names(
 
 
 def _meant(name: str) -> str | None:
-    """The setting whose name somebody probably misspelt."""
     if name in FORMER:
         return None
     ours = name.upper().startswith("DR_")
@@ -209,7 +190,7 @@ class WithoutEffect:
 
 
 def without_effect(settings: Settings) -> tuple[WithoutEffect, ...]:
-    """Every name in the racer's files that does nothing, even if it has its default."""
+    """Every name in the racer's files that does nothing."""
     by_reason: dict[str, list[str]] = {}
     for item in _unused(settings):
         if settings.place(item.name).file not in OUTSIDE:
@@ -218,7 +199,7 @@ def without_effect(settings: Settings) -> tuple[WithoutEffect, ...]:
 
 
 def effect_warnings(settings: Settings) -> Iterator[Problem]:
-    """Warnings about settings that do nothing: one per reason, and one for all harmless ones."""
+    """One per reason, and one for all harmless ones."""
     by_reason: dict[str, list[_Unused]] = {}
     for item in _unused(settings):
         if item.missed:
@@ -234,7 +215,6 @@ def effect_warnings(settings: Settings) -> Iterator[Problem]:
 
 
 def harmless_summary(settings: Settings) -> Problem | None:
-    """One warning about all harmless ones in the racer's files, None without any."""
     missed = {item.name for item in _unused(settings) if item.missed}
     names = [
         name for group in without_effect(settings) for name in group.names if name not in missed
@@ -251,8 +231,6 @@ def harmless_summary(settings: Settings) -> Problem | None:
 
 @dataclass(frozen=True)
 class _Unused:
-    """A name that does nothing here, set or not; `missed` if somebody may expect an effect."""
-
     name: str
     value: str
     reason: str

@@ -1,4 +1,4 @@
-"""Checks of texts for settings, beyond what their types check."""
+"""Checks of texts for settings."""
 
 import re
 from collections.abc import Callable
@@ -15,53 +15,38 @@ CarName = Literal["release-6", "low-grip", "2022"]
 USUAL_CAR: CarName = "release-6"
 
 FOLDER_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
-"""Name of a folder in experiments/: no path, and nothing that is hidden."""
+"""No path, and nothing that is hidden."""
 
 HOME_REGION = "us-east-1"
-"""The default region."""
-
 LONGEST_KEY, LONGEST_PART = 800, 255
-"""Characters of a name in the bucket, and of the parts between its slashes: S3 allows 1024 bytes,
-of which a model's files need some, and file systems allow 255."""
+"""S3 allows 1024 bytes, file systems 255 for a part."""
 
 LONGEST_TEXT = 2000
-"""Characters of what a racer writes about a model."""
-
 RUN_FOLDERS = ("runs", "rollouts", "training-records", "races")
-"""Folders of the bucket with the files of running trainings, records of all trainings, and races.
-"""
-
 BUCKET_RULE = (
     "Write 3 to 63 lowercase letters, digits, dots and hyphens, with a letter or digit first and "
     "last, as in my-bucket."
 )
-"""A remedy if `follows_s3` is False."""
-
 START_SIDES = ("left", "centre", "right")
-"""Words for a start across the track: on the centre line, or midway between it and a border."""
-
 MOST_START_OFFSET_M = 10.0
-"""No road is wider to one side."""
-
 _LABEL = "[a-z0-9](?:[a-z0-9-]*[a-z0-9])?"
 
 
 @dataclass(frozen=True)
 class Check:
-    """Checks a text of the right kind and returns its value; raises BadValue."""
+    """Checks a text and returns its value; raises BadValue."""
 
     check: Callable[[str], Any]
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What may be written into a text, as it reads after `Set it to`."""
+    """As it reads after `Set it to`."""
 
     words: str
 
 
 def follows_s3(bucket: str) -> bool:
-    """Whether a text is the name of a bucket for Amazon, and for servers as strict as that."""
     names = re.fullmatch(rf"{_LABEL}(?:\.{_LABEL})*", bucket) and 3 <= len(bucket) <= 63
     address = re.fullmatch(r"[0-9]+(?:\.[0-9]+){3}", bucket)
     return bool(names) and not address
@@ -90,8 +75,6 @@ def _object_key(value: str) -> str:
 
 
 def _matching(pattern: str, reason: str, remedy: str) -> Callable[[str], str]:
-    """Checks texts by a regular expression."""
-
     def check(value: str) -> str:
         if not re.fullmatch(pattern, value):
             raise BadValue(reason, remedy)
@@ -128,7 +111,7 @@ _gpus = _matching(
 
 
 def is_address(value: str, *schemes: str) -> bool:
-    """Whether a text is an address with one of these schemes, a host, and a port other than 0."""
+    """With a scheme, a host, and a port other than 0."""
     try:
         address = urlsplit(value)
         return address.scheme in schemes and bool(address.hostname) and address.port != 0
@@ -143,7 +126,7 @@ def _address(value: str) -> str:
 
 
 def car_host_and_port(value: str) -> tuple[str, int]:
-    """The host and the port of a car's web page, written as HOST, HOST:PORT or an https address.
+    """From HOST, HOST:PORT or an https address.
 
     Raises:
         BadValue: It is none of these.
@@ -182,10 +165,10 @@ def _model_text(value: str) -> str:
 
 
 def colour(value: str) -> str:
-    """The colour of a car as the reference spells it, whatever the case of the letters.
+    """The colour of a car in the reference's spelling; whole shells (f1_car_...) pass.
 
     Raises:
-        BadValue: There is no such colour. Names of whole shells (f1_car_...) pass.
+        BadValue: There is no such colour.
     """
     named = {colour.casefold(): colour for colour in _COLOURS}
     if value.casefold() not in named and not value.startswith("f1_car_"):
@@ -196,7 +179,6 @@ def colour(value: str) -> str:
 
 
 def _positions(value: str) -> tuple[tuple[float, ...], ...]:
-    """`0.23,-1;0.46,1` as pairs; progress is a fraction of the lap, lane -1 is the outer one."""
     written = [pair for pair in value.split(";") if pair.strip()]
     try:
         pairs = tuple(tuple(map(float, pair.split(","))) for pair in written)
@@ -211,7 +193,6 @@ def _positions(value: str) -> tuple[tuple[float, ...], ...]:
 
 
 def _start_offset(value: str) -> str:
-    """A side of the track in the spelling of this program, or metres as a short text."""
     word = {"center": "centre", "": "centre"}.get(value.casefold(), value.casefold())
     if word in START_SIDES:
         return word
@@ -230,7 +211,6 @@ def _start_offset(value: str) -> str:
 
 
 def _log_group(name: str) -> str:
-    """The name of a log group, by the rules of CloudWatch."""
     if not re.fullmatch(r"[A-Za-z0-9._/#-]{1,512}", name):
         raise BadValue(
             "is not the name of a log group",
@@ -240,7 +220,6 @@ def _log_group(name: str) -> str:
 
 
 def _log_stream_prefix(text: str) -> str:
-    """The beginning of the name of a log stream, by the rules of CloudWatch."""
     if len(text) > 200 or not text.isprintable() or set(text) & set(":*"):
         raise BadValue(
             "cannot begin the name of a log stream",
@@ -254,15 +233,13 @@ _COLOURS = ("Black", "Grey", "Blue", "Red", "Orange", "White", "Purple")
 ObjectKey = Annotated[
     str, Check(_object_key), Shape("a name in the bucket: letters, digits and . _ - /")
 ]
-"""A key or prefix in the bucket."""
 WorldName = Annotated[str, Check(_world), Shape("the name of a track, or the path of a .npy file")]
-"""May name a track; `drcli.config.track_names` knows whether that track is installed."""
+"""`drcli.config.track_names` knows whether it is installed."""
 OptionalWorldName = Annotated[
     str,
     Check(lambda value: _world(value) if value else value),
     Shape("the name of a track, or the path of a .npy file"),
 ]
-"""The same, or an empty text for no track."""
 BucketName = Annotated[
     str,
     Check(_bucket),
@@ -271,16 +248,14 @@ BucketName = Annotated[
         "azure also uppercase letters and _"
     ),
 ]
-"""A name that some server takes; whether `follows_s3` must hold depends on DR_CLOUD."""
+"""Whether `follows_s3` must hold depends on DR_CLOUD."""
 UploadBucket = Annotated[
     str,
     Check(lambda name: _bucket(name) if name else name),
     Shape("the name of a bucket, or not-defined"),
 ]
 Address = Annotated[str, Check(_address), Shape("an http or https address, or nothing")]
-"""http or https address, or empty."""
 CarHost = Annotated[str, Check(_car_address), Shape("a host, host:port, or nothing")]
-"""Address of a car's web page, or empty."""
 Region = Annotated[str, Check(lambda name: _region(name) or HOME_REGION), Shape("an AWS region")]
 Colour = Annotated[
     str, Check(colour), Shape(f"one of {', '.join(_COLOURS)}, or f1_car_ and a colour")
@@ -303,12 +278,10 @@ LogStreamPrefix = Annotated[
     Shape("at most 200 characters without : and *"),
 ]
 ModelText = Annotated[str, Check(_model_text), Shape(f"at most {LONGEST_TEXT} characters")]
-"""What a racer writes about a model."""
 Positions = Annotated[tuple[tuple[float, float], ...], Check(_positions)]
-"""Progress (fraction of the lap) and lane (-1 outer, any other inner) of each obstacle."""
+"""Progress (fraction of the lap) and lane (-1 outer, any other inner)."""
 StartOffset = Annotated[
     str,
     Check(_start_offset),
     Shape("left, centre or right, or metres to the left of the centre line"),
 ]
-"""A word of `START_SIDES`, or a number as a text."""

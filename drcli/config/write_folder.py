@@ -1,4 +1,4 @@
-"""Writes a planned working folder: all of it or, if something is in the way, nothing."""
+"""Writes a planned working folder: all of it or nothing."""
 
 import os
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from drcli.config.settings_files import content_of
 
 @dataclass(frozen=True)
 class NewFile:
-    """A file to write; the name is its path below the working folder."""
+    """Its name is a path below the working folder."""
 
     name: str
     data: bytes
@@ -25,13 +25,7 @@ class NewFile:
 
 @dataclass(frozen=True)
 class FolderPlan:
-    """What is about to be written.
-
-    Attributes:
-        folder: The working folder, absolute.
-        folders: Folders to make, even if they are empty.
-        missing_track: The chosen track, if it has to be fetched first.
-    """
+    """What is about to be written; `missing_track` has to be fetched first."""
 
     folder: Path
     files: tuple[NewFile, ...]
@@ -41,7 +35,7 @@ class FolderPlan:
 
     @property
     def clashes(self) -> list[str]:
-        """Names of files that exist with other content."""
+        """Files that exist with other content."""
         return [file.name for file in self.files if _differs(self.folder / file.name, file.data)]
 
 
@@ -105,11 +99,6 @@ def write(plan: FolderPlan) -> FolderReport:
 
 
 def _refuse_obstacles(plan: FolderPlan) -> None:
-    """Refuse what would fail half way.
-
-    Raises:
-        ProblemsError: Something is in the way.
-    """
     found: dict[Path, str] = {}
     for name in ("", *plan.folders):
         if not (plan.folder / name).is_dir():
@@ -132,7 +121,6 @@ def _refuse_obstacles(plan: FolderPlan) -> None:
 
 
 def _obstacle(folder: Path) -> dict[Path, str]:
-    """Why a folder cannot be made or written into, by the path that is in the way."""
     nearest = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
     if not nearest.is_dir():
         return {nearest: "is not a folder, so nothing can be written in it"}
@@ -142,39 +130,26 @@ def _obstacle(folder: Path) -> dict[Path, str]:
 
 
 def _try(step: Callable[..., object], *args: object) -> None:
-    """Take one step back, as far as that is possible."""
     with suppress(OSError, SettingsError):
         step(*args)
 
 
 def _differs(path: Path, data: bytes) -> bool:
-    """Whether a file has other content, which would be lost."""
     if path.name == ".gitignore":  # its lines are kept
         return False
     return _content(path) not in (None, data)
 
 
 def _content(path: Path) -> bytes | None:
-    """The content of a file, None if it does not exist.
-
-    Raises:
-        SettingsError: It may not be read.
-    """
     return content_of(path, str(path)) if path.is_file() else None
 
 
 def _free_name(path: Path) -> Path:
-    """A name for a copy of a file that no other file has."""
     names = (f"{path.name}.bak{number or ''}" for number in range(1000))
     return next(path.with_name(name) for name in names if not path.with_name(name).exists())
 
 
 def _make_folders(path: Path, undo: ExitStack) -> None:
-    """Make a folder and those above it, as far as they are missing.
-
-    Raises:
-        SettingsError: One cannot be made.
-    """
     missing = [folder for folder in (path, *path.parents) if not folder.exists()]
     for folder in reversed(missing):
         try:

@@ -1,1 +1,1 @@
-"""Explains words: hyperparameters, settings, terms, parameters, trace columns, codes and errors."""
+"""Explains words for `dr-explain`."""

@@ -1,7 +1,6 @@
-"""Error texts that racers know from DeepRacer-for-Cloud, the console and the car, with answers.
+"""Error texts of DeepRacer-for-Cloud, the console and the car, with answers.
 
-`dr-explain` finds them by a part of their words, and docs/troubleshooting.md lists them, so that a
-search for the text leads somewhere. drcli itself says most of them in other words: docs/errors.md.
+docs/troubleshooting.md lists them. drcli says most of them in other words: docs/errors.md.
 """
 
 from dataclasses import dataclass
@@ -9,13 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ErrorText:
-    """An error text of another program.
-
-    Attributes:
-        text: As it is printed; `...` stands for what varies.
-        reason: What it means there.
-        here: What to do with drcli.
-    """
+    """An error text of another program; `...` stands for what varies."""
 
     text: str
     reason: str
@@ -229,4 +222,3 @@ ERROR_TEXTS: tuple[ErrorText, ...] = (
         "the values of the actions may change. For another number of actions, train a new model",
     ),
 )
-"""In the order of the page."""

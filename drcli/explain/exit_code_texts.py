@@ -1,4 +1,4 @@
-"""What the exit codes of all commands mean; `dr-explain` and docs/commands.md show it."""
+"""What the exit codes of all commands mean; for docs/commands.md too."""
 
 from collections.abc import Mapping
 
@@ -30,4 +30,3 @@ EXIT_CODES: Mapping[int, str] = {
     "(without `--foreground` only the command ends, and the training continues). A stopped "
     "evaluation has no results",
 }
-"""By code."""

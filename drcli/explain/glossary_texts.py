@@ -1,7 +1,4 @@
-"""The glossary: words of racing with learned policies, in plain English.
-
-`dr-explain` and docs/glossary.md show these texts.
-"""
+"""The glossary, also of docs/glossary.md."""
 
 from collections.abc import Mapping
 
@@ -139,4 +136,3 @@ GLOSSARY: Mapping[str, str] = {
     "zigzag": "A curve that jumps up and down, or a car that swings from side to side. Lower `lr` "
     "against the first; pay for less steering, or less for time on the road, against the second.",
 }
-"""Each word with its meaning, in the order of the alphabet."""

@@ -1,7 +1,4 @@
-"""What each key of hyperparameters.json does, and what a change costs.
-
-`dr-explain` and docs/hyperparameters.md show these texts.
-"""
+"""What each hyperparameter does, also for docs/hyperparameters.md."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,14 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class HyperparameterText:
-    """Texts about one key.
-
-    Attributes:
-        meaning: What it is.
-        higher: What a higher value does, or another word.
-        lower: What a lower value does.
-        advice: Where to begin, and when to change it.
-    """
+    """Texts about one key; `advice`: where to begin."""
 
     meaning: str
     higher: str = ""
@@ -246,4 +236,4 @@ HYPERPARAMETER_TEXTS: Mapping[str, HyperparameterText] = {
         "1000.",
     ),
 }
-"""Texts by key. A key that this version does not read is not shown."""
+"""A key that this version does not read is not shown."""

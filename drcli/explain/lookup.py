@@ -17,31 +17,14 @@ from drcli.explain.reward_parameter_texts import REWARD_PARAMETERS
 from drcli.explain.trace_texts import TRACE_COLUMNS
 
 SHORTEST_PART = 4
-"""Letters of a part of an error text or name that are searched for."""
-
 MOST_FOUND = 12
-"""Entries that a part of a word may find; with more, it is too short to mean something."""
-
 LONGEST = 500
-"""Letters of a question that are compared; comparing more takes long and finds no more."""
-
 CLOSE = 0.7
-"""Likeness from 0 to 1 of a name that is offered instead."""
-
 _LINK = re.compile(r"\[([^]]*)\]\([^)]*\)")
-"""A link of Markdown, of which a terminal shows the words."""
 
 
 def explain(question: str) -> list[Entry]:
-    """What is known about a word or an error text.
-
-    Args:
-        question: A hyperparameter, a setting with or without `DR_`, a term, a parameter of reward
-            functions, a column of a trace, an exit code, or a piece of an error text. Case, `_`,
-            `-` and spaces do not matter.
-
-    Returns:
-        All entries of this name, as `progress` has several; else those that contain it.
+    """What is known about a word, in any spelling, or a piece of an error text.
 
     Raises:
         SettingsError: Nothing is known; the remedy names words that look alike.
@@ -64,7 +47,6 @@ def explain(question: str) -> list[Entry]:
 
 
 def every_entry() -> tuple[Entry, ...]:
-    """Everything that is known, by kind."""
     return (
         *map(_hyperparameter, _keys()),
         *(Entry("term", name, text, page="glossary.md") for name, text in GLOSSARY.items()),
@@ -84,7 +66,6 @@ def every_entry() -> tuple[Entry, ...]:
 
 @cache
 def _by_name() -> tuple[tuple[str, Entry], ...]:
-    """Every entry under each name by which it is found."""
     return tuple((name, entry) for entry in every_entry() for name in _names(entry))
 
 
@@ -99,12 +80,10 @@ def _names(entry: Entry) -> Iterator[str]:
 
 
 def _plain(text: str) -> str:
-    """A word without case and signs that are written in several ways."""
     return " ".join(re.sub(r"[_\-\s]+", " ", text.strip("`'\" .,:;?!$")).casefold().split())
 
 
 def _is_about(text: ErrorText, question: str) -> bool:
-    """Whether a question is a piece of an error text, or a line of a log that has it."""
     wanted, whole = _letters(question), _letters(text.text)
     if len(wanted) < SHORTEST_PART:
         return False
@@ -114,7 +93,6 @@ def _is_about(text: ErrorText, question: str) -> bool:
 
 
 def _in_order(pieces: list[str], text: str) -> bool:
-    """Whether all pieces stand in a text, one after the other."""
     at = 0
     for piece in pieces:
         at = text.find(piece, at)
@@ -129,7 +107,6 @@ def _letters(text: str) -> str:
 
 
 def _keys() -> list[str]:
-    """The hyperparameters that this version reads."""
     from drcli.modelfiles.hyperparameters import KEYS
 
     return [key for key in HYPERPARAMETER_TEXTS if key in KEYS]
@@ -150,7 +127,7 @@ def _details(*pairs: tuple[str, str]) -> Iterator[Detail]:
 
 
 def value_if_left_out(key: str) -> str:
-    """What a training takes for a hyperparameter that the file leaves out, "off" if nothing."""
+    """What a training takes for a hyperparameter, "off" if nothing."""
     from drcli.learn.algorithm_config import UPDATES_PER_STEP, SACConfig
     from drcli.modelfiles.hyperparameters import Hyperparameters
 
@@ -161,13 +138,11 @@ def value_if_left_out(key: str) -> str:
 
 
 def shipped_value(key: str) -> str:
-    """A hyperparameter in the shipped file, empty if it is not there."""
     return _value(shipped_values().get(key))
 
 
 @cache
 def shipped_values() -> Mapping[str, object]:
-    """The shipped hyperparameters.json."""
     import json
 
     from drcli.config.example_files import model_file
@@ -211,7 +186,6 @@ def _error(text: ErrorText) -> Entry:
 
 
 def _sentence(text: str) -> str:
-    """Text of a table cell as a sentence."""
     text = text.strip()
     begin = text[:1] if text.startswith(("`", "drcli")) else text[:1].upper()
     return f"{begin}{text[1:]}" + ("" if text.endswith((".", "!", "?", ")")) else ".")

@@ -1,4 +1,4 @@
-"""The parameters of a reward function: what docs/reward-functions.md says, for `dr-explain`."""
+"""The parameters of a reward function, as in docs/reward-functions.md."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,13 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ParameterText:
-    """Texts about one parameter, or about several that belong together.
-
-    Attributes:
-        kind: Its type.
-        unit: Unit and range; empty if it has none.
-        meaning: What it is.
-    """
+    """Texts about parameters; `unit` has the range too."""
 
     kind: str
     unit: str
@@ -103,4 +97,3 @@ REWARD_PARAMETERS: Mapping[str, ParameterText] = {
     ),
     "object_in_camera": ParameterText("bool", "", "the camera sees the next object"),
 }
-"""By the key of the dictionary, in the order of the page."""

@@ -1,4 +1,4 @@
-"""The columns of a simtrace; `dr-explain` and docs/glossary.md show these texts."""
+"""The columns of a simtrace, also for docs/glossary.md."""
 
 from collections.abc import Mapping
 
@@ -27,4 +27,3 @@ TRACE_COLUMNS: Mapping[str, str] = {
     "reward_ms": "How long the call of the reward function took, milliseconds; 0 in steps without "
     "a call. Traces of DeepRacer-for-Cloud do not have this column.",
 }
-"""Columns of the table in `training-simtrace/` and `evaluation-*/`, in their order."""

@@ -1,1 +1,1 @@
-"""What the tables of a training say: a verdict, topics to draw, and advice with evidence."""
+"""Findings from the tables of a training: verdict, and advice with evidence."""

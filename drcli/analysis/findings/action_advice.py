@@ -8,20 +8,16 @@ from drcli.analysis.findings.curve_trend import LEAST_GAIN, present_trend
 from drcli.analysis.findings.evidence import Evidence, is_sac
 
 TOP_SHARE = 0.9
-"""Share of a single action with which nothing else is tried."""
-
 
 VARIETY = 0.12
-"""Variety of the actions at a place, from 0 to 1, below which a policy hardly explores. A new
-policy has nearly 1; recorded trainings end with 0.5 to 0.8."""
+"""A new policy has nearly 1; recorded trainings end with 0.5 to 0.8."""
 
 
 LEARNED = 80.0
-"""From this mean progress on, percent, a policy may be sure."""
+"""Percent of mean progress from which a policy may be sure."""
 
 
 def no_exploration(evidence: Evidence) -> Advice | None:
-    """The policy always does the same before it can drive."""
     use = evidence.actions
     if use is None or evidence.level >= LEARNED or len(use.actions) < 2:
         return None
@@ -63,7 +59,6 @@ def _more_exploration(evidence: Evidence) -> tuple[str, str]:
 
 
 def dead_actions(evidence: Evidence) -> Advice | None:
-    """Some actions are never used while all others are."""
     use = evidence.actions
     if use is None or not use.dead:
         return None
@@ -92,7 +87,6 @@ def dead_actions(evidence: Evidence) -> Advice | None:
 
 
 def named(use: ActionUse, number: int) -> str:
-    """An action with its values, such as "action 3 (10 degrees, 1.5 m/s)"."""
     action = use.actions[number]
     if use.continuous:
         return f"steering near {action.steering_deg:.0f} degrees at {action.speed_mps:.1f} m/s"

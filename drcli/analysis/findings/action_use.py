@@ -1,4 +1,4 @@
-"""Which actions a policy uses, which it never does, and how much it still varies them."""
+"""Which actions a policy uses."""
 
 import math
 from dataclasses import dataclass
@@ -10,45 +10,27 @@ from drcli.modelfiles.action_space import ActionSpace
 from drsim.arrays import Bools, Floats, Ints
 
 PLACES = 40
-"""Parts of the lap in which actions are compared."""
-
 LEAST_AT_PLACE = 20
-"""Steps that a part of the lap needs, so that its variety can be told."""
-
 DEAD_SHARE = 0.01
-"""An action is dead below this share of what it would get if all were used alike."""
+"""Of what an action would get if all were used alike."""
 
 RARE_SHARE, GAP = 0.03, 20.0
-"""Or below this share, if every other action is so many times as frequent. In healthy trainings an
-action is up to 15 times as frequent as the next rarer one."""
+"""Or below this share, if every other action is so many times as frequent; in healthy trainings at
+most 15 times.
+"""
 
 ALIVE_SHARE = 0.05
-"""Every other action must have this share of it. Where a policy has become sure, shares fall off
-evenly, and no action stands out as dead."""
+"""Every other action must have it: of a sure policy, shares fall off evenly, and none is dead."""
 
 LEAST_FAIR = 50.0
-"""Steps that an action would have had if all were used alike: fewer can be missing by chance."""
-
 MOST_ACTIONS = 1000
-"""Numbers of actions from here on are damage, and not counted; the console allows 30 actions."""
+"""Greater numbers are damage; the console allows 30 actions."""
 
 KEPT_SHARE = 0.02
-"""A smaller action space keeps actions that are used in at least this share of the steps."""
 
 
 @dataclass(frozen=True)
 class ActionShare:
-    """How often an action was used.
-
-    Attributes:
-        index: Its number in the action space.
-        steering_deg: Steering, positive to the left.
-        speed_mps: Speed.
-        count: Steps late in the training.
-        share: Their share of all steps late in the training.
-        early_share: Its share in the first third of the training.
-    """
-
     index: int
     steering_deg: float
     speed_mps: float
@@ -59,19 +41,13 @@ class ActionShare:
 
 @dataclass(frozen=True)
 class ActionUse:
-    """The actions late in a training.
+    """The actions late in a training; cells of the ranges if `continuous`.
 
     Attributes:
-        continuous: Whether the actions are ranges; then `actions` are cells of the ranges.
-        steps: Steps that were counted.
-        actions: Each action in the order of its number.
-        dead: Numbers of the actions that are (almost) never used while all others are.
-        kept: Numbers of those that a smaller action space would keep: at least 2 % of the steps.
-        kept_share: Share of the steps in which they were used.
-        variety: How much the action varies at the same place of the lap: 0 always the same, 1 all
-            alike; None if there are too few steps.
-        early_variety: The same in the first third of the training.
-        top: Number of the action that is used most.
+        dead: Actions that are (almost) never used while all others are.
+        kept: Actions that a smaller action space would keep.
+        variety: Of the action at the same place of the lap: 0 always the same, 1 all alike.
+        top: The action that is used most.
     """
 
     continuous: bool
@@ -86,20 +62,12 @@ class ActionUse:
 
     @property
     def top_share(self) -> float:
-        """Share of the action that is used most."""
         return self.actions[self.top].share
 
 
 def action_use(
     late: DrivenSteps, early: DrivenSteps, space: ActionSpace | None
 ) -> ActionUse | None:
-    """Count the actions; None without steps.
-
-    Args:
-        late: Steps late in the training.
-        early: Steps of its first third.
-        space: The action space, if it is known.
-    """
     if not len(late):
         return None
     if late.continuous:
@@ -147,7 +115,6 @@ def _use(
 
 
 def _dead(counts: Ints) -> tuple[int, ...]:
-    """Actions that are missing, if all others are used, and most of them are."""
     fair = counts.sum() / len(counts)
     if fair < LEAST_FAIR or len(counts) < 2:
         return ()
@@ -160,7 +127,6 @@ def _dead(counts: Ints) -> tuple[int, ...]:
 
 
 def _variety(steps: DrivenSteps, action: Ints, size: int) -> float | None:
-    """Mean entropy of the action at a place of the lap, as a share of the largest possible."""
     if not len(steps) or size < 2:
         return None
     places = int(steps.waypoint.max()) + 1
@@ -181,7 +147,6 @@ def _variety(steps: DrivenSteps, action: Ints, size: int) -> float | None:
 def _pairs(
     late: DrivenSteps, early: DrivenSteps, space: ActionSpace | None, size: int
 ) -> list[tuple[float, float]]:
-    """Steering and speed of each action: of the action space, else as they were driven."""
     found = list(space.values) if space is not None else []
     for number in range(len(found), size):
         pair = (math.nan, math.nan)
@@ -195,11 +160,9 @@ def _pairs(
 
 
 ANGLES, SPEEDS = 7, 3
-"""Cells of a continuous action space."""
 
 
 def _cells(late: DrivenSteps, early: DrivenSteps, space: ActionSpace | None) -> ActionUse | None:
-    """Use of the cells of continuous actions, as if each were an action."""
     pair = np.stack([late.steering_deg, late.speed_mps], axis=1)
     fine: Bools = np.asarray(np.isfinite(pair).all(axis=1))
     if not fine.any():

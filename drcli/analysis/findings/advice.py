@@ -1,4 +1,4 @@
-"""What a racer should change, the most important first. Without evidence there is no advice."""
+"""What a racer should change, the most important first."""
 
 from collections.abc import Callable
 
@@ -35,8 +35,7 @@ RULES: tuple[tuple[str, Callable[[Evidence], Advice | None]], ...] = (
     ("not-learning", curve_advice.not_learning),
     ("under-training", curve_advice.under_training),
 )
-"""Causes come before what follows from them: a broken policy first, then what the reward teaches,
-then how the car drives, then how it learns, then how it could learn faster."""
+"""Causes come before what follows from them."""
 
 IMPLIED = {
     "slow-driving": {"dead-action", "standing-still"},
@@ -51,10 +50,8 @@ IMPLIED = {
     "over-training": {"evaluation-behind"},
     "standing-still": {"not-learning"},
 }
-"""Advice that follows from another one, and is left out beside it."""
-
 TAUGHT = ("slow-driving", "standing-still", "cutting")
-"""What a reward may teach at the cost of progress: the cause if progress fell and reward rose."""
+"""The cause if progress fell and reward rose."""
 
 
 OF_OWN_LEARNING = {
@@ -69,17 +66,15 @@ OF_OWN_LEARNING = {
     "not-learning",
     "under-training",
 }
-"""Advice about what hyperparameters.json and more iterations change. While a teacher learns, or a
-student from it, they have no part in it, or the next phase follows anyway."""
+"""Left out while a teacher learns, or a student from it."""
 
 
 def advice(run: Run) -> tuple[Advice, ...]:
-    """Advice on a training, the most important first; empty without evidence."""
+    """Advice on a training; empty without evidence."""
     return advise(gather(run))
 
 
 def advise(evidence: Evidence) -> tuple[Advice, ...]:
-    """Advice by what was found."""
     rules = [rule for name, rule in RULES if _concerns(name, evidence)]
     found = [item for rule in rules if (item := rule(evidence)) is not None]
     if evidence.paid:

@@ -1,4 +1,4 @@
-"""A piece of advice, and how the commands in it are written."""
+"""A piece of advice, and its command."""
 
 import shlex
 from dataclasses import dataclass
@@ -6,16 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Advice:
-    """Something that a racer should change, with what shows it.
-
-    Attributes:
-        id: Its name; docs/advice.md has a section for each.
-        title: What is wrong, in a few words.
-        evidence: What shows it, sentences with numbers.
-        numbers: These numbers by name.
-        setting: What to change: a setting, a hyperparameter, or a file.
-        command: The command that does it, in the folder with the racer's run.env.
-    """
+    """Something to change; docs/advice.md has a section for each id."""
 
     id: str
     title: str
@@ -26,16 +17,10 @@ class Advice:
 
 
 TRAIN_ON = ("DR_TRAIN_MAX_MINUTES", "dr-start-training --resume")
-"""Setting and command where more training helps more than any change."""
 
 
 def train_on(*changes: str, checkpoint: str = "") -> str:
-    """The command that trains on from this model with some hyperparameters changed.
-
-    Args:
-        changes: Such as `lr=0.0001`.
-        checkpoint: Where to begin; the last one if empty.
-    """
+    """The command that trains on, with `changes` such as `lr=0.0001`."""
     words = ["dr-increment-training", "-f"]
     if checkpoint:
         words += ["--checkpoint", checkpoint]
@@ -45,5 +30,5 @@ def train_on(*changes: str, checkpoint: str = "") -> str:
 
 
 def rounded(value: float) -> str:
-    """A hyperparameter with one digit that counts, such as 0.0003."""
+    """To one significant digit."""
     return f"{float(f'{value:.0e}'):.10f}".rstrip("0").rstrip(".")

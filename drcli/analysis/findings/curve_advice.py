@@ -16,12 +16,10 @@ from drcli.analysis.findings.update_advice import LOW_LR, USUAL_LR, lower_lr
 from drcli.analysis.findings.verdict import LEAST_ITERATIONS, LOW, NOT_LEARNING
 
 BEHIND, BEHIND_T = 15.0, 3.5
-"""Percent of a lap by which evaluations are far behind, and how sure that must be. In healthy
-trainings they are ahead of the training episodes, which explore."""
+"""In healthy trainings evaluations are ahead of the training episodes, which explore."""
 
 
 def collapse(evidence: Evidence) -> Advice | None:
-    """The policy fell apart."""
     fall, curve = evidence.fall, evidence.curve
     if fall is None:
         return None
@@ -57,7 +55,6 @@ def collapse(evidence: Evidence) -> Advice | None:
 
 
 def over_training(evidence: Evidence) -> Advice | None:
-    """It was better before, and slowly became worse."""
     if evidence.fall is not None:
         return None
     lost = decline(evidence.curve)
@@ -76,7 +73,6 @@ def over_training(evidence: Evidence) -> Advice | None:
 
 
 def evaluation_behind(evidence: Evidence) -> Advice | None:
-    """Evaluations get far less of the lap than training episodes."""
     gap = evidence.gap
     if gap is None or gap.behind < BEHIND or gap.t < BEHIND_T:
         return None
@@ -96,7 +92,6 @@ def evaluation_behind(evidence: Evidence) -> Advice | None:
 
 
 def under_training(evidence: Evidence) -> Advice | None:
-    """It still improves and is far from a lap."""
     curve = evidence.curve
     if evidence.fall is not None or len(curve) < LEAST_ITERATIONS or evidence.level >= UNDER:
         return None
@@ -119,7 +114,6 @@ def under_training(evidence: Evidence) -> Advice | None:
 
 
 def not_learning(evidence: Evidence) -> Advice | None:
-    """It has had its chance and still leaves the track at once."""
     curve = evidence.curve
     if evidence.fall is not None or len(curve) < NOT_LEARNING or evidence.level >= LOW:
         return None

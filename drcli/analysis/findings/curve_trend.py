@@ -1,4 +1,4 @@
-"""Where a learning curve is going: its present trend, a decline, since when it is settled."""
+"""Trend and decline of a learning curve."""
 
 from dataclasses import dataclass
 
@@ -17,51 +17,34 @@ from drcli.analysis.findings.learning_curve import (
 from drsim.arrays import Floats
 
 SHORT = 8
-"""A curve of fewer iterations without a clear trend is too short to tell."""
-
 
 WINDOW_LEAST, WINDOW_MOST = 6, 40
-"""Iterations that the present trend is taken from: half of all, within these."""
-
 
 LEAST_GAIN = 2.5
-"""Gain of progress in that window, percent of a lap, that is worth being called progress."""
+"""Percent of a lap, in that window."""
 
 
 UNDER = 50.0
-"""A training that still improves and is below this mean progress, percent, needs more time. It has
-not settled yet, so that a smaller gain over the whole curve counts."""
-
 
 DECLINE = 8.0
-"""Loss of progress since the best time, percent of a lap, that counts as a decline."""
+"""Percent of a lap."""
 
 
 DECLINE_T = 3.0
-"""t-value of the straight line from the best time on. The best time was chosen from many, so more
-is asked for than of a single trend. Of 1,500 made curves that did not decline, 4 reached it; of 400
-that lost a quarter or more, 93 in 100."""
+"""Of 1,500 made curves that did not decline, 4 reached it; of 400 that lost a quarter or more, 93
+%.
+"""
 
 
 ALONE_T = 4.5
-"""t-value from which on evaluations count alone. They have few episodes; otherwise the training
-episodes must have fallen with them."""
+"""From this t-value on evaluations, which have few episodes, count alone."""
 
 STRAY = 0.1
-"""Share of the later iterations that may be below the level at which a curve has settled."""
 
 
 @dataclass(frozen=True)
 class Decline:
-    """A slow loss after a best time.
-
-    Attributes:
-        what: Whose progress: of evaluations or of training episodes.
-        at: Iteration of the best time.
-        best: Mean progress then.
-        now: Mean progress of the newest iterations.
-        t: t-value of the loss.
-    """
+    """A slow loss of mean progress after a best time."""
 
     what: str
     at: int
@@ -71,15 +54,13 @@ class Decline:
 
 
 def present_trend(curve: LearningCurve) -> Slope:
-    """The trend of the progress of the training episodes in the newest iterations."""
     return slope(curve.progress[-window(len(curve)) :], LEAST_NOISE)
 
 
 def rise(curve: LearningCurve) -> Slope | None:
-    """The line along which progress still rises; None if it does not rise by more than chance.
+    """The line along which progress still rises; None if not by more than chance.
 
-    It goes through the newest iterations, or through all if only the whole curve shows it. Verdict
-    and advice use it alike: no training is "not learning" and advised to train on.
+    Through the newest iterations, or through all if only the whole curve shows it.
     """
     trend = present_trend(curve)
     if trend.rises and trend.gain >= LEAST_GAIN:
@@ -91,15 +72,11 @@ def rise(curve: LearningCurve) -> Slope | None:
 
 
 def window(count: int) -> int:
-    """Iterations that the present trend is taken from."""
     return min(count, max(WINDOW_LEAST, min(WINDOW_MOST, -(-count // 2))))
 
 
 def decline(curve: LearningCurve) -> Decline | None:
-    """A slow loss of progress since a best time.
-
-    That of the evaluations counts first, if there are enough; then that of the training episodes.
-    """
+    """A slow loss of progress: of the evaluations if enough, else of the training."""
     evaluated = np.flatnonzero(np.isfinite(curve.evaluation))
     if len(evaluated) >= 2 * SHORT:
         found = _decline("evaluations", curve.iteration[evaluated], curve.evaluation[evaluated])
@@ -132,7 +109,7 @@ def _decline(
 
 
 def settled_since(curve: LearningCurve) -> int:
-    """The iteration from which on the progress stays at its present level."""
+    """The iteration from which the progress stays at its level."""
     values = curve.progress
     level = rolling(values, SMOOTH)
     now = float(values[-window(len(values)) :].mean())

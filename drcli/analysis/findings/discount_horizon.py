@@ -1,4 +1,4 @@
-"""How far ahead the discount factor lets a car plan, beside the length of a lap."""
+"""How far ahead the discount factor lets a car plan."""
 
 import math
 from collections.abc import Mapping
@@ -9,17 +9,7 @@ from drcli.analysis.findings.driven_steps import STEP_S
 
 @dataclass(frozen=True)
 class DiscountHorizon:
-    """The horizon 1 / (1 - discount factor).
-
-    Attributes:
-        discount: The discount factor.
-        steps: The horizon in steps; infinite for a factor of 1.
-        seconds: In simulated seconds.
-        metres: At the present mean speed; None if the speed is unknown.
-        lap_steps: Steps of a lap at the present speed; None if unknown.
-        lap_m: Length of the lap; None if unknown.
-        lap_share: The horizon as a share of the lap; None if unknown.
-    """
+    """The horizon 1 / (1 - discount factor)."""
 
     discount: float
     steps: float
@@ -33,13 +23,6 @@ class DiscountHorizon:
 def discount_horizon(
     hyperparameters: Mapping[str, object], length_m: float, speed_mps: float | None
 ) -> DiscountHorizon | None:
-    """The horizon of a training; None if the discount factor is missing or no number.
-
-    Args:
-        hyperparameters: Of the training.
-        length_m: Length of the track; NaN if unknown.
-        speed_mps: Speed over the track late in the training.
-    """
     value = hyperparameters.get("discount_factor")
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
         return None

@@ -1,4 +1,4 @@
-"""The steps of a training as plain arrays, which every finding is computed from."""
+"""The steps of a training as plain arrays."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 STEP_S = 1.0 / 15.0
-"""Time of a step: the car decides 15 times in a simulated second."""
+"""The car decides 15 times in a simulated second."""
 
 STANDING = ("prepare", "pause", "park", "manual_pause")
-"""Statuses of rows in which the car does not drive by its action."""
+"""In these the car does not drive by its action."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,20 +24,16 @@ class DrivenSteps:
     """Columns of the steps in which the car drove, sorted as in `Run.steps`. All have shape (n,).
 
     Attributes:
-        episode: Number of the episode that a step belongs to, from 0 in the order of the frame.
-        iteration: Its iteration.
-        x: Position, metres.
-        y: Position, metres.
-        steering_deg: Requested steering, degrees, positive to the left.
-        speed_mps: Requested speed.
-        action: Index of a discrete action; -1 where actions are continuous.
-        reward: Reward of the step; NaN where the file has no number.
-        on_track: Whether all wheels were on the track.
-        progress: Percent of the lap.
-        waypoint: The closest one.
-        time_s: Simulated time.
-        last: Whether it is the last step of its episode.
-        track_m: Length of the track.
+        episode: From 0 in the order of the frame.
+        x: Metres.
+        steering_deg: Requested, positive to the left.
+        speed_mps: Requested.
+        action: -1 where continuous.
+        on_track: Whether all wheels were.
+        progress: Percent.
+        time_s: Simulated.
+        last: Whether it is the last of its episode.
+        track_m: Length.
     """
 
     episode: Ints
@@ -56,22 +52,20 @@ class DrivenSteps:
     track_m: Floats
 
     def __len__(self) -> int:
-        """How many steps."""
         return len(self.episode)
 
     @cached_property
     def continuous(self) -> bool:
-        """Whether the actions have no numbers."""
         return not bool((self.action >= 0).any())
 
     @cached_property
     def length_m(self) -> float:
-        """Length of the track in most steps; NaN if unknown."""
+        """In most steps; NaN if unknown."""
         known = self.track_m[np.isfinite(self.track_m) & (self.track_m > 0)]
         return float(np.median(known)) if len(known) else float("nan")
 
     def where(self, mask: Bools) -> "DrivenSteps":
-        """Only the steps of a mask of shape (n,)."""
+        """Those of a mask, shape (n,)."""
         if mask.all():
             return self  # two million steps take 0.2 GB
         columns = {name: getattr(self, name)[mask] for name in _COLUMNS}
@@ -82,10 +76,7 @@ _COLUMNS = tuple(DrivenSteps.__dataclass_fields__)
 
 
 def driven_steps(frame: "pd.DataFrame") -> DrivenSteps:
-    """The steps of a frame with the columns of `Run.steps` in which a car drove.
-
-    Steps of evaluations may be given as well: they have no `unique_episode` and no `iteration`.
-    """
+    """The driven steps of a frame like `Run.steps`, also of evaluations."""
     moving = _moving(frame)
     key = "unique_episode" if "unique_episode" in frame else "episode"
     named = _numbers(frame, key)[moving]
@@ -113,12 +104,10 @@ def driven_steps(frame: "pd.DataFrame") -> DrivenSteps:
 
 
 def driven_in(run: Run) -> DrivenSteps:
-    """The driven steps of a training."""
     return driven_steps(run.steps)
 
 
 def _numbers(frame: "pd.DataFrame", name: str) -> Floats:
-    """A column as finite numbers; NaN where it has none."""
     if name not in frame:
         return np.full(len(frame), np.nan)
     column = frame[name]
@@ -138,7 +127,6 @@ def _integers(frame: "pd.DataFrame", name: str, missing: int = 0) -> Ints:
 
 
 def _truths(frame: "pd.DataFrame", name: str) -> Bools:
-    """A column as truth values; true where it says nothing."""
     if name not in frame:
         return np.ones(len(frame), dtype=bool)
     column = frame[name]
@@ -150,7 +138,6 @@ def _truths(frame: "pd.DataFrame", name: str) -> Bools:
 
 
 def _moving(frame: "pd.DataFrame") -> Bools:
-    """The rows in which the car follows its action."""
     if "episode_status" not in frame:
         return np.ones(len(frame), dtype=bool)
     return ~np.asarray(frame["episode_status"].isin(STANDING), dtype=bool)

@@ -1,4 +1,4 @@
-"""Where episodes end, and how."""
+"""Where episodes end."""
 
 from dataclasses import dataclass
 
@@ -8,20 +8,10 @@ from drcli.analysis.findings.driven_steps import DrivenSteps
 from drsim.arrays import Bools
 
 PARTS = 20
-"""Parts of the lap in which ends are counted."""
 
 
 @dataclass(frozen=True)
 class EndsInPart:
-    """Episodes that end in a part of the lap.
-
-    Attributes:
-        first: Its first waypoint.
-        last: Its last waypoint.
-        ends: Episodes that ended there without completing the lap.
-        passes: Episodes that drove there, with those that ended there.
-    """
-
     first: int
     last: int
     ends: int
@@ -29,7 +19,6 @@ class EndsInPart:
 
     @property
     def share(self) -> float:
-        """Share of the episodes that came there that end there."""
         return self.ends / self.passes if self.passes else 0.0
 
 
@@ -38,13 +27,9 @@ class EpisodeEnds:
     """Ends of the episodes late in a training.
 
     Attributes:
-        episodes: Episodes that ended.
-        complete: Those that completed the lap.
-        parts: The lap in twenty parts by waypoints.
-        worst: Number of the part with the most ends; None without ends.
-        densest: The stretch with the most ends that is as long as a part and begins with a part or
-            in the middle of one, so that a place on the border of two parts is not cut in half;
-            None without ends.
+        parts: Twenty, by waypoints.
+        densest: The stretch of a part's length with the most ends. It may begin in the middle of a
+            part, so that a place on a border is not cut in half.
     """
 
     episodes: int
@@ -55,7 +40,6 @@ class EpisodeEnds:
 
 
 def episode_ends(late: DrivenSteps) -> EpisodeEnds | None:
-    """Count where the episodes of some steps end; None without steps."""
     if not len(late):
         return None
     complete = late.progress[late.last] >= 100.0
@@ -77,15 +61,6 @@ def episode_ends(late: DrivenSteps) -> EpisodeEnds | None:
 def _stretches(
     late: DrivenSteps, complete: Bools, places: int, cells: int, width: int
 ) -> tuple[EndsInPart, ...]:
-    """Ends in each stretch of some neighbouring cells of the lap.
-
-    Args:
-        late: The steps.
-        complete: Which of their episodes completed the lap. Shape (episodes,).
-        places: Number of waypoints.
-        cells: Equal cells that the lap is cut into.
-        width: Cells of a stretch.
-    """
     cell = np.maximum(late.waypoint, 0) * cells // places
     ends = np.bincount(cell[late.last][~complete], minlength=cells)
     seen = np.zeros((int(late.episode[-1] - late.episode[0]) + 1, cells), dtype=bool)

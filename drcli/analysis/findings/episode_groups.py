@@ -1,4 +1,4 @@
-"""Episodes in groups: by where they start, and by fifths of the training."""
+"""Episodes by start, and by fifths of the training."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -11,21 +11,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 START_GROUPS = 10
-"""Starts are put into as many parts of the lap."""
 
 
 @dataclass(frozen=True)
 class EpisodeGroup:
-    """Some episodes.
-
-    Attributes:
-        name: Of the group: a quintile such as 1st, or waypoints such as 0-11.
-        episodes: How many.
-        mean_progress: Percent.
-        complete_share: Share that completed the lap.
-        mean_reward: Mean total reward.
-        best_lap_s: Fastest complete lap; None without.
-    """
+    """Named by quintile, such as 1st, or waypoints, such as 0-11."""
 
     name: str
     episodes: int
@@ -36,7 +26,6 @@ class EpisodeGroup:
 
 
 def by_quintile(run: Run) -> tuple[EpisodeGroup, ...]:
-    """The episodes in five equal parts of the training, in order."""
     table = run.episodes
     if not len(table) or "quintile" not in table:
         return ()
@@ -46,7 +35,7 @@ def by_quintile(run: Run) -> tuple[EpisodeGroup, ...]:
 
 
 def by_start(run: Run) -> tuple[EpisodeGroup, ...]:
-    """The episodes of the last third of the iterations, by the part of the lap they start in."""
+    """The episodes of the last third, by where they start."""
     table = run.episodes
     if not len(table) or "start_at" not in table:
         return ()
@@ -63,7 +52,6 @@ def by_start(run: Run) -> tuple[EpisodeGroup, ...]:
 
 
 def _last_waypoint(steps: "pd.DataFrame") -> int:
-    """The highest waypoint of a trace; 0 if it has none."""
     if "closest_waypoint" not in steps:
         return 0
     highest = steps["closest_waypoint"].max()

@@ -1,4 +1,4 @@
-"""The newest evaluation: how many laps are clean, where rules are broken, how the car steers."""
+"""The newest evaluation: clean laps, bad places, steering."""
 
 import math
 from dataclasses import dataclass
@@ -18,28 +18,18 @@ if TYPE_CHECKING:
     import pandas as pd
 
 CLEAN_SHARE = 0.9
-"""Laps are not clean enough if even the upper end of the 95 % interval of their share is below
-this: 0 or 1 of 3, 3 of 5, 15 of 20, 31 of 40. At 0.9, three laps in a row are clean with a
-probability of 0.73. The recorded evaluations of the reference have 3 of 3 each."""
+"""Laps are not clean enough if the upper end of the 95 % interval is below: 0 or 1 of 3, 3 of 5,
+15 of 20, 31 of 40. The recorded evaluations of the reference have 3 of 3 each.
+"""
 
 PARTS = 20
-"""A place is so large a part of the lap."""
-
 LEAST_TRIALS = 5
-"""Laps that evaluations during a training are judged by, of as few of the newest ones as possible:
-one lap says nothing."""
+"""In evaluations during a training."""
 
 
 @dataclass(frozen=True)
 class BadPlace:
-    """The part of the lap, a twentieth long, where most rules are broken.
-
-    Attributes:
-        first: Waypoint of its first violation.
-        last: Waypoint of its last one.
-        count: Violations there.
-        of: Violations in all.
-    """
+    """The twentieth of the lap where most rules are broken."""
 
     first: int
     last: int
@@ -52,16 +42,8 @@ class EvaluatedLaps:
     """The newest evaluation.
 
     Attributes:
-        stamp: Of an evaluation on its own; empty for those of the training.
-        world: Where it was driven; None if unknown.
-        laps: Its laps, clean or not.
-        resets: How often the car was put back.
-        off_track: How often it left the track.
-        crashed: How often it hit something.
-        alone: Mean progress at the first violation or at the end, percent; None if unknown.
-        place: Where most rules are broken; None if that is not known.
-        balance: Whether it steers to both sides; None without steps.
-        actions: How it uses its actions; None without steps.
+        stamp: Empty for those of the training.
+        alone: Mean progress at the first violation or at the end, percent.
     """
 
     stamp: str
@@ -77,12 +59,11 @@ class EvaluatedLaps:
 
     @property
     def unclean(self) -> bool:
-        """Whether surely too few laps are clean."""
         return self.laps.interval[1] < CLEAN_SHARE
 
 
 def evaluated_alone(run: Run) -> EvaluatedLaps | None:
-    """The newest evaluation on its own; None without one, or if the training went on after it."""
+    """The newest evaluation on its own; None if the training went on after it."""
     if not run.evaluations or not len(run.evaluations[-1].trials):
         return None
     newest = run.evaluations[-1]
@@ -106,10 +87,7 @@ def evaluated_alone(run: Run) -> EvaluatedLaps | None:
 
 
 def evaluated_in_training(run: Run, curve: LearningCurve) -> EvaluatedLaps | None:
-    """The newest evaluations during the training, which end where the car breaks a rule.
-
-    None if there are too few, or none on the present track.
-    """
+    """The newest evaluations during the training; None if too few."""
     if run.records is None or not len(curve):
         return None
     records = run.records[run.records["phase"] == "evaluation"]
@@ -135,7 +113,7 @@ def evaluated_in_training(run: Run, curve: LearningCurve) -> EvaluatedLaps | Non
 
 
 def _ended_s(steps: "pd.DataFrame") -> float:
-    """Unix seconds of the last step; infinite where older simulators do not tell them."""
+    """Unix seconds; infinite where older simulators do not tell them."""
     clock = np.asarray(steps["wall_clock"], dtype=np.float64) if len(steps) else np.empty(0)
     clock = clock[np.isfinite(clock)]
     return float(clock.max()) if len(clock) else math.inf

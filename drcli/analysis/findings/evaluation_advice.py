@@ -1,4 +1,4 @@
-"""Advice on the newest evaluations: laps that are not clean."""
+"""Advice on laps of evaluations that are not clean."""
 
 import shlex
 
@@ -12,7 +12,6 @@ from drcli.analysis.findings.verdict import NOT_LEARNING
 
 
 def unclean_laps(evidence: Evidence) -> Advice | None:
-    """Evaluation laps have resets, or end at a violation."""
     alone, trained = evidence.evaluated, evidence.evaluated_in_training
     if alone is not None and alone.unclean:
         return _advice(evidence, alone)
@@ -72,7 +71,6 @@ def _advice(evidence: Evidence, found: EvaluatedLaps) -> Advice:
 
 
 def _remedy(evidence: Evidence, found: EvaluatedLaps, *, elsewhere: bool) -> tuple[str, str]:
-    """Train there; train on while that helps; else the reward decides."""
     if elsewhere:
         return "DR_WORLD_NAME", shlex.join(["dr-config", "set", f"DR_WORLD_NAME={found.world}"])
     young = len(evidence.curve) < NOT_LEARNING or rise(evidence.curve) is not None

@@ -1,4 +1,4 @@
-"""How far evaluations get beside the training episodes of the same weights."""
+"""Progress of evaluations and of training episodes."""
 
 import math
 from dataclasses import dataclass
@@ -9,23 +9,17 @@ from drcli.analysis.findings.learning_curve import LearningCurve
 from drcli.analysis.run import Run
 
 NEWEST = 8
-"""So many of the newest evaluated iterations are compared, or the last third if that is more."""
-
 LEAST = 3
-"""Evaluations that are needed."""
 
 
 @dataclass(frozen=True)
 class EvaluationGap:
-    """Progress of training and evaluation.
+    """Mean progress of training and evaluation, percent.
 
     Attributes:
-        training: Mean progress of the training episodes, percent.
-        evaluation: Mean progress of the evaluations, percent.
-        behind: How much less far evaluations get.
-        t: How sure that is: `behind` in standard errors.
-        count: Evaluated iterations, or trials of evaluations on their own.
-        alone: Whether these are evaluations on their own, after the training.
+        t: `behind` in standard errors.
+        count: Evaluated iterations, or trials if `alone`.
+        alone: Evaluations on their own, after the training.
     """
 
     training: float
@@ -37,13 +31,7 @@ class EvaluationGap:
 
 
 def evaluation_gap(run: Run, curve: LearningCurve, until: int) -> EvaluationGap | None:
-    """Compare evaluations with the training; None if there are too few.
-
-    Args:
-        run: The training.
-        curve: Its learning curve.
-        until: Only that many of its iterations count: those before a collapse.
-    """
+    """Compare evaluations with the first `until` iterations."""
     training, evaluation = curve.progress[:until], curve.evaluation[:until]
     where = np.flatnonzero(np.isfinite(evaluation))
     where = where[-max(NEWEST, len(where) // 3) :]

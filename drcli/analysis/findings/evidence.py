@@ -1,4 +1,4 @@
-"""All that verdict and advice rest on, computed once from the tables of a training."""
+"""All that verdict and advice rest on, computed once."""
 
 import math
 from collections.abc import Mapping
@@ -43,17 +43,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FALL_FROM = 20.0
-"""Progress, percent, that a policy must have had before a collapse. The warning during a training
-asks for 40; looking back at a whole curve, a fall from less can be told from noise."""
+"""Percent. The warning during a training asks for 40; a whole curve shows smaller falls."""
 
 LEAST_NOISE = 1.5
-"""Standard deviation of mean progress, percent, that is believed at the least."""
-
 REWARD_FALL = 0.4
-"""A collapse that shows in the reward only must be deeper than one in the progress."""
+"""Stricter than for the progress."""
 
 REWARD_RISE = 1.1
-"""A fall of progress after which the reward is so many times as high was paid for."""
+"""A fall of progress with so much more reward was paid for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,28 +58,10 @@ class Evidence:
     """What was found in a training. None stands for: too few numbers to tell.
 
     Attributes:
-        run: The training.
-        curve: Its learning curve.
-        fall: The collapse of its progress, or of its reward.
         fallen: What fell: progress or reward; empty without a collapse.
         paid: Whether the reward rose where the progress fell. Then the policy is not broken; it
-            does what its reward asks for, and all steps show what that is.
+            does what its reward asks for.
         late: Steps that show how the car drives now, or before the policy broke.
-        actions: How it uses its actions.
-        rate: What its reward pays for.
-        balance: Whether it steers to both sides.
-        snaking: Whether it snakes, in training.
-        evaluation_snaking: The same in the stored evaluations.
-        off: Whether it drives with wheels off the track.
-        ends: Where its episodes end.
-        evaluated: The newest evaluation on its own.
-        evaluated_in_training: The newest ones of the training.
-        gap: How far evaluations are behind the training.
-        learner: What its updates say.
-        horizon: How far ahead it plans.
-        laps: Its complete laps.
-        quintiles: Its episodes in five equal parts of the training.
-        starts: Its late episodes by where they start.
     """
 
     run: Run
@@ -114,7 +93,7 @@ class Evidence:
 
     @property
     def level(self) -> float:
-        """Mean progress of the newest iterations before a collapse, percent; 0 without any."""
+        """Mean progress of the newest iterations before a collapse, percent."""
         newest = self.curve.progress[: self.until][-max(3, self.until // 6) :]
         return float(newest.mean()) if len(newest) else 0.0
 
@@ -122,8 +101,8 @@ class Evidence:
     def spread(self) -> float | None:
         """How evenly the probabilities of discrete actions are spread: 0 one is certain, 1 equal.
 
-        From the entropy of the newest updates; where nobody recorded it, from the actions that were
-        taken at the same place of the lap, which vary at least as much. None for continuous ones.
+        From the entropy of the newest updates, else from the actions at the same place of the lap,
+        which vary at least as much.
         """
         if self.learner is not None and self.learner.spread is not None:
             return self.learner.spread
@@ -131,12 +110,10 @@ class Evidence:
         return None if use is None or use.continuous else use.variety
 
     def number(self, key: str) -> float | None:
-        """A hyperparameter, if it is a number."""
         return _number(self.run.hyperparameters, key)
 
 
 def gather(run: Run) -> Evidence:
-    """Compute everything that verdict and advice rest on."""
     curve = learning_curve(run)
     fall, fallen = _fall(curve) if curve.is_own_driving else (None, "")
     paid = _paid(curve, fall, fallen)
@@ -182,9 +159,9 @@ def _since_phase(learner: "pd.DataFrame", curve: LearningCurve) -> "pd.DataFrame
 
 
 def is_sac(run: Run) -> bool:
-    """Whether a model was trained by SAC, as far as its files tell.
+    """Whether a model was trained by SAC.
 
-    The hyperparameters alone do not: the reference ships sac_alpha with those of PPO.
+    sac_alpha does not tell: the reference ships it with hyperparameters of PPO.
     """
     with suppress(RecordError):
         metadata = parse_json(run.files.get(MODEL_METADATA_FILE, "{}").encode())
@@ -194,12 +171,10 @@ def is_sac(run: Run) -> bool:
 
 
 def _discrete(actions: ActionSpace | None) -> int:
-    """Number of discrete actions; 0 for others."""
     return 0 if actions is None or actions.continuous else actions.num_actions
 
 
 def _fall(curve: LearningCurve) -> tuple[Fall | None, str]:
-    """The collapse of a curve, and what fell."""
     fall = lasting_fall(curve.progress, FALL_FROM, least_noise=LEAST_NOISE)
     if fall is not None:
         return fall, "progress"
@@ -212,7 +187,6 @@ def _fall(curve: LearningCurve) -> tuple[Fall | None, str]:
 
 
 def _paid(curve: LearningCurve, fall: Fall | None, fallen: str) -> bool:
-    """Whether the mean reward surely and clearly rose where the progress fell."""
     if fall is None or fallen != "progress" or not np.isfinite(curve.reward).all():
         return False
     before, after = curve.reward[max(0, fall.at - 5) : fall.at], curve.reward[fall.at :]
@@ -222,7 +196,6 @@ def _paid(curve: LearningCurve, fall: Fall | None, fallen: str) -> bool:
 
 
 def _speed_over_track(steps: DrivenSteps) -> float | None:
-    """Mean speed over the track, from the way driven in each step; None if unknown."""
     together = steps.episode[1:] == steps.episode[:-1]
     way = np.hypot(np.diff(steps.x), np.diff(steps.y))[together]
     time_s = np.diff(steps.time_s)[together]

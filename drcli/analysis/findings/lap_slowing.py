@@ -1,4 +1,4 @@
-"""Whether complete laps became slower in time while they earned more."""
+"""Whether laps became slower while they earned more."""
 
 import math
 from dataclasses import dataclass
@@ -14,26 +14,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SLOWER, SLOWER_T = 0.12, 4.0
-"""Laps are slower by at least this share, and so surely. Recorded trainings with a reward for the
-centre line became slower by 0.02 to 0.09: a little of it is caution."""
+"""Recorded trainings with a reward for the centre line became slower by 0.02 to 0.09."""
 
 LEAST_LAPS = 12
-"""Laps that a comparison needs: four in each third."""
 
 
 @dataclass(frozen=True)
 class LapSlowing:
-    """Laps that became slower and earned more: the first third of the laps and the last third.
-
-    Attributes:
-        what: Whose laps: "Evaluation laps" or "Training laps".
-        laps: How many there are in all.
-        early_s: Mean time in the first third, seconds.
-        late_s: Mean time in the last third.
-        t: t-value of the change of the time.
-        early_reward: Mean reward of a lap in the first third.
-        late_reward: Mean reward of a lap in the last third.
-    """
+    """The first and the last third of laps that became slower."""
 
     what: str
     laps: int
@@ -45,7 +33,6 @@ class LapSlowing:
 
     @property
     def sentence(self) -> str:
-        """What report and advice print of it."""
         return (
             f"{self.what} became slower: the first third of them took {self.early_s:.1f} s and "
             f"earned {self.early_reward:.4g}, the last third took {self.late_s:.1f} s and earned "
@@ -54,13 +41,7 @@ class LapSlowing:
 
 
 def lap_slowing(run: Run, curve: LearningCurve, until: int) -> LapSlowing | None:
-    """Compare early and late laps: those of the evaluations during the training, then its own.
-
-    Args:
-        run: The training.
-        curve: Its learning curve; laps on an earlier track do not count.
-        until: Number of iterations of the curve that count: those before a collapse.
-    """
+    """Compare early and late laps, of evaluations first, before `until`."""
     numbers = curve.iteration[:until]
     if not len(numbers):
         return None
@@ -104,10 +85,7 @@ def _compared(what: str, table: "pd.DataFrame", first: int, last: int) -> LapSlo
 
 
 def change_t(early: Floats, late: Floats) -> float:
-    """t-value of the change from some values to others; 0 for fewer than two of each.
-
-    A standard error below 0.3 % of the mean is not believed.
-    """
+    """t-value of a change; a standard error below 0.3 % of the mean is not believed."""
     if min(len(early), len(late)) < 2:
         return 0.0
     spread = math.sqrt(float(early.var(ddof=1)) / len(early) + float(late.var(ddof=1)) / len(late))

@@ -1,4 +1,4 @@
-"""Complete laps: how many, how fast, and how the fastest one became faster."""
+"""Complete laps: number, times, records."""
 
 from dataclasses import dataclass
 
@@ -12,14 +12,6 @@ PERCENTILES = (1, 10, 25, 50, 75)
 
 @dataclass(frozen=True)
 class BestLap:
-    """A lap that was faster than all before.
-
-    Attributes:
-        iteration: Its iteration.
-        unique_episode: Its row in `Run.episodes`.
-        seconds: Its time.
-    """
-
     iteration: int
     unique_episode: int
     seconds: float
@@ -27,16 +19,7 @@ class BestLap:
 
 @dataclass(frozen=True)
 class LapTimes:
-    """The complete laps of a training.
-
-    Attributes:
-        laps: How many.
-        first_iteration: Iteration of the first one; None without laps.
-        best_s: The fastest; None without laps.
-        median_s: The median of the last third of the iterations; None without laps there.
-        percentiles: Seconds at 1, 10, 25, 50 and 75 percent, by percent; empty without laps.
-        best_laps: Each lap that was faster than all before, in order.
-    """
+    """The complete laps; `median_s` is of the last third."""
 
     laps: int
     first_iteration: int | None
@@ -47,7 +30,6 @@ class LapTimes:
 
 
 def lap_times(run: Run) -> LapTimes:
-    """The complete laps of a training, in the order of iterations."""
     table = run.episodes
     if not len(table):
         return LapTimes(0, None, None, None, {}, ())

@@ -16,19 +16,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LearnerHealth:
-    """The updates of a training. None stands for a number that nobody recorded.
+    """The updates of a training; None where nothing was recorded.
 
     Attributes:
-        updates: How many.
-        first_entropy: Entropy of the first updates, nats.
-        last_entropy: Entropy of the newest ones.
-        lowest_entropy: The lowest mean over five updates.
-        spread: `last_entropy` as a share of that of equal probabilities: 1 if all actions are
-            equally likely, 0 if one is certain. None for continuous actions too.
-        rising_since: Updates since it was lowest, if it rises as `dr-status` warns of; else None.
-        median_kl: Median KL divergence from the policy that drove.
-        last_value_loss: Value loss of the newest updates.
-        clip_fraction: Share of the steps whose probability ratio was clipped, newest updates.
+        lowest_entropy: Nats; mean over five updates.
+        spread: `last_entropy` as a share of that of equal probabilities.
+        rising_since: Updates since it was lowest, if it rises as `dr-status` warns of.
+        clip_fraction: Share of the steps whose probability ratio was clipped.
     """
 
     updates: int
@@ -43,12 +37,9 @@ class LearnerHealth:
 
 
 def learner_health(learner: "pd.DataFrame", *, sac: bool, actions: int = 0) -> LearnerHealth | None:
-    """Look at the updates; None if nothing of them was recorded.
+    """Judge the updates in `Run.learner`.
 
-    Args:
-        learner: `Run.learner`.
-        sac: Whether it is SAC, whose temperature steers the entropy: then a rise is no warning.
-        actions: Number of discrete actions; 0 for continuous ones, or if unknown.
+    SAC's temperature steers the entropy: then a rise is not a warning.
     """
     if not len(learner):
         return None
@@ -69,7 +60,6 @@ def learner_health(learner: "pd.DataFrame", *, sac: bool, actions: int = 0) -> L
 
 
 def _rising_since(means: Floats) -> int | None:
-    """Updates since the entropy was lowest, if it has clearly risen since."""
     if len(means) <= ENTROPY_SINCE:
         return None
     low = int(np.flatnonzero(means <= means.min() + ENTROPY_NEAR)[-1])

@@ -1,4 +1,4 @@
-"""The learning curve of a training as arrays, and the statistics that verdict and advice use."""
+"""The learning curve of a training, and its statistics."""
 
 import math
 from dataclasses import dataclass, replace
@@ -13,43 +13,33 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FALL_SHARE = 0.6
-"""A level at or below this share of the level before is a collapse; as in `drcli.store.history`."""
+"""Of the level before, as in `drcli.store.history`."""
 
 FALL_SIGMAS = 4.0
-"""Least height of a fall in standard errors of the levels before and after. Of 1,500 made curves
-without a collapse, none had so large a fall."""
+"""Of 1,500 made curves without a collapse, none had so large a fall."""
 
 LEAST_AFTER = 2
-"""Iterations after a fall that there must be."""
-
 TREND_T = 2.6
-"""A trend counts from this t-value on: one chance in a hundred."""
+"""One chance in a hundred."""
 
 HUGE = 1e100
-"""Values beyond it are scaled, because the squares of 1e300 are too large for a float."""
+"""Larger values are scaled: their squares overflow."""
 
 SMOOTH = 3
-"""Iterations over which levels are averaged, as in `drcli.store.history`."""
+"""As in `drcli.store.history`."""
 
 
 @dataclass(frozen=True, eq=False)
 class LearningCurve:
     """Means of the iterations that had episodes, oldest first. Every array has shape (n,).
 
-    If the length of the track or the phase changes on the way, only the iterations since are here:
-    before, the car had another task, or another driver.
+    If the length of the track or the phase changes, only the iterations since are here: before, the
+    car had another task, or another driver. Errors are standard errors, NaN for one episode.
 
     Attributes:
-        iteration: Their numbers.
-        episodes: Training episodes.
-        progress: Mean progress, percent.
-        progress_error: Its standard error, from the spread of the episodes; NaN for one episode.
-        reward: Mean reward of an episode.
-        reward_error: Its standard error; NaN for one episode.
+        progress: Percent.
         laps: Share of the episodes that completed the lap.
         evaluation: Mean progress of the evaluation episodes; NaN without.
-        evaluation_laps: Complete laps of the evaluation; NaN without.
-        lap_s: Mean lap time; NaN without a lap.
         phase: Of a training with a teacher; else empty.
     """
 
@@ -67,24 +57,16 @@ class LearningCurve:
 
     @property
     def is_own_driving(self) -> bool:
-        """Whether the camera policy drives its training episodes, and learns from their rewards."""
+        """Whether the camera policy drives its episodes, and learns from their rewards."""
         return self.phase in ("", "ppo")
 
     def __len__(self) -> int:
-        """How many iterations."""
         return len(self.iteration)
 
 
 @dataclass(frozen=True)
 class Fall:
-    """A lasting step down of a curve.
-
-    Attributes:
-        at: Index of the first value after it.
-        before: Level before.
-        after: Level after, to the end.
-        sigmas: Its height in standard errors.
-    """
+    """A lasting step down of a curve, its height in standard errors."""
 
     at: int
     before: float
@@ -94,13 +76,7 @@ class Fall:
 
 @dataclass(frozen=True)
 class Slope:
-    """A straight line through the newest values.
-
-    Attributes:
-        gain: Change from its begin to its end.
-        t: Its t-value.
-        count: Values that it goes through.
-    """
+    """A line through the newest values, and its t-value."""
 
     gain: float
     t: float
@@ -108,17 +84,14 @@ class Slope:
 
     @property
     def rises(self) -> bool:
-        """Whether it rises by more than chance."""
         return self.t >= TREND_T
 
     @property
     def falls(self) -> bool:
-        """Whether it falls by more than chance."""
         return self.t <= -TREND_T
 
 
 def learning_curve(run: Run) -> LearningCurve:
-    """The learning curve of a training."""
     table = run.iterations
     numbers = np.asarray(table.index, dtype=np.int64)
     episodes = _column(table, "episodes")
@@ -146,7 +119,7 @@ def learning_curve(run: Run) -> LearningCurve:
 def noise(values: Floats) -> float:
     """Standard deviation of the chance in a curve, from the differences of neighbours.
 
-    What changes slowly cancels out. The median makes it robust against a single step.
+    Slow changes cancel out. The median makes it robust against a single step.
     """
     steps = np.abs(np.diff(values[np.isfinite(values)]))
     if not len(steps):
@@ -157,7 +130,7 @@ def noise(values: Floats) -> float:
 
 
 def rolling(values: Floats, width: int) -> Floats:
-    """Moving mean over `width` values, each at the last of them; shorter at the begin."""
+    """Moving mean over `width` values, each at the last of them; shorter at first."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     ends = np.arange(1, len(values) + 1)
     begins = np.maximum(0, ends - width)
@@ -165,12 +138,7 @@ def rolling(values: Floats, width: int) -> Floats:
 
 
 def slope(values: Floats, least_noise: float = 0.0) -> Slope:
-    """A straight line through values, with the t-value of its slope.
-
-    Args:
-        values: In order; NaN are left out. Shape (n,).
-        least_noise: Least standard deviation that is believed.
-    """
+    """A line through values, shape (n,), without NaN."""
     known = np.flatnonzero(np.isfinite(values))
     if len(known) < 3:
         return Slope(0.0, 0.0, len(known))
@@ -185,8 +153,7 @@ def slope(values: Floats, least_noise: float = 0.0) -> Slope:
 def still_rising(values: Floats, least_gain: float, least_noise: float = 0.0) -> bool:
     """Whether a curve has risen all the time, and its last third more than by chance.
 
-    A line through the whole curve is surer than one through its end; but the last third must be
-    above the one before it, too.
+    The last third must be above the one before it, too.
     """
     third = len(values) // 3
     if third < 2:
@@ -201,16 +168,9 @@ def still_rising(values: Floats, least_gain: float, least_noise: float = 0.0) ->
 def lasting_fall(
     values: Floats, least_before: float, share: float = FALL_SHARE, least_noise: float = 0.0
 ) -> Fall | None:
-    """The step down of a curve that did not recover.
+    """The step down of a curve of shape (n,) that did not recover.
 
-    The place is where two constant levels fit best from the highest moving mean on; the level
-    before is that of the five values before it.
-
-    Args:
-        values: The curve. Shape (n,).
-        least_before: The level before must have been at least so high.
-        share: The level after must be at or below this share of it.
-        least_noise: Least standard deviation that is believed.
+    It is where two constant levels fit best from the highest moving mean on.
     """
     if len(values) < SMOOTH + LEAST_AFTER + 1 or not np.isfinite(values).all():
         return None
@@ -241,8 +201,7 @@ def lasting_fall(
 def swings(values: Floats) -> tuple[float, float]:
     """Mean jump from value to value as a share of their mean, and share of jumps that turn back.
 
-    Of unrelated values, two of three jumps turn back; of a smooth curve, few. Equal neighbours,
-    such as two iterations of complete laps only, are neither a turn nor none.
+    Of unrelated values, two of three turn back. Equal neighbours do not count.
     """
     jumps = np.diff(values)
     mean = float(np.mean(np.abs(values)))
@@ -256,7 +215,6 @@ def swings(values: Floats) -> tuple[float, float]:
 
 
 def _best_split(values: Floats, begin: int) -> int | None:
-    """Where two constant levels fit the values from `begin` on best, as an index of all."""
     part = values[begin:]
     ends = np.arange(1, len(part) - LEAST_AFTER + 1)
     if not len(ends):
@@ -269,12 +227,10 @@ def _best_split(values: Floats, begin: int) -> int | None:
 
 
 def _mostly_above(values: Floats, level: float) -> bool:
-    """Whether a curve came back: a fifth or more of its values, or their last three, are above."""
     return bool(np.mean(values > level) > 0.2 or np.mean(values[-SMOOTH:]) > level)
 
 
 def _since(run: Run) -> int:
-    """The first iteration on the present track, as its length tells."""
     steps = run.steps
     if not len(steps) or "track_len" not in steps:
         return 0
@@ -290,7 +246,6 @@ def _since(run: Run) -> int:
 
 
 def _phase(run: Run) -> tuple[str, int]:
-    """The newest phase, and its first iteration; empty and 0 without a teacher."""
     table = run.iterations
     if not len(table) or "phase" not in table:
         return "", 0
@@ -300,7 +255,6 @@ def _phase(run: Run) -> tuple[str, int]:
 
 
 def _progress_spread(run: Run, numbers: Ints) -> Floats:
-    """Standard deviation of the progress of the episodes of each iteration; NaN for one."""
     episodes = run.episodes
     if not len(episodes):
         return np.full(len(numbers), np.nan)

@@ -12,27 +12,19 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SLOWING_T = -4.0
-"""How sure it must be that the requested speed fell since the first third of the training."""
-
 
 CRAWL = 0.15
-"""The mean speed is in this lowest part of the action space."""
-
 
 STUCK_SHARE = 0.3
-"""Share of the episodes that end because the car stands, or drives the wrong way."""
-
 
 STILL_STEPS, STILL_M = 10, 0.02
-"""A car stands if its last steps are within so many metres, along x and along y. The simulators
-write `immobilized` at a limit of steps, too, when a slow car is still driving."""
+"""`immobilized` is not enough: it is also written for a slow car at a limit of steps."""
 
 
 REWARD_CHECK = "dr-reward check"
 
 
 def slow_driving(evidence: Evidence) -> Advice | None:
-    """Slow driving earns more than fast driving."""
     rate = evidence.rate
     if rate is None:
         return None
@@ -72,10 +64,7 @@ def slow_driving(evidence: Evidence) -> Advice | None:
 
 
 def _earns_less(evidence: Evidence) -> bool:
-    """Whether the last third of the iterations surely earns less than the first one.
-
-    A car that became slower and lost reward by it did not do so for the reward.
-    """
+    """Then the car did not become slower for the reward."""
     reward = evidence.curve.reward[: evidence.until]
     third = len(reward) // 3
     return third > 0 and change_t(reward[:third], reward[-third:]) <= -TREND_T
@@ -106,7 +95,6 @@ def _pay_sentences(rate: RewardRate, *, slowed: bool, step: bool) -> list[str]:
 
 
 def standing_still(evidence: Evidence) -> Advice | None:
-    """Episodes end because the car stands or turns round."""
     table = evidence.run.episodes
     if not len(table) or "status" not in table:
         return None
@@ -135,7 +123,6 @@ def standing_still(evidence: Evidence) -> Advice | None:
 
 
 def _standing(steps: "pd.DataFrame", episodes: "pd.Index[int]") -> int:
-    """How many of some episodes end with the car in one place; all where no place is known."""
     if not {"x", "y"} <= set(steps.columns):
         return len(episodes)
     ends = steps[steps["unique_episode"].isin(episodes)].groupby("unique_episode")

@@ -1,4 +1,4 @@
-"""How long the calls of a reward function took, where the trace has it."""
+"""How long calls of a reward function took."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -9,26 +9,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 COLUMNS = {"reward_ms": 1.0, "reward_time_ms": 1.0, "reward_s": 1000.0, "reward_time": 1000.0}
-"""Columns that traces may have after the 19 of the reference, with milliseconds in their unit.
-
-Ours is `reward_ms`.
-"""
+"""Milliseconds in the unit of each column; ours is `reward_ms`."""
 
 _NO_CALL = ("prepare", "pause", "park")
-"""Status of steps in which the function is not called."""
 
 
 @dataclass(frozen=True)
 class RewardFunctionTime:
-    """Time of a call.
-
-    Attributes:
-        calls: Calls that were measured.
-        p50_ms: Half of the calls took at most this.
-        p99_ms: 99 percent of the calls did.
-        total_s: All calls together.
-    """
-
     calls: int
     p50_ms: float
     p99_ms: float
@@ -36,7 +23,7 @@ class RewardFunctionTime:
 
 
 def reward_function_time(steps: "pd.DataFrame") -> RewardFunctionTime | None:
-    """The time of the calls; None if the trace does not have it."""
+    """None if the trace does not have it."""
     import pandas as pd
 
     for name, unit in COLUMNS.items():

@@ -1,4 +1,4 @@
-"""What the reward pays for: does slow driving earn more than fast driving?"""
+"""What the reward pays for: slow driving or fast driving?"""
 
 import math
 from dataclasses import dataclass
@@ -15,48 +15,30 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PARTS, STEPS_IN_PART = 20, 20
-"""Parts of the lap in which steps are compared, so that a bend is not compared with a straight, and
-steps that each of more parts must have. The finer the better: a reward that is only paid at some
-places would else seem to be paid for the speed there."""
+"""So that a bend is not compared with a straight. The finer the better: a reward that is only paid
+at some places would else seem to be paid for the speed there.
+"""
 
 PERIODS = 4
-"""Parts of the training in which steps are compared, so that a beginner is not compared with a
-good driver."""
+"""So that a beginner is not compared with a good driver."""
 
 LEAST_STEPS = 300
-"""Steps that a comparison of speeds needs."""
-
 LEAST_EPISODES = 12
-"""Episodes that a comparison of times needs."""
-
 LEAST_PROGRESS = 25.0
-"""Shorter episodes, in percent of the lap, say little about a lap."""
-
 LAP_POWER, LAP_T = 0.3, 4.0
-"""Reward of a lap changes with its time at least so, and so surely, if report and advice say it."""
-
 STEP_POWER, STEP_T = -0.25, -6.0
-"""A reward of a step that falls with the speed so steeply, and so surely, pays for slow steps.
-A reward for the centre line has 0: it does not care. Fast steps leave the line more often, but not
-by so much (0.01 to 0.06 in the recorded trainings)."""
+"""A reward for the centre line has 0. Fast steps leave the line more often (0.01 to 0.06 in the
+recorded trainings).
+"""
 
 STEEP_LAP_POWER = 1.5
-"""A reward that pays the same for each step has 1. Much more pays for slowness itself."""
+"""The same for each step has 1."""
 
 SPEEDS = 5
-"""Groups of speed for a bar chart."""
 
 
 @dataclass(frozen=True)
 class SpeedPay:
-    """Reward of the steps that were requested at some speed.
-
-    Attributes:
-        speed_mps: Mean speed of the group.
-        reward: Mean reward of a step.
-        steps: Number of steps.
-    """
-
     speed_mps: float
     reward: float
     steps: int
@@ -67,28 +49,16 @@ class RewardRate:
     """What a reward function paid, beside speed and time. None stands for unknown.
 
     Attributes:
-        per_step: Mean reward of a step late in the training.
-        per_s: Mean reward of a second.
-        per_percent: Mean reward of a percent of the lap.
         by_speed: Reward of a step by speed, the slowest first.
         step_power: Reward of a step grows with speed to this power, at the same part of the lap
-            and of the training: 1 doubles it with the speed, 0 does not care, below 0 slow steps
-            earn more.
-        step_t: Its t-value.
+            and of the training: below 0 slow steps earn more.
         lap_power: Reward of a lap grows with its time to this power: above 0, slow laps earn more.
             A reward of 1 for each step has 1, `reward = speed` has 0.
-        lap_t: Its t-value.
-        episodes: Episodes that it was taken from.
-        complete: Whether these are complete laps; else the reward of each is scaled to a lap.
-        slow_s: Mean time of the slower half of them, seconds for a lap.
-        fast_s: Mean time of the faster half.
-        slow_reward: Mean reward of the slower half, for a lap.
-        fast_reward: Mean reward of the faster half.
-        early_mps: Mean requested speed in the first third of the training.
-        late_mps: The same in the last third.
-        slowing_t: How sure the change of the speed is, as a t-value; below 0 it became slower.
-        pace: Where the mean speed is between the least (0) and the greatest (1) of the actions.
-        slower: Laps that became slower in time and earned more; None if they did not.
+        complete: Whether `episodes` are complete laps; else each reward is scaled to a lap.
+        slow_s: Mean time of the slower half of them, for a lap.
+        slowing_t: t-value of the change of the speed; below 0 it became slower.
+        pace: The mean speed between the least (0) and the greatest (1) of the actions.
+        slower: Laps that became slower and earned more.
     """
 
     per_step: float
@@ -113,10 +83,7 @@ class RewardRate:
 
     @property
     def pays(self) -> str | None:
-        """Which laps earn more in all: "slow" or "fast" ones, or "same"; None if it cannot be told.
-
-        The advice on slow driving uses it too, so that the report says nothing else.
-        """
+        """Which laps earn more in all: "slow", "fast" or "same"; None if it cannot be told."""
         power, t = self.lap_power, self.lap_t
         if power is not None and t is not None and abs(t) >= LAP_T and abs(power) >= LAP_POWER:
             return "slow" if power > 0 else "fast"
@@ -130,8 +97,8 @@ class RewardRate:
     def slow_steps_pay(self) -> bool:
         """Whether a slow step surely earns clearly more than a fast one.
 
-        Then slow laps earn more than the same reward for each step gives them. Where complete laps
-        surely earn less than that, what was measured are not pays for speed but for places.
+        Where complete laps earn less than by an equal reward for each step, places are paid for,
+        not speed.
         """
         power, t = self.step_power, self.step_t
         if power is None or t is None or power > STEP_POWER or t > STEP_T:
@@ -145,8 +112,7 @@ class RewardRate:
     def slowness_pays(self) -> bool:
         """Whether a slow lap earns clearly and surely more than the same reward for each step.
 
-        Only complete laps show it: episodes that are scaled to a lap drove different parts of it,
-        and a part where the car is slow may just be one where it drives well.
+        Only complete laps show it: the car may be slow just where it drives well.
         """
         power, t = self.lap_power, self.lap_t
         if not self.complete or power is None or t is None or power < STEEP_LAP_POWER:
@@ -155,7 +121,6 @@ class RewardRate:
 
     @property
     def fast_laps_pay(self) -> bool:
-        """Whether fast laps surely earn more than slow ones, if only a little."""
         return self.lap_t is not None and self.lap_t <= -LAP_T
 
 
@@ -166,15 +131,7 @@ def reward_rate(
     space: ActionSpace | None,
     slower: LapSlowing | None = None,
 ) -> RewardRate | None:
-    """Measure what a reward pays for; None without rewards.
-
-    Args:
-        steps: All steps before a collapse.
-        late: Steps that show how the car drives now.
-        episodes: `Run.episodes`.
-        space: The action space, if it is known.
-        slower: Laps that became slower in time and earned more, if they did.
-    """
+    """Measure what the steps before a collapse were paid for."""
     fine = late.where(np.isfinite(late.reward) & np.isfinite(late.speed_mps))
     if not len(fine):
         return None
@@ -208,7 +165,6 @@ def reward_rate(
 
 
 def _step_power(steps: DrivenSteps) -> tuple[float | None, float | None]:
-    """How the reward of a step depends on its speed, within a part of lap and training."""
     fine = np.isfinite(steps.reward) & np.isfinite(steps.speed_mps) & steps.on_track & ~steps.last
     if np.count_nonzero(fine) < LEAST_STEPS:
         return None, None
@@ -231,13 +187,11 @@ def _step_power(steps: DrivenSteps) -> tuple[float | None, float | None]:
 
 
 def _without_bonus(reward: Floats) -> Floats:
-    """Rewards, with rare bonuses cut to the size of an ordinary large one."""
     low, high = np.percentile(reward, [1.0, 99.0])
     return np.clip(reward, low, high)
 
 
 def _cells(waypoint: Ints, iteration: Ints) -> Ints:
-    """Part of the lap and of the training of each step, as one number."""
     places = int(max(waypoint.max(), 0)) + 1
     parts = min(max(PARTS, len(waypoint) // (PERIODS * STEPS_IN_PART)), places)
     place = np.maximum(waypoint, 0) * parts // places
@@ -246,7 +200,6 @@ def _cells(waypoint: Ints, iteration: Ints) -> Ints:
 
 
 def _by_speed(steps: DrivenSteps) -> tuple[SpeedPay, ...]:
-    """Mean reward by speed: by the speeds themselves if they are few."""
     speed = steps.speed_mps
     values = np.unique(np.round(speed, 3))
     if len(values) > SPEEDS:
@@ -313,14 +266,13 @@ class _Laps:
 
 
 def _central(values: Floats) -> Bools:
-    """Values that are not far outside: within four robust standard deviations of the median."""
+    """Within four robust standard deviations of the median."""
     middle = np.median(values)
     spread = 1.4826 * float(np.median(np.abs(values - middle)))
     return np.asarray(np.abs(values - middle) <= max(4.0 * spread, 1e-9))
 
 
 def _slowing(steps: DrivenSteps) -> tuple[float, float, float]:
-    """Mean requested speed early and late in the training, and the t-value of the change."""
     known = np.isfinite(steps.speed_mps)
     number, speed = steps.iteration[known], steps.speed_mps[known]
     values, at = np.unique(number, return_inverse=True)
@@ -331,7 +283,6 @@ def _slowing(steps: DrivenSteps) -> tuple[float, float, float]:
 
 
 def _pace(late_mps: float, steps: DrivenSteps, space: ActionSpace | None) -> float | None:
-    """Where a speed is between the least and the greatest of the actions."""
     if space is not None and space.low is not None and space.high is not None:
         slow, fast = space.low[1], space.high[1]
     elif space is not None and space.values:

@@ -1,4 +1,4 @@
-"""Whether a car snakes: steers from side to side again and again."""
+"""Whether a car steers from side to side again and again."""
 
 import math
 from dataclasses import dataclass
@@ -9,18 +9,11 @@ from drcli.analysis.findings.driven_steps import STEP_S, DrivenSteps
 from drsim.arrays import Bools, Floats
 
 SIDE_DEG = 0.5
-"""Steering below this goes to neither side, so it is no change."""
-
 LONGEST_HALF = 8
-"""Longest half period that is looked at, in steps: 0.53 s. S-bends of a track take longer, and
-are the track's."""
+"""In steps: 0.53 s. S-bends of a track take longer."""
 
 HARD_SHARE = 0.6
-"""A step is hard if it goes from this share of the largest steering on one side to that of the
-other side."""
-
 LEAST_STEPS = 200
-"""Steps that are needed."""
 
 
 @dataclass(frozen=True)
@@ -28,15 +21,12 @@ class Snaking:
     """How restless the steering is.
 
     Attributes:
-        changes_per_m: Changes from one side to the other in a metre, whatever is between.
-        regularity: How much steering repeats with `period_s`: the rise of its autocorrelation from
-            half a period to a whole one. 2 is a pure swing, 0 is chance; a track gives less than 0.
-        period_s: Period at which it is most regular.
-        amplitude_deg: Size of that swing.
+        changes_per_m: Changes of the side, as `dr-status` counts them.
+        regularity: Rise of the autocorrelation from half a period to a whole one. 2 is a pure
+            swing, 0 is chance; a track gives less than 0.
+        period_s: Where it is most regular.
         hard_changes: Share of the steps that go from hard on one side to hard on the other.
-        hard_by_chance: The same if its steering came in a random order.
-        steps: Steps that were looked at.
-        progress: Mean progress of their episodes.
+        hard_by_chance: The same in a random order.
     """
 
     changes_per_m: float
@@ -50,7 +40,6 @@ class Snaking:
 
 
 def snaking(steps: DrivenSteps) -> Snaking | None:
-    """Measure how restless the steering of some steps is; None if there are too few."""
     known = np.isfinite(steps.steering_deg)
     steps = steps.where(known)
     if len(steps) < LEAST_STEPS:
@@ -78,8 +67,8 @@ def snaking(steps: DrivenSteps) -> Snaking | None:
 def _regularity(angle: Floats, episode: np.ndarray) -> tuple[int, float, float]:
     """Half period with the largest rise of the autocorrelation, that rise, and the variance.
 
-    A sine of period 2h has the autocorrelation -1 at h and 1 at 2h. Chance has 0 at both, and
-    what changes slowly, such as the bends of a track, has less at 2h than at h.
+    A sine of period 2h has -1 at h and 1 at 2h. Chance has 0 at both, and slow changes have less
+    at 2h.
     """
     level = np.bincount(episode, weights=angle) / np.maximum(1, np.bincount(episode))
     rest = angle - level[episode]
@@ -101,7 +90,6 @@ def _regularity(angle: Floats, episode: np.ndarray) -> tuple[int, float, float]:
 
 
 def _changes_per_m(steps: DrivenSteps) -> float:
-    """Changes of the side in each metre driven, as `dr-status` counts them."""
     sided = np.abs(steps.steering_deg) > SIDE_DEG
     side, episode = np.sign(steps.steering_deg[sided]), steps.episode[sided]
     changes = np.count_nonzero((side[1:] != side[:-1]) & (episode[1:] == episode[:-1]))

@@ -1,4 +1,4 @@
-"""Takes out of the means of iterations what comes from where their episodes started."""
+"""Removes the effect of where episodes started from means of iterations."""
 
 import math
 
@@ -8,29 +8,17 @@ from drcli.analysis.run import Run
 from drsim.arrays import Floats, Ints
 
 WAVES = 4
-"""Most waves around the lap that the effect of the start is made of. Where an iteration starts
-along a part of the lap, shorter ones are flattened; where several workers start at the same place,
-they are not. As many are taken as foretell best an iteration that is left out."""
+"""As many are taken as foretell best an iteration that is left out."""
 
 LEAST_SPREAD = 0.05
-"""Standard deviation of a wave over the iterations; with less, all start alike."""
 
 
 def without_starts(run: Run, numbers: Ints, values: Floats) -> Floats:
-    """Means of iterations without the part that follows from where their episodes started.
+    """Means of iterations, shape (n,), without what follows from where their episodes started.
 
     Where each episode starts 5 % of the lap further, 8 episodes start along 40 % of it: one
-    iteration has the bends, and the next one the straight. So their means jump to and fro however
-    many steps a batch has.
-
-    Args:
-        run: The training.
-        numbers: The iterations. Shape (n,).
-        values: Their means. Shape (n,).
-
-    Returns:
-        The rest of a least-squares fit around the mean, as large as it would be by chance without
-        the fit; `values` where all start alike or nothing is known. Shape (n,).
+    iteration has the bends, and the next one the straight. The rest of the fit is made as large as
+    it would be by chance without it.
     """
     best, least = values, _left_out(values, np.empty((len(values), 0)))[1]
     for waves in _waves(run, numbers):
@@ -44,19 +32,7 @@ def without_starts(run: Run, numbers: Ints, values: Floats) -> Floats:
 
 
 def _left_out(values: Floats, waves: Floats) -> tuple[Floats, float]:
-    """What a fit by waves and a line leaves of values, and its error for values left out.
-
-    The sum of the squared errors of values that are left out of the fit one by one (PRESS) falls
-    with a wave only as long as that says more than chance, however many waves there are.
-
-    Args:
-        values: The values. Shape (n,).
-        waves: The waves. Shape (n, waves).
-
-    Returns:
-        The values without their mean and without what follows from the waves, shape (n,); and the
-        mean squared error.
-    """
+    """What a fit by waves, shape (n, waves), leaves, and its error (PRESS)."""
     time = np.linspace(-1.0, 1.0, len(values))
     inputs = np.column_stack([np.ones(len(values)), time, waves])
     basis, triangle = np.linalg.qr(inputs)
@@ -68,10 +44,7 @@ def _left_out(values: Floats, waves: Floats) -> tuple[Floats, float]:
 
 
 def _waves(run: Run, numbers: Ints) -> list[Floats]:
-    """Mean of sines and cosines of the starts of each iteration: of one wave, of two, ...
-
-    Each has shape (n, columns), with those columns that vary.
-    """
+    """Mean sines and cosines of the starts. Shapes (n, columns)."""
     table, steps = run.episodes, run.steps
     nothing: list[Floats] = []
     if not len(table) or "start_at" not in table or "closest_waypoint" not in steps:

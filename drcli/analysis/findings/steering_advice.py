@@ -9,42 +9,37 @@ from drcli.analysis.findings.steering_balance import SteeringBalance
 from drcli.analysis.findings.verdict import NOT_LEARNING
 
 OTHER_SIDE, OTHER_NEEDED, AGAINST, DRIFT_DEG = 0.3, 0.08, 0.6, 10.0
-"""One-sided: the other side gets at most this share of the steering, although at least this share
-of the steps is in bends to it, and in at least this share of those it does not steer there; and on
-average the car steers so many degrees, times the share of the other side, more to its side than the
-track needs. A car that cuts through the wide bends of a side gets by with less steering there, but
-it has no surplus (healthy ones up to 1.5 degrees, whatever the share): 3 degrees too many turn it
-by 14 degrees in each metre. With hardly any steering to the other side, no surplus is asked for."""
+"""One-sided: the other side gets at most this share of the steering, at least this share of the
+steps is in bends to it, and in at least this share of those it does not steer there; and the
+mean surplus is so many degrees times the share of the other side (healthy cars: up to 1.5).
+"""
 
 
 SURPLUS_DEG, HARDLY = 6.0, 0.05
-"""Or it steers so many degrees more to its side than the track needs, on average, and to the other
-side in at most this share."""
+"""Or so large a surplus, with at most this share to the other side."""
 
 
 BIAS_DEG = 2.0
-"""In an evaluation with laps that are not clean, the surplus alone is enough if the car steers so
-far to its side on average. Evaluations of the reference and of ours that get round cleanly have a
-surplus of up to 1.2 degrees, one with nine resets a lap had 9.7."""
+"""For evaluations that are not clean. Clean ones have up to 1.2 degrees, one with nine resets a
+lap 9.7.
+"""
 
 
 REGULAR, SWING_DEG = 0.4, 6.0
-"""Steering swings so regularly, and so far. Recorded trainings have at most 0.22, and that only in
-slow swings of a whole second."""
+"""Recorded trainings have at most 0.22, and that only in slow swings of a second."""
 
 
 HARD_CHANGES, HARD_ALWAYS, BEYOND_CHANCE = 0.33, 0.45, 1.3
-"""Or so many steps go from hard left to hard right or back, and so many times more than in a random
-order of the same steering. From the second share on, the order does not matter."""
+"""Share of steps from hard left to hard right or back, and how many times more than in random
+order; from the second share on, the order does not matter.
+"""
 
 
 EVALUATION_CHANGES, EVALUATION_REGULAR, EVALUATION_PROGRESS = 2.0, 0.25, 50.0
-"""In evaluations: changes of the side in a metre, as `dr-status` warns of; with some regularity; a
-beginner has to zigzag."""
+"""In a metre, as `dr-status` warns of; a beginner has to zigzag."""
 
 
 def one_sided(evidence: Evidence) -> Advice | None:
-    """The car steers to one side only."""
     if _single(evidence.actions):
         return None
     found, newest = _one_sided(evidence, evidence.balance), evidence.evaluated
@@ -56,14 +51,12 @@ def one_sided(evidence: Evidence) -> Advice | None:
 
 
 def _single(use: ActionUse | None) -> bool:
-    """Whether there is one action only. It has a single side, but that is another fault."""
     return use is not None and use.top_share >= TOP_SHARE
 
 
 def _one_sided(
     evidence: Evidence, balance: SteeringBalance | None, *, evaluated: bool = False
 ) -> Advice | None:
-    """The advice if some steps are one-sided: of the training, or of the newest evaluation."""
     if balance is None or balance.left + balance.right < 0.1:
         return None
     needed, against, surplus = balance.other_needed, balance.against, balance.surplus_deg
@@ -115,7 +108,6 @@ def _one_sided(
 
 
 def _other_side(evidence: Evidence, balance: SteeringBalance) -> tuple[str, str]:
-    """What helps: actions to the other side if there are none, else the other direction."""
     space = evidence.run.actions
     if space is not None:
         angles = [angle for angle, _ in space.values]
@@ -128,7 +120,6 @@ def _other_side(evidence: Evidence, balance: SteeringBalance) -> tuple[str, str]
 
 
 def snakes(evidence: Evidence) -> Advice | None:
-    """The steering swings from side to side."""
     driven, tried = evidence.snaking, evidence.evaluation_snaking
     regular = (
         driven is not None and driven.regularity >= REGULAR and driven.amplitude_deg >= SWING_DEG

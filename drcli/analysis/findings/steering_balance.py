@@ -1,4 +1,4 @@
-"""Whether a car steers to both sides as the track needs it."""
+"""Whether a car steers to both sides as the track needs."""
 
 from dataclasses import dataclass
 
@@ -9,38 +9,25 @@ from drsim.arrays import Floats
 from drsim.track.track import Track
 
 STRAIGHT_DEG = 2.0
-"""Less steering than this is straight on."""
-
 BEND_DEG = 3.0
-"""The track bends where it needs more steering than this."""
-
 WHEELBASE_M = 0.217
-"""Curvature is tan(steering) divided by this. Fitted to recorded drives of the simulator."""
+"""Curvature is tan(steering) divided by this. Fitted to recorded drives."""
 
 UNDERSTEER = 0.091
-"""The curvature is smaller by the factor 1 + this * speed squared. Fitted as well, s2/m2."""
+"""Curvature is less by the factor 1 + this * speed squared. Fitted as well, s2/m2."""
 
 LEAST_STEPS = 30
-"""Steps that a share is taken from."""
-
 LEAST_VISITS = 3
-"""Steps at a waypoint that its mean place is taken from."""
 
 
 @dataclass(frozen=True)
 class SteeringBalance:
-    """Steering to the left and to the right, beside what the track needs.
+    """Shares of the steps that steer left and right, beside what the track needs at these speeds.
 
     Attributes:
-        left: Share of the steps that steer to the left.
-        right: Share that steers to the right.
-        mean_deg: Mean steering, positive to the left.
-        needed_deg: Mean steering that the track needs there at these speeds; None if unknown.
-        needed_left: Share of the steps where the track bends to the left; None if unknown.
-        needed_right: Share of the steps where it bends to the right; None if unknown.
-        side: The side to which it steers more.
-        against: Of the steps where the track bends to the other side, the share in which the car
-            does not steer there; None if there are too few.
+        mean_deg: Positive to the left.
+        needed_left: Share of the steps where the track bends to the left.
+        against: Share of the bends to the other side in which the car does not steer there.
     """
 
     left: float
@@ -54,18 +41,16 @@ class SteeringBalance:
 
     @property
     def other_share(self) -> float:
-        """Share of the steering that goes to the side that is used less."""
         both = self.left + self.right
         return min(self.left, self.right) / both if both else 0.5
 
     @property
     def other_needed(self) -> float | None:
-        """Share of the steps where the track bends to the side that is used less."""
         return self.needed_right if self.side == "left" else self.needed_left
 
     @property
     def surplus_deg(self) -> float | None:
-        """How much more it steers to its side than the track needs, on average."""
+        """How much more it steers to its side than needed, on average."""
         if self.needed_deg is None:
             return None
         more = self.mean_deg - self.needed_deg
@@ -73,7 +58,6 @@ class SteeringBalance:
 
 
 def steering_balance(steps: DrivenSteps, track: Track | None) -> SteeringBalance | None:
-    """Compare the steering of some steps with the track; None without steps."""
     known = np.isfinite(steps.steering_deg)
     if not known.any():
         return None
@@ -102,7 +86,6 @@ def steering_balance(steps: DrivenSteps, track: Track | None) -> SteeringBalance
 
 
 def _needed_deg(steps: DrivenSteps, track: Track | None) -> Floats | None:
-    """Steering that a bend at each step's waypoint needs at its speed; NaN where unknown."""
     if not np.isfinite(steps.x).any():
         return None
     if track is not None and track.closed:
@@ -120,12 +103,8 @@ def _needed_deg(steps: DrivenSteps, track: Track | None) -> Floats | None:
 def _driven_curvature(steps: DrivenSteps, lines: list[Floats]) -> Floats:
     """Curvature at each step's waypoint, positive to the left in the direction that is driven.
 
-    A lap that is driven backwards may be numbered in driving order or not. So each episode is
-    compared with the line that its waypoints are nearest to, in the direction in which it moves.
-
-    Args:
-        steps: The steps.
-        lines: Places of the waypoints, in each numbering. Shape (waypoints, 2).
+    A lap that is driven backwards may be numbered in driving order or not. So each episode takes
+    the line, shape (waypoints, 2), that its waypoints are nearest to.
     """
     episode = steps.episode - steps.episode[0]
     together = episode[1:] == episode[:-1]
@@ -149,10 +128,7 @@ def _driven_curvature(steps: DrivenSteps, lines: list[Floats]) -> Floats:
 
 
 def _mean_path(steps: DrivenSteps) -> Floats | None:
-    """Mean place of the car near each waypoint: the track, as far as it was driven.
-
-    Waypoints without visits are NaN. Shape (waypoints, 2).
-    """
+    """Mean place of the car near each waypoint, else NaN. Shape (waypoints, 2)."""
     fine = np.isfinite(steps.x) & np.isfinite(steps.y) & (steps.waypoint >= 0)
     at = steps.waypoint[fine]
     if not len(at) or at.max() < 8:
@@ -165,11 +141,7 @@ def _mean_path(steps: DrivenSteps) -> Floats | None:
 
 
 def _curvature(line: Floats) -> Floats:
-    """Curvature at each vertex of a loop, positive to the left, over half a metre each way.
-
-    Repeated and missing vertices are skipped; there the result is that of the nearest vertex
-    before, or NaN.
-    """
+    """Curvature at each vertex of a loop, positive to the left, over half a metre each way."""
     whole = np.isfinite(line).all(axis=1)
     kept = np.flatnonzero(whole)
     result = np.full(len(line), np.nan)

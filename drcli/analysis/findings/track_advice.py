@@ -1,4 +1,4 @@
-"""Advice on where the car drives and where its episodes end."""
+"""Advice on where the car drives and where episodes end."""
 
 import numpy as np
 
@@ -9,27 +9,23 @@ from drcli.analysis.findings.reward_advice import REWARD_CHECK
 from drcli.analysis.findings.verdict import NOT_LEARNING
 
 OFF_SHARE = 0.2
-"""Share of the steps with a wheel off the track in the midst of driving. Recorded trainings have
-0.04 to 0.1 while they learn."""
+"""Recorded trainings have 0.04 to 0.1 while they learn."""
 
 
 OFF_PLACES, OFF_IN_PLACES = 0.1, 0.6
-"""Or less, if most of it is at places where the wheels are off in every second step or more."""
+"""Or less, if most of it is at places where every second step is off."""
 
 
 GETS_ROUND, OFF_LAPS, LAP_PLACES = 0.8, 0.1, 0.03
-"""A car that completes so many of its laps has learned to drive: then this share of the steps of
-its laps is enough, or this share at places where most laps are off the track. Healthy cars that get
-round have 0.03 and 0. A bend in which many episodes end is hard, and not cut."""
+"""For a car that completes so many of its laps, this share of their steps is enough, or this at
+places where most laps are off. Healthy ones have 0.03 and 0.
+"""
 
 
 PLACE_SHARE, PLACE_ENDS, PLACE_PASSES = 0.6, 20, 0.5
-"""A place is to blame if so many of all ends are there, so many in number, and so many of the
-episodes that come there end there."""
 
 
 def cutting(evidence: Evidence) -> Advice | None:
-    """The car drives on with wheels off the track."""
     off = evidence.off
     if off is None:
         return None
@@ -63,7 +59,6 @@ def cutting(evidence: Evidence) -> Advice | None:
 
 
 def hard_place(evidence: Evidence) -> Advice | None:
-    """Most episodes end at one place, and all start at the same place."""
     ends, table = evidence.ends, evidence.run.episodes
     part = None if ends is None else ends.densest
     if ends is None or part is None or evidence.level >= LEARNED:

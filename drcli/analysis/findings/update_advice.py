@@ -15,62 +15,45 @@ from drcli.analysis.findings.verdict import NOT_LEARNING
 from drsim.arrays import Floats
 
 USUAL_LR, USUAL_BATCH, USUAL_EPISODES = 0.0003, 64, 20
-"""What is trained with if hyperparameters.json says nothing."""
-
 
 JUMP = 0.4
-"""Mean jump of the reward from iteration to iteration beyond chance, as a share of the reward;
-`dr-status` warns of jumps of this size."""
+"""Share of the reward, beyond chance; `dr-status` warns of such jumps."""
 
 
 SMALL_JUMP, TINY_JUMP = 0.3, 0.22
-"""The same where a batch is small or tiny: then the cause of the jumps is known."""
-
 
 JUMP_SIGMAS, JUMP_SPREAD = 2.0, 0.9
-"""Jumps are beyond chance if they are larger by so many standard errors. That of a mean of n jumps
-is this spread times the mean, divided by the square root of n: neighbours share a value."""
+"""The standard error of a mean of n jumps is the second times the mean, divided by sqrt(n):
+neighbours share a value.
+"""
 
 
 TURNS = 0.5
-"""Share of the jumps that turn back; unrelated values have two of three."""
+"""Unrelated values have two of three."""
 
 
 JUMP_WINDOW, JUMP_LEAST = 40, 8
-"""Newest iterations that jumps are counted in, and how many there must be."""
-
 
 SMALL_BATCH, SMALL_EPISODES = 32, 10
-"""Fewer than these, or as many, are small."""
-
 
 TINY_BATCH, TINY_EPISODES = 16, 5
-"""Fewer than these, or as many, are tiny."""
-
 
 BY_CHANCE = 1.6
-"""Jumps up to this many times those that the spread of the episodes makes by chance come from too
-few episodes; larger ones come from the updates."""
+"""Times those that the spread of the episodes makes: larger jumps come from the updates."""
 
 
 EVEN = 0.97
-"""From this spread on, all actions are nearly equally likely. A training that learned nothing had
-1.00 after 20 iterations; those that learn had 0.95 after 5, and 0.78 after 8 or 0.88 after 12. The
-recorded training of the reference has 0.88 after 27, by what it drove, which varies more than its
-probabilities."""
+"""A training that learned nothing had 1.00 after 20 iterations; those that learn had 0.95 after 5,
+and 0.78 after 8 or 0.88 after 12. The recorded training of the reference has 0.88 after 27.
+"""
 
 
 LOW_LR = 1e-5
-"""A learning rate at or below this hardly moves anything."""
-
 
 HIGH_BETA, USUAL_BETA = 0.03, 0.01
-"""A beta_entropy above the first can keep a policy from preferring anything. The second one is the
-default."""
 
 
 def unstable(evidence: Evidence) -> Advice | None:
-    """The reward goes up and down from iteration to iteration."""
     if evidence.fall is not None or is_sac(evidence.run):
         return None  # SAC learns from a replay buffer: an iteration may be a single episode
     curve = evidence.curve
@@ -127,7 +110,7 @@ def unstable(evidence: Evidence) -> Advice | None:
 
 
 def _outgrown(progress: Floats, count: int) -> bool:
-    """Whether progress surely rises by more than it jumps: such large updates still help."""
+    """Progress surely rises by more than it jumps: such large updates still help."""
     newest = progress[-count:]
     trend = slope(newest, LEAST_NOISE)
     return trend.rises and trend.gain > float(np.mean(np.abs(np.diff(newest))))
@@ -159,15 +142,7 @@ def _larger_batch(
 
 @dataclass(frozen=True)
 class _Jumps:
-    """How a mean jumps from iteration to iteration. Jumps are shares of its mean.
-
-    Attributes:
-        what: Mean of what.
-        size: The mean jump.
-        turns: Share of the jumps that turn back.
-        chance: The mean jump that the spread of so many episodes makes by chance; None if unknown.
-        beyond: The mean jump without that by chance; 0 if it may all be chance.
-    """
+    """Jumps of a mean, as shares of it, with those that chance makes."""
 
     what: str
     size: float
@@ -177,13 +152,7 @@ class _Jumps:
 
 
 def _jumps(what: str, values: Floats, error: Floats) -> _Jumps:
-    """Measure the jumps of the means of iterations.
-
-    Args:
-        what: Means of what.
-        values: The means. Shape (n,).
-        error: Their standard errors; NaN where an iteration has a single episode. Shape (n,).
-    """
+    """From means and standard errors (NaN for one episode), shapes (n,)."""
     size, turns = swings(values)
     mean = float(np.mean(np.abs(values)))
     if not np.isfinite(error).any() or mean <= 0:
@@ -195,7 +164,6 @@ def _jumps(what: str, values: Floats, error: Floats) -> _Jumps:
 
 
 def entropy_rises(evidence: Evidence) -> Advice | None:
-    """The policy becomes less sure."""
     learner = evidence.learner
     if learner is None or learner.rising_since is None:
         return None
@@ -216,7 +184,6 @@ def entropy_rises(evidence: Evidence) -> Advice | None:
 
 
 def even_probabilities(evidence: Evidence) -> Advice | None:
-    """The policy takes all actions alike, long after the beginning."""
     spread, curve = evidence.spread, evidence.curve
     if spread is None or spread < EVEN or evidence.fall is not None:
         return None
@@ -251,7 +218,6 @@ def even_probabilities(evidence: Evidence) -> Advice | None:
 
 
 def short_horizon(evidence: Evidence) -> Advice | None:
-    """The discount factor is so low that the car plans only some steps ahead."""
     horizon = evidence.horizon
     if horizon is None or horizon.steps > 7.5 or evidence.level >= 90.0:
         return None
@@ -268,6 +234,5 @@ def short_horizon(evidence: Evidence) -> Advice | None:
 
 
 def lower_lr(evidence: Evidence) -> str:
-    """A third of the learning rate."""
     lr = evidence.number("lr") or USUAL_LR
     return rounded(lr / 3.0) if math.isfinite(lr) and lr > 0 else rounded(USUAL_LR / 3.0)

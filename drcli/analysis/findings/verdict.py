@@ -1,4 +1,4 @@
-"""The verdict on a training: is it improving, and if not, what is it doing?"""
+"""The verdict on a training: is it improving?"""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -40,44 +40,31 @@ Kind = Literal[
 
 
 LEAST_ITERATIONS = 4
-"""Fewer say nothing about a trend."""
-
 
 LEAST_REWARD_GAIN = 0.05
-"""Gain of the reward, as a share of it."""
-
 
 LEAST_LAP_GAIN = 0.02
-"""Gain of the lap time, as a share of it."""
-
 
 NOISY = 0.3
-"""Mean jump from iteration to iteration, as a share of the mean, from which nothing can be told.
-Healthy trainings have 0.1 to 0.3 while they learn; `dr-status` warns from 0.4 on."""
+"""Mean jump as a share of the mean. Healthy trainings have 0.1 to 0.3 while they learn; `dr-status`
+warns from 0.4 on.
+"""
 
 
 TURNS = 0.5
-"""Share of the jumps that turn back, from which on a curve goes up and down; by chance 0.67."""
+"""Share of the jumps that turn back; by chance 0.67."""
 
 
 LOW, HIGH = 20.0, 80.0
-"""Mean progress, percent, below which a training has not learned to drive, and from which on a
-steady one has converged."""
+"""Percent of mean progress."""
 
 
 NOT_LEARNING = 15
-"""A low curve of so many iterations has had its chance."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a training.
-
-    Attributes:
-        kind: In a word.
-        sentence: In a sentence, with the numbers behind it.
-        numbers: These numbers by name; `since` and `at` are iterations.
-    """
+    """What became of a training; `since` and `at` are iterations."""
 
     kind: Kind
     sentence: str
@@ -85,12 +72,10 @@ class Verdict:
 
 
 def verdict(run: Run) -> Verdict:
-    """The verdict on a training."""
     return judge(gather(run))
 
 
 def judge(evidence: Evidence) -> Verdict:
-    """The verdict by what was found."""
     found, phase = _judged(evidence), evidence.curve.phase
     if not phase:
         return found
@@ -118,7 +103,6 @@ def _judged(evidence: Evidence) -> Verdict:
 
 
 def _with_evaluation(found: Verdict, newest: EvaluatedLaps | None) -> Verdict:
-    """The verdict on a training that has converged, with an evaluation that says otherwise."""
     if found.kind != "converged" or newest is None or not newest.unclean:
         return found
     laps = newest.laps
@@ -171,7 +155,7 @@ def _declining(lost: Decline) -> Verdict:
 
 
 def _converged_by_evaluations(curve: LearningCurve, trend: Slope) -> Verdict | None:
-    """Training and evaluations have met near complete laps, as `dr-status` says it."""
+    """As `dr-status` says it."""
     where = np.flatnonzero(np.isfinite(curve.evaluation))[-CONVERGED_OVER:]
     if len(where) < CONVERGED_OVER:
         return None
@@ -232,7 +216,6 @@ def _improving(curve: LearningCurve, trend: Slope) -> Verdict | None:
 
 
 def _settled(curve: LearningCurve, trend: Slope) -> Verdict | None:
-    """What a curve without a trend is doing."""
     count = window(len(curve))
     level = float(curve.progress[-count:].mean())
     size, turns = swings(curve.progress[-max(count, 2 * SHORT) :])

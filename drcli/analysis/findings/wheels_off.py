@@ -1,4 +1,4 @@
-"""Whether a car gets round with wheels off the track, and where."""
+"""Whether a car gets round with wheels off the track."""
 
 import math
 from dataclasses import dataclass
@@ -8,35 +8,16 @@ import numpy as np
 from drcli.analysis.findings.driven_steps import DrivenSteps
 
 ENDING_STEPS = 12
-"""Steps at the end of an episode that does not complete the lap: it is leaving the track then."""
-
 LEAST_PROGRESS = 20.0
-"""Only episodes that get so far, percent, show how the car drives."""
-
 LEAST_STEPS = 300
-"""Steps that are needed."""
-
 LEAST_LAPS = 5
-"""Complete laps that show how laps are driven."""
-
 LEAST_PASSES = 10
-"""Steps at a waypoint, in complete laps, that show what the car does there in most laps."""
-
 SIGMAS = 2.0
-"""A share is taken as smaller by so many standard errors. Steps of an episode are alike, so that
-the number of episodes decides."""
+"""Steps of an episode are alike, so the number of episodes decides."""
 
 
 @dataclass(frozen=True)
 class OffPlace:
-    """A part of the lap where the wheels leave the track.
-
-    Attributes:
-        waypoint: Its waypoint.
-        steps: Steps there.
-        share: Share of them with a wheel off the track.
-    """
-
     waypoint: int
     steps: int
     share: float
@@ -44,21 +25,16 @@ class OffPlace:
 
 @dataclass(frozen=True)
 class WheelsOff:
-    """Steps with a wheel off the track in the midst of driving.
+    """Shares of steps with a wheel off the track amid driving.
 
     Attributes:
-        steps: Steps that were looked at.
-        share: Share of them with a wheel off the track.
-        sure_share: What this share surely reaches, as the episodes differ.
-        lap_share: The same as `share` in complete laps; None without laps.
-        sure_lap_share: What that surely reaches; 0 with too few laps.
+        sure_share: What `share` surely reaches, as the episodes differ.
+        lap_share: The same as `share` in complete laps.
         complete_share: Share of the episodes that are complete laps.
-        lap_places_share: Share of the steps of complete laps that have a wheel off the track at a
-            waypoint where most steps of these laps are like that; 0 with too few laps.
-        places: Waypoints with most of these steps, the worst first; five at most.
-        places_share: Share of these steps that are at waypoints where most steps are like that.
-        reward_share: Mean reward of such a step, as a share of that of the others; None if rewards
-            are not positive.
+        lap_places_share: In complete laps, at waypoints where most steps are like that.
+        places: The worst first; five at most.
+        places_share: Share of these steps at waypoints where most are like that.
+        reward_share: Mean reward of such a step, as a share of that of the others.
     """
 
     steps: int
@@ -74,7 +50,6 @@ class WheelsOff:
 
 
 def wheels_off(steps: DrivenSteps) -> WheelsOff | None:
-    """Count steps with wheels off the track; None if too few steps tell."""
     if not len(steps):
         return None
     count = int(steps.episode.max()) + 1
@@ -114,7 +89,6 @@ def wheels_off(steps: DrivenSteps) -> WheelsOff | None:
 
 
 def _sure_share(steps: DrivenSteps, *, least_episodes: int) -> float:
-    """Lower bound of the share of steps with a wheel off the track, over episodes like these."""
     _, episode = np.unique(steps.episode, return_inverse=True)
     lengths = np.bincount(episode)
     count = len(lengths)
@@ -128,12 +102,6 @@ def _sure_share(steps: DrivenSteps, *, least_episodes: int) -> float:
 
 
 def _lap_places_share(laps: DrivenSteps, count: int) -> float:
-    """Share of the steps of complete laps that are off the track where most laps are.
-
-    Args:
-        laps: Steps of complete laps.
-        count: How many laps.
-    """
     if count < LEAST_LAPS:
         return 0.0
     at = np.maximum(laps.waypoint, 0)

@@ -1,4 +1,4 @@
-"""Which part of a training shows how the car drives now."""
+"""Which steps show how the car drives now."""
 
 import numpy as np
 
@@ -7,28 +7,16 @@ from drcli.analysis.findings.learning_curve import Fall, LearningCurve
 from drsim.arrays import Bools
 
 LATE_SHARE = 3
-"""The last third of the iterations shows what was learned."""
-
 LEAST_STEPS = 1500
-"""More iterations are taken until there are so many steps, if the training has them."""
 
 
 def late_steps(steps: DrivenSteps, curve: LearningCurve, fall: Fall | None) -> DrivenSteps:
-    """The steps that show how the car drives now.
-
-    They are those of the last third of the iterations. After a collapse they are those of the
-    third before it: what a broken policy does says nothing about its reward or its actions.
-
-    Args:
-        steps: All steps.
-        curve: The learning curve.
-        fall: The collapse, if there was one.
-    """
+    """The last third of the iterations, or the third before a collapse."""
     return steps.where(_mask(steps, curve, fall))
 
 
 def learned_steps(steps: DrivenSteps, curve: LearningCurve, fall: Fall | None) -> DrivenSteps:
-    """All steps since the training has its present track, without those after a collapse."""
+    """All steps on the present track before a collapse."""
     if not len(curve):
         return steps
     kept = steps.iteration >= curve.iteration[0]
@@ -38,7 +26,6 @@ def learned_steps(steps: DrivenSteps, curve: LearningCurve, fall: Fall | None) -
 
 
 def early_steps(steps: DrivenSteps, curve: LearningCurve, fall: Fall | None) -> DrivenSteps:
-    """The steps of the first third of the iterations before a collapse."""
     numbers = curve.iteration if fall is None else curve.iteration[: fall.at]
     if not len(numbers):
         return steps.where(np.zeros(len(steps), dtype=bool))

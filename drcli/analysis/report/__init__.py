@@ -1,1 +1,1 @@
-"""The report of an analysis: one HTML file that any browser shows without a network."""
+"""The report of an analysis: one HTML file that needs no network."""

@@ -1,4 +1,4 @@
-"""How a car moved, from the positions in a trace: its speed, and how far it slid."""
+"""Speed and slip angle of a car, from its positions."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,30 +6,18 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 REAR_M = 0.222
-"""From the rear axle forward to the point that traces record. Source: measured on recordings of
-the reference simulator; our own traces record the same point."""
+"""From the rear axle to the recorded point, measured on recordings of the reference."""
 
 LEAST_MOTION_M = 0.02
-"""Shorter moves have no direction that could be told from rounding."""
-
 _FASTEST_MPS = 12.0
-"""No car is three times as fast as the fastest one: it was put there."""
+"""Three times the fastest car."""
 
 
 def slip_deg(x: Floats, y: Floats, yaw_deg: Floats, first: NDArray[np.bool_]) -> Floats:
-    """The slip angle of each step, positive where the car moves to the left of its nose.
+    """Slip angle within [-180, 180), positive where the car moves to the left of its nose.
 
-    The rear axle of a car that does not slide moves where the car points, so turning alone gives
-    no angle.
-
-    Args:
-        x: Recorded position, metres. Shape (n,), as all others; rows of an episode in order.
-        y: The same.
-        yaw_deg: Heading, degrees.
-        first: Whether a row is the first one of an episode.
-
-    Returns:
-        Degrees within [-180, 180); NaN in first rows and where the car hardly moved. Shape (n,).
+    The rear axle of a car that does not slide moves where the car points. NaN where the car hardly
+    moved, and in `first` rows of episodes. All have shape (n,).
     """
     slip: Floats = np.full(len(x), np.nan)
     if len(x) < 2:
@@ -46,18 +34,7 @@ def slip_deg(x: Floats, y: Floats, yaw_deg: Floats, first: NDArray[np.bool_]) ->
 
 
 def driven_mps(x: Floats, y: Floats, time_s: Floats, first: NDArray[np.bool_]) -> Floats:
-    """Speed over ground of each step, since the step before.
-
-    Args:
-        x: Recorded position, metres. Shape (n,), as all others; rows of an episode in order.
-        y: The same.
-        time_s: Simulated time.
-        first: Whether a row is the first one of an episode.
-
-    Returns:
-        m/s; NaN in first rows, where time stood still, and where a car was put elsewhere. Shape
-        (n,).
-    """
+    """Speed over ground since the step before; NaN after a jump. All have shape (n,)."""
     speed: Floats = np.full(len(x), np.nan)
     if len(x) < 2:
         return speed

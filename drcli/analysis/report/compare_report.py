@@ -1,4 +1,4 @@
-"""Writes a comparison of trainings: one HTML file that needs no network and no other file."""
+"""Writes a comparison of trainings as one HTML file."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -24,24 +24,12 @@ from drcli.base.atomic_file import rewrite
 Floats = NDArray[np.float64]
 
 _COLORS = 8
-"""Colours of lines; more trainings use them again."""
-
 _POINTS = 60
-"""Iterations up to which a line goes through each; those of longer trainings are averaged."""
-
 _HOURS_FROM_S = 5400.0
-"""Wall times of all trainings below this are shown in minutes."""
 
 
 def write_comparison(report: Comparison, path: Path) -> int:
-    """Write the page of a comparison.
-
-    Args:
-        report: What was found.
-        path: The file. Callers check whether it may replace one.
-
-    Returns:
-        Its size in bytes.
+    """Write the page, and return its size in bytes.
 
     Raises:
         SettingsError: It cannot be written.
@@ -52,7 +40,6 @@ def write_comparison(report: Comparison, path: Path) -> int:
 
 
 def comparison_page(report: Comparison) -> str:
-    """The whole page."""
     names = [run.model for run in report.runs]
     title = f"{', '.join(names[:-1])} and {names[-1]} compared"
     origins = [
@@ -74,7 +61,6 @@ def comparison_page(report: Comparison) -> str:
 
 
 def _fact(best_lap_s: float | None, late_progress: float | None) -> str:
-    """The one number of a training that says most."""
     if best_lap_s is not None:
         return f"best lap {seconds(best_lap_s)} s"
     return "no data" if late_progress is None else f"{percent(late_progress)} of a lap"
@@ -156,7 +142,6 @@ def _written(kind: Kind, value: float) -> str:
 
 
 def _progress_section(runs: Sequence[ComparedRun]) -> Section | None:
-    """Mean progress over steps, wall time and money."""
     hours = max((run.wall_s or 0.0 for run in runs), default=0.0) >= _HOURS_FROM_S
     axes = (
         ("steps", "steps", 1.0, 0),
@@ -221,7 +206,6 @@ def _lap_section(report: Comparison) -> Section | None:
 
 
 def _reward_section(report: Comparison) -> Section | None:
-    """Rewards, if one function gave them all."""
     if not all(pair.same_reward for pair in report.pairs):
         return None
     runs = report.runs
@@ -263,7 +247,6 @@ def _graph(
     decimals: int,
     left: str,
 ) -> Graph:
-    """A line for each training."""
     series, steps = [], []
     for number, run in enumerate(runs):
         if not (_has(run, what) and _has(run, over)):
@@ -298,12 +281,11 @@ def _values(run: ComparedRun, name: str) -> Floats:
 
 
 def _window(run: ComparedRun) -> int:
-    """How many iterations make a point of a line: an odd number, with the point in the middle."""
+    """Iterations in a point: odd, with the point in the middle."""
     return 1 + 2 * (max(run.iterations - 1, 0) // (2 * _POINTS))
 
 
 def _averaged(values: Floats, window: int) -> Floats:
-    """Means over neighbours; missing values stay missing."""
     if window == 1:
         return values
     known = np.isfinite(values)

@@ -1,4 +1,4 @@
-"""A page that needs no network and no other file: its head, contents, sections and scripts."""
+"""A page that needs no network, with its sections and scripts."""
 
 import base64
 import hashlib
@@ -21,8 +21,6 @@ _SCRIPTS = (
     "lap_player.js",
     "start.js",
 )
-"""In the order in which they run; all but the first share one scope."""
-
 _STYLES = ("uplot/uPlot.min.css", "colors.css", "page.css")
 
 
@@ -33,15 +31,7 @@ def html_document(
     sections: Sequence[Section],
     drawn: dict[str, Any] | None = None,
 ) -> str:
-    """A page of sections, with links to them.
-
-    Args:
-        title: Its heading.
-        below_title: Where its data come from.
-        overview: What stands above the links.
-        sections: In their order.
-        drawn: The numbers of the map; None without one.
-    """
+    """A page of sections; `drawn` are the numbers of the map."""
     graphs = {graph.key: graph.as_data() for section in sections for graph in section.graphs}
     theme = element("button", "Dark", type="button", id="theme", hidden=True)
     name = element("div", element("h1", title), *below_title)
@@ -71,8 +61,8 @@ def _made() -> str:
 def _whole(title: str, body: Html, data: str) -> str:
     """The page around its content.
 
-    Only our own scripts and styles, known by their hashes, may run, and nothing may be loaded: text
-    from a racer's files could do no harm even if it were not escaped.
+    Only our own scripts and styles, known by their hashes, may run: not even unescaped text does
+    harm.
     """
     styles = [_asset(name) for name in _STYLES]
     library, *parts = (_asset(name).replace("\nexport ", "\n") for name in _SCRIPTS)
@@ -105,6 +95,5 @@ def _asset(name: str) -> str:
 
 
 def _hashes(texts: Sequence[str]) -> str:
-    """Inline texts that may be used, as a content security policy names them."""
     found = (hashlib.sha256(text.encode("utf-8")).digest() for text in texts)
     return " ".join(f"'sha256-{base64.b64encode(hash_).decode('ascii')}'" for hash_ in found)

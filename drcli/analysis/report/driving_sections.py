@@ -1,4 +1,4 @@
-"""Sections about how the car drives: actions, steering, where episodes end, the horizon."""
+"""Sections on actions, steering, ends of episodes and the horizon."""
 
 import math
 
@@ -15,7 +15,6 @@ from drcli.analysis.report.words import count, digits, percent
 
 
 def ends_section(ends: EpisodeEnds | None, off: WheelsOff | None) -> Section | None:
-    """Where episodes end along the lap, and where wheels leave the track."""
     if ends is None:
         return None
     most = max((part.ends for part in ends.parts), default=0)
@@ -70,7 +69,6 @@ def ends_section(ends: EpisodeEnds | None, off: WheelsOff | None) -> Section | N
 
 
 def action_section(use: ActionUse | None) -> Section | None:
-    """How often each action is used, dead ones, and what a smaller action space would keep."""
     if use is None:
         return None
     most = max((action.share for action in use.actions), default=0.0) or 1.0
@@ -116,7 +114,6 @@ def _remark(action: ActionShare, use: ActionUse) -> str:
 
 
 def _kept(use: ActionUse) -> Html:
-    """What a smaller action space would keep."""
     all_, kept = len(use.actions), len(use.kept)
     noun = "cells" if use.continuous else "actions"
     if kept == all_:
@@ -141,7 +138,6 @@ def _kept(use: ActionUse) -> Html:
 
 
 def steering_section(balance: SteeringBalance | None, snaking: Snaking | None) -> Section | None:
-    """Left and right beside what the track needs, and how restless the steering is."""
     content: list[Content] = []
     if balance is not None:
         rows: list[list[Content]] = [
@@ -186,7 +182,6 @@ def _share(value: float | None) -> str:
 def horizon_section(
     horizon: DiscountHorizon | None, time: RewardFunctionTime | None
 ) -> Section | None:
-    """How far the learner looks ahead, and what a call of the reward function takes."""
     content: list[Content] = []
     if horizon is not None:
         if math.isinf(horizon.steps):

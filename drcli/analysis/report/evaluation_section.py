@@ -1,4 +1,4 @@
-"""The section with evaluations on their own: each trial in a row."""
+"""The section with the trials of evaluations on their own."""
 
 import math
 from typing import Any
@@ -9,11 +9,9 @@ from drcli.analysis.report.words import count, percent, seconds
 from drcli.analysis.run import Run, StoredEvaluation
 
 _ROWS = 100
-"""Trials of one evaluation that are listed."""
 
 
 def evaluation_section(run: Run) -> Section | None:
-    """Evaluations that were driven after or beside the training."""
     if not run.evaluations:
         return None
     rows = [_summary(evaluation) for evaluation in run.evaluations]

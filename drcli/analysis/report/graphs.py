@@ -13,10 +13,8 @@ from drcli.analysis.report.packing import numbers
 from drcli.analysis.report.words import nth
 
 _FEW = 150
-"""Points up to which each is drawn large."""
-
 MOST_DOTS = 10_000
-"""Dots of a series: more cover each other, make the page large, and take seconds to draw."""
+"""More cover each other, and take seconds to draw."""
 
 
 @dataclass(frozen=True)
@@ -24,14 +22,12 @@ class Series:
     """One line, or dots.
 
     Attributes:
-        name: What it shows, in the legend.
-        x: Positions. Shape (n,).
-        y: Values; NaN where there is none. Shape (n,).
-        color: A colour of colors.css, such as "--c1".
-        kind: "line"; "dots" for many small dots; "marks" for few large ones.
-        axis: Side of its axis.
-        decimals: Digits after the point where numbers are shown; None: four significant digits.
-        on: Whether it is shown until the reader switches it off.
+        x: Shape (n,).
+        y: NaN where there is none. Shape (n,).
+        color: Such as "--c1" of colors.css.
+        kind: "dots" are many small ones, "marks" few large ones.
+        decimals: None: four significant digits.
+        on: Until the reader switches it off.
     """
 
     name: str
@@ -46,8 +42,6 @@ class Series:
 
 @dataclass(frozen=True)
 class Mark:
-    """A vertical line at a position, with a word."""
-
     x: float
     label: str
 
@@ -57,18 +51,9 @@ class Graph:
     """One graph.
 
     Attributes:
-        key: Its name among those of the page.
-        title: What it shows.
-        x_label: Quantity of the horizontal axis.
-        series: What is drawn.
-        left: Quantity of the left axis.
-        right: Quantity of the right axis.
-        marks: Vertical lines.
-        whole_x: Whether positions are numbers of iterations.
-        x_decimals: Digits of positions after the point.
-        left_range: Ends of the left axis; None: by the values.
-        right_range: Ends of the right axis.
-        near: How far from the cursor a value may lie so that it is read out.
+        whole_x: Whether positions are iterations.
+        left_range: None: by the values.
+        near: How far from the cursor a value is read out.
         height: Pixels on a wide screen.
     """
 
@@ -87,7 +72,6 @@ class Graph:
     height: int = 320
 
     def as_data(self) -> dict[str, Any]:
-        """Its description for the page."""
         names = ("x_label", "whole_x", "x_decimals", "left_range", "right_range", "near", "height")
         return {name: getattr(self, name) for name in names} | {
             "marks": [asdict(mark) for mark in self.marks],
@@ -95,7 +79,6 @@ class Graph:
         }
 
     def as_html(self) -> Html:
-        """Its place on the page, with a switch for each series."""
         # A single series needs no switch.
         several = self.series if len(self.series) > 1 else ()
         keys = [_key(number, one) for number, one in enumerate(several)]
@@ -134,10 +117,9 @@ def many_points(
     on: bool = True,
     alone: bool = True,
 ) -> Series:
-    """Points as small dots that shine through, or as larger ones where there are few.
+    """Points as small dots, or as larger ones where there are few and they are `alone`.
 
-    Of more than `MOST_DOTS`, every second is drawn, or every third and so on. Points that are not
-    `alone`, but around a line, stay small.
+    Of more than `MOST_DOTS`, every n-th is drawn.
     """
     if alone and len(np.asarray(x)) <= _FEW:
         return Series(name, x, y, color, "marks", axis, decimals, on)
@@ -147,7 +129,7 @@ def many_points(
 
 
 def dots_note(count: int, what: str) -> Html | None:
-    """A sentence that says which of so many points are drawn as dots; None if all are."""
+    """Which points are drawn; None if all are."""
     every = dots_apart(count)
     if every == 1:
         return None
@@ -156,7 +138,6 @@ def dots_note(count: int, what: str) -> Html | None:
 
 
 def dots_apart(count: int) -> int:
-    """1: all of so many points are drawn as dots; n: every n-th."""
     return max(1, math.ceil(count / MOST_DOTS))
 
 

@@ -1,4 +1,4 @@
-"""Writes the report of an analysis: one HTML file that needs no network and no other file."""
+"""Writes the report of an analysis as one HTML file."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -29,15 +29,7 @@ from drcli.base.atomic_file import rewrite
 
 
 def write_html(analysis: Analysis, path: Path, pictures: Sequence[Picture] = ()) -> int:
-    """Write the report of an analysis.
-
-    Args:
-        analysis: What was found.
-        path: The file. Callers check whether it may replace one.
-        pictures: Pictures that show what moves the action.
-
-    Returns:
-        Its size in bytes.
+    """Write the report, and return its size in bytes.
 
     Raises:
         SettingsError: It cannot be written.
@@ -48,7 +40,6 @@ def write_html(analysis: Analysis, path: Path, pictures: Sequence[Picture] = ())
 
 
 def report_page(analysis: Analysis, pictures: Sequence[Picture] = ()) -> str:
-    """The whole page."""
     run = analysis.run
     laps = choose_laps(run.episodes)
     drawn = map_data(run, laps)
@@ -64,7 +55,6 @@ def _sections(
     drawn: dict[str, Any] | None,
     pictures: Sequence[Picture],
 ) -> Iterator[Section | None]:
-    """The sections in their order; None for one that has nothing to show."""
     run, found = analysis.run, analysis.evidence
     yield verdict_section(analysis.verdict, analysis.advice)
     yield reward_section(run)

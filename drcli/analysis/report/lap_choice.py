@@ -1,4 +1,4 @@
-"""Which laps a report shows: all of a short training, of a long one the telling ones."""
+"""Which laps a report shows."""
 
 import math
 from collections.abc import Sequence
@@ -9,24 +9,21 @@ if TYPE_CHECKING:
     import pandas as pd
 
 STEPS = 70_000
-"""Steps that a report holds, about 1.6 MB of it: all of a training of an hour and a half."""
+"""About 1.6 MB of a report: a training of an hour and a half."""
 
 SHOWN_AT_ONCE = 5
-"""Laps among the fastest and among the worst."""
-
 _COARSEST = 4
-"""At most every fourth step is kept: 0.27 s, half a metre at 2 m/s."""
+"""0.27 s, half a metre at 2 m/s."""
 
 
 @dataclass(frozen=True)
 class LapChoice:
-    """Laps of a training.
+    """Laps of a training, by `unique_episode`.
 
     Attributes:
-        ids: `unique_episode` of those to show, in the order of the training.
-        fastest: The fastest clean laps; those that came furthest if there is none.
-        worst: Those of the last fifth of the training that came least far.
-        every: 1: all their steps are kept; n: every n-th.
+        fastest: The fastest clean laps; else those that came furthest.
+        worst: Those of the last fifth that came least far.
+        every: Every n-th step is kept.
     """
 
     ids: tuple[int, ...]
@@ -36,7 +33,6 @@ class LapChoice:
 
 
 def choose_laps(episodes: "pd.DataFrame", most_steps: int = STEPS) -> LapChoice:
-    """The laps to show, of `Run.episodes`, with at most about that many steps together."""
     if episodes.empty:
         return LapChoice((), (), (), 1)
     by_merit = episodes.assign(
@@ -58,7 +54,7 @@ def choose_laps(episodes: "pd.DataFrame", most_steps: int = STEPS) -> LapChoice:
 def _rounds(
     ranked: Sequence[Sequence[int]], steps: dict[int, int], most_steps: int, wanted: set[int]
 ) -> tuple[set[int], int]:
-    """Of each iteration the best lap and the worst one, then others, as long as there is room.
+    """Of each iteration the best and the worst lap, then others, as long as there is room.
 
     Long trainings keep fewer steps of each lap first, and then skip iterations.
     """
@@ -79,7 +75,6 @@ def _rounds(
 
 
 def _telling(ranked: Sequence[int]) -> list[int]:
-    """Best, worst, the one in the middle, then the others from both ends."""
     order = [ranked[0], ranked[-1], ranked[len(ranked) // 2]]
     for near, far in zip(ranked, reversed(ranked), strict=True):
         order += [near, far]

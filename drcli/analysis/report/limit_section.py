@@ -1,4 +1,4 @@
-"""The section that compares the fastest lap of a training with the fastest line of its car."""
+"""Compares the fastest lap with the car's fastest line."""
 
 import base64
 from typing import TYPE_CHECKING, NamedTuple
@@ -28,14 +28,11 @@ _WIDTH_IN = 10.0
 
 
 class _Lap(NamedTuple):
-    """The fastest clean lap of a training: its time, and a row of `Run.steps` for each step."""
-
     lap_s: float
     steps: "pd.DataFrame"
 
 
 def _fastest_lap(run: Run) -> _Lap | None:
-    """The fastest clean lap whose steps are known; None without one."""
     clean = run.episodes[run.episodes["complete"].astype(bool)]
     if clean.empty:
         return None
@@ -45,7 +42,6 @@ def _fastest_lap(run: Run) -> _Lap | None:
 
 
 def limit_section(run: Run) -> Section | None:
-    """The comparison, where most time is lost, and a picture; None if a part is not known."""
     lap, track, limit = _fastest_lap(run), run.track, run.limit
     if lap is None or limit is None or track is None:
         return None

@@ -1,4 +1,4 @@
-"""What the map of a report draws: the road, means of all steps, chosen laps, ends of episodes."""
+"""What the map of a report draws."""
 
 import math
 from collections.abc import Sequence
@@ -21,20 +21,17 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _CELLS_M = (0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0, 20.0, 100.0)
-"""Sizes of a cell, of which the first is taken that makes few enough cells."""
-
 _MOST_CELLS = 3000
 _ROAD_POINTS = 400
 _MOST_ENDS = 10_000
 _SHOWN_SLIP_DEG = 20.0
-"""Cars of this size slide by a few degrees; more is shown in the same colour."""
+"""Cars of this size slide by a few degrees."""
 
 _MARGIN_M = 0.5
 FIFTHS = ("first", "second", "third", "fourth", "last")
 
 
 def map_data(run: Run, laps: LapChoice) -> dict[str, Any] | None:
-    """The numbers of the map, for the page; None if no step says where the car was."""
     steps = located(run.steps)
     if steps.empty:
         return None
@@ -66,7 +63,7 @@ def map_data(run: Run, laps: LapChoice) -> dict[str, Any] | None:
 
 
 def bounds_of(steps: "pd.DataFrame", track: Track | None) -> list[float]:
-    """The road, or what was driven: least x, least y, greatest x, greatest y, with a margin."""
+    """Least x, least y, greatest x, greatest y, with a margin."""
     if track is not None:
         low_x, low_y, high_x, high_y = track.bounds
     else:
@@ -77,10 +74,9 @@ def bounds_of(steps: "pd.DataFrame", track: Track | None) -> list[float]:
 
 
 def _limits(driven: "pd.DataFrame") -> dict[str, list[float]]:
-    """Values at the two ends of each colour scale; a few extremes do not flatten the rest."""
+    """Of colour scales; a few extremes do not flatten the rest."""
 
     def middle(name: str, low: float, high: float) -> list[float]:
-        """Two percentiles of a column."""
         values = driven[name].to_numpy(np.float64)
         values = values[np.isfinite(values)]
         found: list[float] = np.percentile(values, [low, high]).tolist() if len(values) else [0, 1]
@@ -99,7 +95,6 @@ def _limits(driven: "pd.DataFrame") -> dict[str, list[float]]:
 
 
 def _road(track: Track) -> dict[str, object]:
-    """Borders and centre line with at most some hundred points each."""
     every = max(math.ceil(len(track.center) / _ROAD_POINTS), 1)
     rows = np.arange(0, len(track.center) - int(track.closed), every)
     inner, center, outer = (
@@ -122,15 +117,11 @@ def _resampled(line: Floats, count: int) -> Floats:
 
 
 def ground_cells(xy: Floats, size_m: float) -> tuple[Integers, Integers]:
-    """The squares of the ground in which positions lie.
-
-    Args:
-        xy: Positions, metres, within 1e5 of the origin. Shape (n, 2).
-        size_m: Length of a side.
+    """The squares of the ground in which positions, shape (n, 2), metres within 1e5, lie.
 
     Returns:
-        Column and row of each square, counted from the origin. Shape (cells, 2), sorted.
-        Index of the square of each position. Shape (n,).
+        Sorted columns and rows from the origin, shape (cells, 2), and the index of each position's,
+        shape (n,).
     """
     places = np.floor(xy / size_m).astype(np.int64)
     first = places.min(axis=0, initial=0)
@@ -144,7 +135,6 @@ def ground_cells(xy: Floats, size_m: float) -> tuple[Integers, Integers]:
 def _cells(
     driven: "pd.DataFrame", episodes: "pd.DataFrame", limits: dict[str, list[float]]
 ) -> dict[str, object]:
-    """Means of the steps in each square of the ground, of the whole training and of its fifths."""
     xy = driven[["x", "y"]].to_numpy(np.float64)
     for size_m in _CELLS_M:
         cells, cell = ground_cells(xy, size_m)
@@ -183,11 +173,10 @@ _COLUMNS = {
     "steering": "steering_angle",
     "slip": "slip",
 }
-"""Columns of the steps, by the names that the page uses."""
 
 
 def fifth_of(episodes: "pd.DataFrame") -> "pd.Series[Any]":
-    """In which fifth of the training each episode was driven: 1 to 5, or 0 if that is unknown."""
+    """1 to 5, or 0 if unknown."""
     import pandas as pd
 
     first = episodes["quintile"].astype(str).str[0]
@@ -201,10 +190,7 @@ def _ends(
     bounds: list[float],
     statuses: list[str],
 ) -> dict[str, object]:
-    """Where each episode ended, and how; of very many, those of the laps that are shown and some.
-
-    Those are spread evenly over the training, so that each fifth keeps its share.
-    """
+    """Of very many, the shown laps and some, evenly over the training."""
     every = math.ceil(len(episodes) / _MOST_ENDS)
     if every > 1:
         kept = np.zeros(len(episodes), bool)

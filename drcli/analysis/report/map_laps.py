@@ -1,4 +1,4 @@
-"""The laps that the map of a report plays: chosen ones of the training, and evaluations."""
+"""The laps that the map plays."""
 
 import math
 from typing import TYPE_CHECKING, Any
@@ -18,16 +18,13 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _FARTHEST = 1e5
-"""Metres: coordinates beyond are of damaged files, and NaN is not less than anything."""
+"""Metres: beyond are damaged files."""
 
 _FACTS = ("id", "iteration", "episode", "progress", "time", "reward")
-"""Numbers of a lap."""
-
 FINISHED = "finished_after_resets"
-"""How a lap of an evaluation ended that was completed but is not clean."""
+"""A completed lap that is not clean."""
 
 _NEWEST = 3
-"""Evaluations whose laps are shown."""
 
 
 def lap_data(
@@ -39,7 +36,6 @@ def lap_data(
     statuses: list[str],
     limits: dict[str, list[float]],
 ) -> dict[str, Any]:
-    """The chosen laps of the training, and those of evaluations, one after another."""
     import pandas as pd
 
     chosen = steps[steps["unique_episode"].isin(set(laps.ids))]
@@ -85,7 +81,6 @@ def _lap_facts(episode: Any, number: int) -> dict[str, Any]:
 
 
 def _trial_facts(frame: "pd.DataFrame", number: int) -> dict[str, Any]:
-    """The same of a lap of an evaluation."""
     progress, status = float(frame["progress"].max()), str(frame["episode_status"].iloc[-1])
     if progress >= 100.0:
         broken = frame["episode_status"].isin(VIOLATIONS).any()
@@ -102,7 +97,6 @@ def _trial_facts(frame: "pd.DataFrame", number: int) -> dict[str, Any]:
 
 
 def _thinned(frame: "pd.DataFrame", every: int) -> "pd.DataFrame":
-    """Every n-th step, and the last one."""
     if every == 1 or len(frame) <= 2:
         return frame
     rows = np.unique([*range(0, len(frame), every), len(frame) - 1])
@@ -110,7 +104,7 @@ def _thinned(frame: "pd.DataFrame", every: int) -> "pd.DataFrame":
 
 
 def _seconds(frame: "pd.DataFrame") -> Floats:
-    """Seconds since the lap began; never falling, whatever a damaged file says."""
+    """Never falling, whatever a damaged file says."""
     stamp = frame["tstamp"].to_numpy(np.float64)
     stamp = np.where(np.isfinite(stamp), stamp, -np.inf)
     since: Floats = np.maximum.accumulate(stamp)
@@ -143,7 +137,6 @@ def _columns(
 
 
 def same_road(run: Run) -> list[StoredEvaluation]:
-    """Evaluations on the track of the training, the newest three."""
     if run.steps.empty:
         return []
     length_m = float(run.steps["track_len"].median())
@@ -158,7 +151,6 @@ def same_road(run: Run) -> list[StoredEvaluation]:
 
 
 def located(steps: "pd.DataFrame") -> "pd.DataFrame":
-    """The rows that say where the car was; the others are of damaged files."""
     if steps.empty:
         return steps
     known = (np.abs(steps[["x", "y", "yaw"]].to_numpy(np.float64)) <= _FARTHEST).all(axis=1)
@@ -166,7 +158,7 @@ def located(steps: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def with_motion(steps: "pd.DataFrame") -> "pd.DataFrame":
-    """The steps with columns `slip`, degrees, and `driven`, the speed over ground in m/s."""
+    """Adds `slip`, degrees, and `driven`, m/s over ground."""
     key = "unique_episode" if "unique_episode" in steps else "episode"
     episode = steps[key].to_numpy()
     first = np.concatenate([[True], episode[1:] != episode[:-1]])
@@ -177,5 +169,4 @@ def with_motion(steps: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def evaluations_on_the_map(run: Run) -> list[str]:
-    """Stamps of the evaluations whose laps are on the map."""
     return [evaluation.stamp for evaluation in same_road(run) if len(located(evaluation.steps))]

@@ -1,4 +1,4 @@
-"""The section with the map: its controls, and tables of the laps that stand out."""
+"""The map with its controls, and tables of laps."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -24,16 +24,12 @@ _PAINTS = {
     "slip": "slip angle",
     "visits": "how often driven",
 }
-"""What the map may be coloured by."""
-
 _SPEEDS = {"0.5": "half", "1": "real", "2": "double", "5": "5 times"}
 _LISTED = ("episode", "iteration", "read", "progress", "time", "reward", "end")
 _ROWS = 5
-"""Rows of each table of laps."""
 
 
 def map_section(run: Run, laps: LapChoice) -> Section:
-    """The map, its controls, and tables of laps."""
     all_laps = len(laps.ids) == len(run.episodes)
     shown = "All laps" if all_laps else f"{len(laps.ids)} of {count(len(run.episodes))} laps"
     steps = "" if laps.every == 1 else f", with every {nth(laps.every)} step of each,"
@@ -168,7 +164,6 @@ def _select(label: str, part: str, options: dict[str, str], chosen: str) -> Html
 
 
 def _lap_tables(episodes: "pd.DataFrame") -> list[Html]:
-    """Tables as racers know them: fastest, best paid, furthest."""
     full = episodes["complete"].astype(bool)
     from_start = full & (episodes["start_at"] <= 1)
     kinds: list[tuple[str, Any, str, bool]] = [

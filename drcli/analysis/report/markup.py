@@ -1,17 +1,14 @@
-"""HTML that is safe by construction: whatever is not `Html` is escaped."""
+"""HTML that is safe by construction: all but `Html` is escaped."""
 
 import html
 import re
 from collections.abc import Iterable, Sequence
 
 _UNSEEN = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
-"""Control characters: HTML forbids some, and others turn the text after them round."""
+"""HTML forbids some control characters; others reverse the text after them."""
 
 _VOID = ("img", "input", "meta", "rect")
-"""Elements without an end tag; `rect` is closed in its start tag."""
-
 _LONGEST_DIFFERENCE = 400
-"""Lines of a difference that are shown: two unrelated files differ in all of them."""
 
 
 class Html(str):
@@ -21,29 +18,23 @@ class Html(str):
 
 
 Content = str | Html | None
-"""What may stand in an element; None is left out."""
 
 
 def escaped(text: str) -> Html:
-    """Text as HTML, without control characters."""
+    """As HTML, without control characters."""
     if isinstance(text, Html):
         return text
     return Html(html.escape(_UNSEEN.sub("\N{REPLACEMENT CHARACTER}", text)))
 
 
 def joined(parts: Iterable[Content]) -> Html:
-    """Parts one after another."""
     return Html("".join(escaped(part) for part in parts if part is not None))
 
 
 def element(name_: str, *content: Content, **attributes: str | bool | None) -> Html:
-    """An element, such as `<td class="number">5</td>`.
+    """Such as `<td class="number">5</td>`; `class_` is written without its "_", others with "-".
 
-    Args:
-        name_: Its name.
-        content: Texts and elements inside it.
-        attributes: Their names without a last underscore (`class_`), and with "-" for "_". True
-            stands for an attribute without a value; None and False are left out.
+    True stands for an attribute without a value; None and False are left out.
     """
     start = name_
     for key, value in attributes.items():
@@ -60,14 +51,7 @@ def element(name_: str, *content: Content, **attributes: str | bool | None) -> H
 def table(
     caption: str, head: Sequence[str], rows: Iterable[Sequence[Content]], *, texts: int = 1
 ) -> Html:
-    """A table that can be scrolled sideways on a narrow screen.
-
-    Args:
-        caption: What it shows; screen readers say it.
-        head: Titles of the columns.
-        rows: Their cells.
-        texts: How many columns from the left are text; the others are numbers.
-    """
+    """Scrollable on narrow screens; the first `texts` columns are text."""
 
     def cell(name: str, column: int, content: Content) -> Html:
         scope = {"th": "col", "td": None}[name]
@@ -97,7 +81,7 @@ def table(
 
 
 def bar(part: float, *, kind: str = "", title: str = "", alone: bool = False) -> Html:
-    """A horizontal bar as long as a part, 0 to 1, of the room that it has."""
+    """As long as a part, 0 to 1, of its room."""
     width = f"{100 * min(max(part, 0.0), 1.0):.1f}%"
     return element(
         "svg",
@@ -111,13 +95,12 @@ def bar(part: float, *, kind: str = "", title: str = "", alone: bool = False) ->
 
 
 def tiles(facts: Iterable[tuple[str, str]]) -> Html:
-    """The most important numbers, each with what it is."""
     pairs = [element("div", element("dt", name), element("dd", value)) for name, value in facts]
     return element("dl", *pairs, class_="tiles")
 
 
 def coloured_difference(lines: Sequence[str]) -> Html:
-    """Lines of `diff -u`, without its head, in the colours of what was added and removed."""
+    """Lines of `diff -u`, without its head."""
     kinds = {"+": "added", "-": "removed", "@": "place"}
     parts: list[Content] = []
     for line in lines[:_LONGEST_DIFFERENCE]:

@@ -1,4 +1,4 @@
-"""Numbers for the page: short lists as JSON, long ones as base64 of small binary numbers."""
+"""Numbers for the page: short lists as JSON, long ones as base64."""
 
 import base64
 import json
@@ -11,22 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 _SHORT = 64
-"""Numbers up to which a list is shorter or about as short as its base64."""
-
 _INTEGERS: dict[str, tuple[type[np.signedinteger[Any]], int]] = {
     "i8": (np.int8, 127),
     "i16": (np.int16, 32767),
 }
-"""Types by name, and their greatest value; the least one, one below its negative, is NaN."""
+"""Types and greatest values; one below the negative is NaN."""
 
 
 def numbers(values: ArrayLike) -> object:
-    """Numbers with about seven digits; those that are not finite become null or NaN.
-
-    Returns:
-        A list; or, of many numbers, what `quantised` returns where all are small integers and
-        {"f32": base64} of little-endian numbers otherwise.
-    """
+    """Values as a list, {"f32": base64} or what `quantised` returns."""
     array = np.asarray(values, dtype=np.float64)
     if len(array) <= _SHORT:
         return [float(f"{value:.6g}") if math.isfinite(value) else None for value in array.tolist()]
@@ -40,13 +33,7 @@ def numbers(values: ArrayLike) -> object:
 
 
 def quantised(values: ArrayLike, kind: str, *, low: float, high: float) -> object:
-    """Numbers as small integers; those beyond the limits are cut to them.
-
-    Args:
-        values: Any numbers; NaN stays NaN.
-        kind: "i8" or "i16".
-        low: The least value that can be told from others.
-        high: The greatest one.
+    """Integers of kind "i8" or "i16", cut to the limits; NaN stays NaN.
 
     Returns:
         {kind: base64, "middle": value of 0, "step": difference between two neighbours}.
@@ -62,7 +49,7 @@ def quantised(values: ArrayLike, kind: str, *, low: float, high: float) -> objec
 
 
 def json_text(value: object) -> str:
-    """JSON that may stand inside a script element: nothing in it can end that element."""
+    """JSON that cannot end a script element."""
     text = json.dumps(_finite(value), separators=(",", ":"))
     for sign in "<>&":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
@@ -74,7 +61,6 @@ def _base64(array: NDArray[Any]) -> str:
 
 
 def _finite(value: object) -> object:
-    """The same with null for numbers that JSON does not have."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""The section with pictures that show what moves the action of the policy."""
+"""The section with pictures of what moves the policy's action."""
 
 import base64
 from collections.abc import Sequence
@@ -13,13 +13,7 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture for the report.
-
-    Attributes:
-        png: A PNG file.
-        caption: What it shows.
-        numbers: Numbers that belong to it, by name: probabilities, values.
-    """
+    """A PNG picture, with numbers such as probabilities."""
 
     png: bytes
     caption: str
@@ -27,7 +21,7 @@ class Picture:
 
 
 def picture_section(pictures: Sequence[Picture]) -> Section | None:
-    """Pictures with captions and numbers; those that are not PNG files are left out."""
+    """What is not a PNG file is left out."""
     found = [picture for picture in pictures if picture.png.startswith(_PNG)]
     if not found:
         return None

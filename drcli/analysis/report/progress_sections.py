@@ -1,4 +1,4 @@
-"""Sections about the course of a training: rewards, laps, and the learner."""
+"""Sections on rewards, laps, and the learner."""
 
 import math
 from collections.abc import Sequence
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _SPREAD = 0.8
-"""Part of the distance between two iterations over which the dots of one are spread."""
-
 _LEARNER = {
     "entropy": ("Entropy", "entropy (nats)"),
     "kl": ("Change of the policy in an update", "KL divergence"),
@@ -41,14 +39,11 @@ _LEARNER = {
     "steps_per_s": ("Speed of the training", "steps per second"),
     "real_time_factor": ("Speed of the simulation", "real-time factor"),
 }
-"""Titles and units of what a learner reports."""
-
 _SHOWN_ELSEWHERE = ("episodic_return", "episodic_length", "SPS")
-"""Columns that the graphs of rewards and laps, or another column, show."""
 
 
 def reward_section(run: Run) -> Section | None:
-    """The reward graph, drawn as the DeepRacer console draws it."""
+    """Drawn as the DeepRacer console draws it."""
     if run.iterations.empty:
         return None
     table_, episodes = run.iterations, run.episodes
@@ -102,7 +97,6 @@ def reward_section(run: Run) -> Section | None:
 
 
 def _phase_marks(table_: "pd.DataFrame") -> list[Mark]:
-    """Where each phase of a training with a teacher begins."""
     if "phase" not in table_:
         return []
     named = table_["phase"][table_["phase"] != ""]
@@ -111,7 +105,7 @@ def _phase_marks(table_: "pd.DataFrame") -> list[Mark]:
 
 
 def best_iteration(run: Run) -> int | None:
-    """The one whose evaluation came furthest, then lapped fastest; without any, the training's."""
+    """By the evaluation's progress, then lap time; without any, by the training's."""
     table_ = run.iterations
     for progress, lap in (
         ("eval_mean_progress", "eval_best_lap_s"),
@@ -125,7 +119,7 @@ def best_iteration(run: Run) -> int | None:
 
 
 def spread_over_iterations(episodes: "pd.DataFrame") -> Floats:
-    """Positions of episodes on an axis of iterations: each within its iteration, in order."""
+    """Positions of episodes, each within its iteration."""
     if episodes.empty:
         return np.zeros(0)
     groups = episodes.groupby("iteration")["episode"]
@@ -135,7 +129,6 @@ def spread_over_iterations(episodes: "pd.DataFrame") -> Floats:
 
 
 def _iteration_table(run: Run) -> Html:
-    """All numbers of the iterations, for those who want to read them."""
     names: dict[str, tuple[str, Any]] = {
         "episodes": ("episodes", count),
         "steps": ("steps", count),
@@ -167,7 +160,6 @@ def _iteration_table(run: Run) -> Html:
 
 
 def lap_section(run: Run) -> Section | None:
-    """Lap times and completed laps over iterations, fifths of the training and start positions."""
     if run.episodes.empty:
         return None
     table_ = run.iterations
@@ -220,7 +212,6 @@ def lap_section(run: Run) -> Section | None:
 
 
 def _evaluated_share(run: Run, at: Floats) -> list[Series]:
-    """Mean progress of the evaluations: a share of laps needs a count of trials, which few have."""
     progress = run.iterations["eval_mean_progress"]
     if progress.isna().all():
         return []
@@ -229,7 +220,6 @@ def _evaluated_share(run: Run, at: Floats) -> list[Series]:
 
 
 def _groups(caption: str, name: str, groups: Sequence[EpisodeGroup]) -> Html | None:
-    """How far some groups of episodes came; nothing if there is only one."""
     if len(groups) < 2:
         return None
     rows: list[list[Content]] = [
@@ -249,7 +239,6 @@ def _groups(caption: str, name: str, groups: Sequence[EpisodeGroup]) -> Html | N
 
 
 def learner_section(run: Run) -> Section | None:
-    """What the learner reports about each update."""
     graphs = []
     at = run.learner.index.to_numpy(np.float64)
     for name in [*_LEARNER, *(name for name in run.learner if name not in _LEARNER)]:

@@ -1,4 +1,4 @@
-"""The section about what the reward function really pays for."""
+"""The section on what the reward function really pays for."""
 
 import numpy as np
 
@@ -10,19 +10,15 @@ from drcli.analysis.report.words import count, digits, seconds
 from drcli.analysis.run import Run
 
 _LEAST_LAPS = 5
-"""Fewer clean laps show nothing about their times."""
-
 _PAYS = {
     "slow": "Slow laps earn more in all than fast ones: the more time a lap takes, the more steps "
     "are paid. A learner that is paid like this has a reason to drive slowly.",
     "fast": "Fast laps earn more in all than slow ones.",
     "same": "Fast and slow laps earn about the same in all.",
 }
-"""What laps earn, by `RewardRate.pays`."""
 
 
 def reward_rate_section(run: Run, rate: RewardRate | None) -> Section | None:
-    """Reward per step against progress and lap time, and by speed."""
     episodes = run.episodes
     driven = np.maximum(episodes["steps"].to_numpy(np.float64) - 1, 1)
     per_step = episodes["reward"].to_numpy(np.float64) / driven

@@ -1,4 +1,4 @@
-"""A section of the report: a title, one sentence that says what to look for, and its content."""
+"""A section of the report."""
 
 from dataclasses import dataclass
 
@@ -12,11 +12,8 @@ class Section:
 
     Attributes:
         key: Its address in the page.
-        title: Its heading.
-        short: Its name in the list of contents.
-        look: What to look for, one sentence; empty where the content says it.
-        content: HTML below that sentence.
-        graphs: Graphs in the content.
+        short: Its name in the contents.
+        look: What to look for, or empty.
     """
 
     key: str
@@ -27,7 +24,6 @@ class Section:
     graphs: tuple[Graph, ...] = ()
 
     def as_html(self) -> Html:
-        """The section."""
         look = element("p", self.look, class_="look") if self.look else None
         heading = element("h2", self.title, id=f"{self.key}-title")
         return element(

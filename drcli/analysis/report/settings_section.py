@@ -1,4 +1,4 @@
-"""The section with the settings of a training, and what differs from the model before it."""
+"""The settings of a training, and what differs from its parent."""
 
 import difflib
 import json
@@ -10,11 +10,9 @@ from drcli.analysis.run import Run
 from drcli.modelfiles.action_space import ActionSpace
 
 _TABLES = ("hyperparameters.json", "model_metadata.json", "settings")
-"""Files whose values are compared, not their lines."""
 
 
 def settings_section(run: Run) -> Section | None:
-    """Hyperparameters, actions and reward function; first what differs from the parent."""
     content: list[Content] = [*_differences(run)]
     if run.hyperparameters:
         rows = [[name, _value(value)] for name, value in sorted(run.hyperparameters.items())]
@@ -38,7 +36,6 @@ def settings_section(run: Run) -> Section | None:
 
 
 def _differences(run: Run) -> Iterator[Html]:
-    """What differs from the parent: values of settings, lines of the reward function."""
     if run.parent is None:
         return
     yield element("h3", "Compared with its parent, ", element("code", run.parent))
@@ -77,7 +74,6 @@ def _line_difference(before: str, now: str) -> Html:
 
 
 def _actions(space: ActionSpace) -> Html:
-    """The action space."""
     if space.low is not None and space.high is not None:
         rows = [
             [name, f"{low:g}", f"{high:g}"]
@@ -100,7 +96,7 @@ def _actions(space: ActionSpace) -> Html:
 
 
 def _values(text: str) -> dict[str, str]:
-    """Values of a file by name: of JSON with the path to each, of NAME=VALUE lines by name."""
+    """Of JSON by path, of NAME=VALUE lines by name."""
     parsed = _parsed(text)
     if parsed is not None:
         return dict(_flat(parsed, ""))
@@ -124,7 +120,6 @@ def _flat(value: object, path: str) -> Iterator[tuple[str, str]]:
 
 
 def _parsed(text: str) -> dict[str, object] | list[object] | None:
-    """A JSON object or list; None if the text is something else."""
     try:
         value = json.loads(text)
     except (ValueError, RecursionError):

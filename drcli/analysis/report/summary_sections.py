@@ -1,4 +1,4 @@
-"""The first sections: numbers at a glance, the verdict, and advice with commands to copy."""
+"""The first sections: numbers at a glance, verdict, advice."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,7 +11,6 @@ from drcli.analysis.run import Run
 
 
 def overview(run: Run) -> Html:
-    """Numbers at a glance, and what was wrong with the files."""
     episodes, table_ = run.episodes, run.iterations
     clean = episodes[episodes["complete"].astype(bool)]
     facts = [("iterations", count(len(table_))), ("episodes", count(len(episodes)))]
@@ -40,7 +39,6 @@ def problems_box(
     problems: Sequence[str],
     heading: str = "Something was wrong with the files; the rest is analysed.",
 ) -> Html | None:
-    """What was wrong with the files; None if nothing was."""
     if not problems:
         return None
     return element(
@@ -52,7 +50,6 @@ def problems_box(
 
 
 def verdict_section(verdict: Verdict, advice: Sequence[Advice]) -> Section:
-    """What is going on, and what to change, the most important first."""
     kind = _title(verdict.kind)
     named = verdict.sentence.casefold().startswith(kind.casefold())
     word = None if named else element("strong", f"{kind}.")
@@ -119,7 +116,6 @@ def _title(kind: str) -> str:
 
 
 def _duration(time_s: float) -> str:
-    """Hours or minutes."""
     if not known(time_s):
         return digits(time_s)
     return f"{time_s / 3600:.1f} h" if time_s >= 3600 else f"{time_s / 60:.1f} min"

@@ -4,17 +4,15 @@ import math
 from typing import SupportsFloat
 
 UNKNOWN = "\N{EN DASH}"
-"""Stands for a number that is not known."""
 
 
 def count(value: SupportsFloat) -> str:
-    """A whole number, in groups of three digits."""
+    """In groups of three digits."""
     number = float(value)
     return f"{number:,.0f}".replace(",", "\N{NARROW NO-BREAK SPACE}") if known(number) else UNKNOWN
 
 
 def digits(value: SupportsFloat) -> str:
-    """Any number with about four digits."""
     number = float(value)
     if not known(number):
         return UNKNOWN
@@ -25,22 +23,19 @@ def digits(value: SupportsFloat) -> str:
 
 
 def percent(value: SupportsFloat, digits: int = 1, sign: str = "\N{NO-BREAK SPACE}%") -> str:
-    """A percentage of that many digits after the point."""
     number = float(value)
     return f"{number:.{digits}f}{sign}" if known(number) else UNKNOWN
 
 
 def seconds(value: SupportsFloat) -> str:
-    """A lap time, without its unit."""
     number = float(value)
     return f"{number:.3f}" if known(number) else UNKNOWN
 
 
 def nth(number: int) -> str:
-    """Which one: `second`, `third`, `4th`."""
+    """`second`, `third`, `4th`."""
     return {2: "second", 3: "third"}.get(number, f"{number}th")
 
 
 def known(value: float) -> bool:
-    """Whether it is an ordinary number."""
     return math.isfinite(value)

@@ -1,4 +1,4 @@
-"""What `dr doctor` examines: the installation, the machine, the bucket and what earlier runs left.
+"""What `dr doctor` examines.
 
-One module for each subject. Nothing here changes a file or an object that it did not create.
+Nothing here changes a file or an object that it did not create.
 """

@@ -1,4 +1,4 @@
-"""Examines a bucket: whether it answers, how fast it is, its clock, and what its keys permit."""
+"""Examines a bucket: answers, speed, clock and permissions."""
 
 import time
 from collections.abc import Iterable, Iterator
@@ -15,11 +15,7 @@ from drcli.store.connect import open_bucket, open_upload_bucket
 from drcli.store.s3_bucket import S3Bucket
 
 PATIENCE_S = 1.0
-"""How long a call is repeated."""
-
 STALL_S = 3.0
-"""How long an answer may stall."""
-
 REFUSED_SKEW_S = 900.0
 """S3 servers refuse requests from then on."""
 
@@ -31,12 +27,7 @@ _CLOCK = "Set the clock, as with `sudo timedatectl set-ntp true`."
 
 
 def examine_bucket(settings: Settings, end_s: float) -> Iterator[Finding]:
-    """The bucket of the model; starts the embedded server if needed.
-
-    Args:
-        settings: Of the working folder.
-        end_s: Monotonic time after which nothing more is tried.
-    """
+    """The bucket of the model, until a monotonic time; starts the embedded server if needed."""
     storage = settings.storage
     bucket = open_bucket(storage, patience_s=PATIENCE_S, read_timeout_s=STALL_S)
     prefix = settings.model_prefix
@@ -53,7 +44,6 @@ def examine_bucket(settings: Settings, end_s: float) -> Iterator[Finding]:
 
 
 def examine_upload_bucket(settings: Settings, end_s: float) -> Iterator[Finding]:
-    """The bucket that models are uploaded to, if there is one."""
     if settings.upload_s3_bucket in ("", NO_UPLOADS):
         return
     bucket = open_upload_bucket(settings.transfer.upload, patience_s=PATIENCE_S)
@@ -62,7 +52,7 @@ def examine_upload_bucket(settings: Settings, end_s: float) -> Iterator[Finding]
 
 
 def outermost(folders: Iterable[str]) -> list[str]:
-    """The folders that are not inside another one, each once."""
+    """Folders that are not inside another one."""
     each = list(dict.fromkeys(folders))
     return [one for one in each if not any(one != o and one.startswith(o) for o in each)]
 
@@ -77,7 +67,6 @@ def _examine(
 
 
 def _speed(subject: str, bucket: S3Bucket, trial: Trial, name: str) -> Finding:
-    """Whether it works at all, and how fast."""
     parts = [f"s3://{bucket.name} at {bucket.endpoint.place}"]
     if trial.round_trip_ms is not None:
         parts.append(f"answers in {trial.round_trip_ms:.3g} ms")
@@ -112,7 +101,6 @@ def _speed(subject: str, bucket: S3Bucket, trial: Trial, name: str) -> Finding:
 def _permissions(
     subject: str, bucket: S3Bucket, trial: Trial, folders: list[str]
 ) -> Iterator[Finding]:
-    """What the keys permit, one finding for each reason of a refusal."""
     tried = [folder.rstrip("/") for folder in trial.worked]
     facts = {
         "folders": folders,

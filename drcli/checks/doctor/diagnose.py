@@ -1,4 +1,4 @@
-"""Examines everything in less than ten seconds, for `dr doctor`."""
+"""Examines everything in less than ten seconds."""
 
 import os
 import time
@@ -39,23 +39,17 @@ from drcli.models.run_metadata import installed_versions
 from drcli.workers.ray_extra import workers_here
 
 LOCAL_S = 3.5
-"""For everything on this machine, before the bucket is examined."""
-
 TOTAL_S = 8.5
-"""For everything. The libraries may load until then."""
+"""The libraries may load until then."""
 
 TIDY_S = 1.0
-"""For the end of a trial of a bucket, which deletes its objects."""
+"""To delete a trial's objects."""
 
 MOST_SETTINGS = 4
-"""So many problems of the settings are listed here; `dr config check` lists all."""
 
 
 def diagnose(directory: Path) -> DoctorReport:
-    """Examine the installation, this machine, and the bucket of a working folder.
-
-    The folder need not have settings, and it need not be writable.
-    """
+    """Examine installation, machine and bucket; the folder may lack settings."""
     began_s = time.monotonic()
     settings, about_settings = _settings(directory)
     # First the machine: what it computes meanwhile would slow the bucket down.
@@ -71,7 +65,6 @@ def diagnose(directory: Path) -> DoctorReport:
 
 
 def _settings(directory: Path) -> tuple[Settings | None, list[Finding]]:
-    """The settings, and what is wrong or odd about them."""
     if not (directory / "run.env").is_file():
         text = f"there is no run.env in {directory}, so the bucket was not examined."
         remedy = "Change to your working folder, or create one with `dr init`."
@@ -131,7 +124,6 @@ def _on_this_machine(directory: Path, settings: Settings | None) -> list[Probe]:
 
 
 def _libraries(directory: Path, settings: Settings | None) -> Iterator[Finding]:
-    """The trainer's libraries, and what they say about the GPU."""
     wanted = LearnerSettings()
     if settings is not None:
         file = settings.custom_files_dir / "hyperparameters.json"
@@ -144,7 +136,7 @@ def _libraries(directory: Path, settings: Settings | None) -> Iterator[Finding]:
 
 
 def _batch_size(file: Path) -> int:
-    """Steps in a minibatch, which decide the number format; 64 if the file does not say."""
+    """It decides the number format."""
     written = read_json(file)
     size = written.get("batch_size") if isinstance(written, dict) else None
     return size if isinstance(size, int) and 0 < size < 1 << 20 else 64

@@ -1,4 +1,4 @@
-"""Findings: what was examined, whether it is right, and what to do if not."""
+"""Findings: what was examined, whether it is right, and what to do."""
 
 import threading
 import time
@@ -9,10 +9,9 @@ from typing import Any, Literal
 from drcli.base.errors import DrError, SettingsError, StorageError
 
 State = Literal["ok", "warning", "problem"]
-"""A problem prevents a training or harms it; a warning may."""
+"""A problem prevents or harms a training; a warning may."""
 
 AT_BUCKET = ("bucket", "upload bucket")
-"""Subjects whose problems are those of a bucket, and not of this machine."""
 
 
 @dataclass(frozen=True)
@@ -69,18 +68,12 @@ class DoctorReport:
 
 @dataclass(frozen=True)
 class Probe:
-    """An examination of one subject, which yields findings."""
-
     subject: str
     examine: Callable[[], Iterable[Finding]]
 
 
 class Examination:
-    """Runs probes in threads, so that none of them can delay the others for long.
-
-    Args:
-        probes: What to examine; they start at once.
-    """
+    """Runs probes in threads, which start at once."""
 
     def __init__(self, probes: Sequence[Probe]) -> None:
         self._probes = probes
@@ -94,13 +87,12 @@ class Examination:
             thread.start()
 
     def wait(self, seconds: float) -> None:
-        """Wait until all probes have ended, or until so many seconds have passed."""
         deadline_s = time.monotonic() + seconds
         for thread in self._threads:
             thread.join(max(0.0, deadline_s - time.monotonic()))
 
     def findings(self) -> list[Finding]:
-        """What the probes have found until now; a warning about each that has not ended."""
+        """Until now, with a warning about each probe that has not ended."""
         everything: list[Finding] = []
         for probe, found, thread in zip(self._probes, self._found, self._threads, strict=True):
             late = thread.is_alive()
@@ -128,7 +120,7 @@ class Examination:
 
 
 def shown_bytes(size: float) -> str:
-    """A size for people, such as `61 GB`."""
+    """Such as `61 GB`."""
     for unit, factor in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
         if size >= factor:
             return f"{size / factor:.3g} {unit}"

@@ -1,4 +1,4 @@
-"""Examines the installation: versions, extras, and the cache of compiled functions."""
+"""Examines versions, extras and compiled functions."""
 
 import os
 import platform
@@ -22,7 +22,6 @@ _AGAIN = "Install it again with `scripts/install.sh`, or `pip install --upgrade 
 
 
 def examine_packages() -> Iterator[Finding]:
-    """Versions, and packages that are missing, too old, or not the pinned ones."""
     try:
         own = metadata.version("drcli")
     except metadata.PackageNotFoundError:
@@ -42,7 +41,6 @@ def examine_packages() -> Iterator[Finding]:
 
 
 def examine_extras() -> Iterator[Finding]:
-    """Which extras are installed. None of them is needed for training."""
     extras: dict[str, list[str]] = {}
     for line in metadata.requires("drcli") or []:
         found = _EXTRA.search(line)
@@ -58,10 +56,7 @@ def examine_extras() -> Iterator[Finding]:
 
 
 def examine_kernels() -> Iterator[Finding]:
-    """Whether compiled functions can be kept, and whether there are any.
-
-    The order of the places is that of `drsim.jit`.
-    """
+    """The order of the places is that of `drsim.jit`."""
     places = _kernel_folders()
     kept = sum(1 for place in places for _ in place.rglob("*.nbi"))
     folder = next((place for place in places if _writable(place)), None)
@@ -78,7 +73,6 @@ def examine_kernels() -> Iterator[Finding]:
 
 
 def _kernel_folders() -> list[Path]:
-    """Folders that numba tries, the first one first."""
     named = os.environ.get("NUMBA_CACHE_DIR")
     if named:
         return [Path(named)]
@@ -91,6 +85,5 @@ def _kernel_folders() -> list[Path]:
 
 
 def _writable(folder: Path) -> bool:
-    """Whether files can be created in a folder, or the folder itself can."""
     place = next((each for each in (folder, *folder.parents) if each.exists()), None)
     return place is not None and place.is_dir() and os.access(place, os.W_OK | os.X_OK)

@@ -1,4 +1,4 @@
-"""Examines what earlier runs left: records of runs that died, their processes, a taken port."""
+"""Examines what earlier runs left."""
 
 import os
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ _WORKERS = tuple(
 
 
 def examine_runs(directory: Path) -> Iterator[Finding]:
-    """Runs in this folder: those that run, and those that died without saying why."""
+    """Those that run, and those that died without saying why."""
     paths = sorted((directory / "data" / "runs").glob("*/run.json"))
     read = {path: RunRecord.read(path.parent) for path in paths}
     records = [record for record in read.values() if record is not None]
@@ -58,7 +58,6 @@ def examine_runs(directory: Path) -> Iterator[Finding]:
 
 
 def examine_server(storage: StorageConfig) -> Iterator[Finding]:
-    """The embedded server: whether it runs, and whether its port is free if not."""
     if storage.cloud != "local":
         return
     file = own_file(storage.data_dir, "json")
@@ -84,7 +83,7 @@ def examine_server(storage: StorageConfig) -> Iterator[Finding]:
 
 
 def who_listens(port: int) -> str:
-    """Name and number of the process that listens on a port, as far as this user may know."""
+    """As far as this user may know."""
     with suppress(psutil.Error, OSError):
         for connection in psutil.net_connections("tcp"):
             if connection.status != psutil.CONN_LISTEN or connection.pid is None:
@@ -96,7 +95,6 @@ def who_listens(port: int) -> str:
 
 
 def _orphans(directory: Path, launchers: set[int]) -> list[int]:
-    """Workers that were started in a working folder and whose launcher has ended."""
     found = []
     for process in psutil.process_iter(["cmdline"]):
         words = process.info["cmdline"] or []
@@ -111,7 +109,6 @@ def _orphans(directory: Path, launchers: set[int]) -> list[int]:
 
 
 def _launches(process: psutil.Process, launchers: set[int]) -> bool:
-    """Whether a process is a supervisor, or one of our commands."""
     if process.pid in launchers:
         return True
     words = process.cmdline()

@@ -1,7 +1,6 @@
-"""Examines processor and GPU with the libraries that use them, in a process of its own.
+"""Examines processor and GPU with the libraries that use them, in a process.
 
-A library may take seconds to load, and on a processor without the instructions that it needs it
-ends its process. So `drcli.workers.library_facts` loads them.
+A library may load for seconds, and ends its process where instructions are missing.
 """
 
 import json
@@ -21,15 +20,15 @@ from drcli.models.run_metadata import processor_name
 from drcli.workers.cores import cores
 
 PATIENCE_S = 7.0
-"""Less than everything may take, so that the process ends before the command."""
+"""The process ends before the command."""
 
 GPU_PATIENCE_S = 4.0
 LEAST_GPU_BYTES = 1_500_000_000
-"""GPU memory that learning takes, its library included."""
+"""Taken by learning and its library."""
 
 _ROOT = Path("/")
 _UNITS = ("avx2", "avx512f", "avx512_bf16", "amx_bf16", "asimd", "sve", "bf16")
-"""Units that the libraries use, by the names in /proc/cpuinfo."""
+"""Names in /proc/cpuinfo."""
 
 _NAMES = {
     "avx2": "AVX2",
@@ -42,8 +41,6 @@ _NAMES = {
 }
 _NVIDIA = "0x10de"
 _DISPLAY = ("0x0300", "0x0302")
-"""Classes of graphics cards, and of cards that only compute."""
-
 _CUDA_BUILD = (
     "Install the CUDA build: `pip install --force-reinstall --index-url https://pypi.org/simple "
     "{torch}`."
@@ -52,13 +49,7 @@ _CUDA_BUILD = (
 
 @dataclass(frozen=True)
 class LearnerSettings:
-    """What decides how the trainer computes.
-
-    Attributes:
-        precision: DR_TORCH_PRECISION.
-        batch_size: Of the hyperparameters.
-        gpus: DR_SAGEMAKER_CUDA_DEVICES; if empty, CUDA_VISIBLE_DEVICES counts.
-    """
+    """What decides how the trainer computes; `gpus` empty: CUDA_VISIBLE_DEVICES."""
 
     precision: str = "auto"
     batch_size: int = 64
@@ -67,8 +58,6 @@ class LearnerSettings:
 
 @dataclass(frozen=True)
 class Card:
-    """A GPU as its driver describes it; memory in bytes."""
-
     name: str
     driver: str
     memory_bytes: int
@@ -77,7 +66,7 @@ class Card:
 
 @dataclass(frozen=True)
 class Libraries:
-    """What the libraries say; `error` is why they could not be loaded, `late`: in time."""
+    """What the libraries say, or an error; `late`: not in time."""
 
     facts: dict[str, Any] = field(default_factory=dict)
     error: str = ""
@@ -86,7 +75,7 @@ class Libraries:
 
 
 def ask_libraries(wanted: LearnerSettings) -> Libraries:
-    """Load torch and mujoco in another process, and ask them."""
+    """Load torch and mujoco in another process."""
     plain, _ = secret_environment.split(os.environ)
     if wanted.gpus:
         plain["CUDA_VISIBLE_DEVICES"] = wanted.gpus
@@ -133,7 +122,6 @@ def ask_libraries(wanted: LearnerSettings) -> Libraries:
 
 
 def examine_processor(root: Path = _ROOT) -> Iterator[Finding]:
-    """Name, cores that may be used, and units."""
     usable, there = cores(root), os.cpu_count() or 1
     units = processor_units(root)
     facts = {
@@ -152,7 +140,6 @@ def examine_processor(root: Path = _ROOT) -> Iterator[Finding]:
 
 
 def examine_trainer(libraries: Libraries) -> Iterator[Finding]:
-    """Whether torch and mujoco can be loaded, and the number format that the trainer would use."""
     if libraries.error:
         state: State = "warning" if libraries.late else "problem"
         yield Finding("trainer", state, libraries.error, libraries.remedy)
@@ -164,7 +151,6 @@ def examine_trainer(libraries: Libraries) -> Iterator[Finding]:
 
 
 def processor_units(root: Path = _ROOT) -> list[str]:
-    """The units of `_UNITS` that this processor has."""
     flags: set[str] = set()
     try:
         for line in (root / "proc/cpuinfo").read_text("utf-8", "replace").splitlines():
@@ -178,21 +164,13 @@ def processor_units(root: Path = _ROOT) -> list[str]:
 
 
 def units_known(root: Path = _ROOT) -> bool:
-    """Whether the system tells which units there are."""
     return (root / "proc/cpuinfo").exists()
 
 
 def examine_gpus(
     libraries: Libraries, torch: str | None, wanted: str, root: Path = _ROOT
 ) -> Iterator[Finding]:
-    """Whether there is an NVIDIA GPU, and whether the installed torch can use it.
-
-    Args:
-        libraries: What torch says.
-        torch: Version of the installed torch.
-        wanted: GPUs of the trainer, as in `LearnerSettings`.
-        root: Of the file system, for tests.
-    """
+    """Whether the installed torch can use an NVIDIA GPU."""
     allowed = wanted or os.environ.get("CUDA_VISIBLE_DEVICES")
     if allowed is not None and allowed.strip() in ("", "-1"):
         name = "DR_SAGEMAKER_CUDA_DEVICES" if wanted else "CUDA_VISIBLE_DEVICES"
@@ -244,7 +222,6 @@ def examine_gpus(
 
 
 def _cards(program: str) -> tuple[list[Card], str]:
-    """The GPUs, or why `nvidia-smi` does not tell."""
     query = [
         program,
         "--query-gpu=name,driver_version,memory.total,memory.free",
@@ -282,7 +259,7 @@ def _card(line: str) -> Card | None:
 
 
 def _without_driver(root: Path, facts: dict[str, Any]) -> Finding:
-    """A machine whose driver shows no GPU: it may have one all the same."""
+    """There may be a GPU all the same."""
     for device in sorted((root / "sys/bus/pci/devices").glob("*")):
         try:
             vendor = (device / "vendor").read_text().strip()

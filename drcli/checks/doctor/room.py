@@ -1,4 +1,4 @@
-"""Examines memory and disks: limits of containers, free space, kinds of file systems, speed."""
+"""Examines memory and disks."""
 
 import os
 import tempfile
@@ -15,7 +15,7 @@ from drcli.checks.doctor.findings import Finding, State, shown_bytes
 from drcli.checks.machine_rules import LEAST_DISK_BYTES, TRAINER_BYTES, WORKER_BYTES
 
 LEAST_INODES = 10_000
-"""Traces, rollouts and checkpoints of a long training are some thousands of files."""
+"""A long training has some thousands of files."""
 
 LEAST_TEMPORARY_BYTES = 200_000_000
 SLOW_DISK_MB_S = 10.0
@@ -29,7 +29,7 @@ _IN_MEMORY = ("tmpfs", "ramfs")
 
 @dataclass(frozen=True)
 class Memory:
-    """Memory that this process can use, in bytes; `limit` is that of its container, if any."""
+    """Bytes; `limit` is that of the container."""
 
     total: int
     free: int
@@ -38,7 +38,7 @@ class Memory:
 
 
 def read_memory(root: Path = ROOT) -> Memory:
-    """The memory of the machine, or of the container if that has less."""
+    """Of the machine, or less in a container."""
     machine = psutil.virtual_memory()
     total, free = machine.total, machine.available
     limit = None
@@ -51,7 +51,6 @@ def read_memory(root: Path = ROOT) -> Memory:
 
 
 def examine_memory(workers: int, root: Path = ROOT) -> Iterator[Finding]:
-    """Whether a training with so many simulation workers has enough memory."""
     memory = read_memory(root)
     needed = workers * WORKER_BYTES + TRAINER_BYTES
     text = f"{shown_bytes(memory.free)} of {shown_bytes(memory.total)} free"
@@ -74,13 +73,6 @@ def examine_memory(workers: int, root: Path = ROOT) -> Iterator[Finding]:
 
 
 def examine_disks(directory: Path, data_dir: Path | None, root: Path = ROOT) -> Iterator[Finding]:
-    """The disks of the working folder, of the local bucket, and of temporary files.
-
-    Args:
-        directory: Working folder.
-        data_dir: Folder of the local bucket; None if the bucket is elsewhere.
-        root: Of the file system, for tests.
-    """
     seen: set[int] = set()
     for folder in dict.fromkeys((directory, data_dir or directory)):
         place = _existing(folder)
@@ -91,7 +83,7 @@ def examine_disks(directory: Path, data_dir: Path | None, root: Path = ROOT) -> 
 
 
 def file_system(place: Path, root: Path = ROOT) -> str:
-    """The kind of file system that a folder is on, such as `ext4`; empty if unknown."""
+    """Such as `ext4`."""
     kind, longest = "", -1
     try:
         lines = (root / "proc/self/mountinfo").read_text("utf-8", "replace").splitlines()
@@ -156,7 +148,7 @@ def _disk(place: Path, folder: Path, *, local_bucket: bool, root: Path) -> Findi
 
 
 def _write_speed_mb_s(folder: Path) -> float | None:
-    """How fast a folder takes data, by a file that has no name; None if it takes none."""
+    """By a file that has no name."""
     block = os.urandom(_CHUNK_BYTES)
     written = 0
     try:
@@ -173,7 +165,6 @@ def _write_speed_mb_s(folder: Path) -> float | None:
 
 
 def _temporary() -> Iterator[Finding]:
-    """Temporary files: matplotlib, numba and uploads need some."""
     try:
         folder = Path(tempfile.gettempdir())
         free = os.statvfs(folder).f_bavail * os.statvfs(folder).f_frsize

@@ -1,4 +1,4 @@
-"""Examines what this machine is: cloud, spot instance, container; limits, locale and time zone."""
+"""Examines cloud, spot instance, container, limits, locale and time zone."""
 
 import locale
 import os
@@ -16,15 +16,15 @@ from drcli.workers.reward_access import freedoms_told
 
 METADATA_PATIENCE_S = 1.0
 LEAST_OPEN_FILES = 512
-"""A supervisor with ten workers has about a hundred open files and connections."""
+"""A supervisor with ten workers has about a hundred."""
 
 LEAST_PROCESSES = 512
-"""Threads count too: torch, the AWS library and the workers have some dozens each."""
+"""Threads count too; each process has some dozens."""
 
 _ROOT = Path("/")
 _DMI = ("sys_vendor", "product_name", "bios_vendor", "board_vendor", "chassis_asset_tag")
 _AZURE_TAG = "7783-7084-3265-9085-8269-3286-77"
-"""Asset tag of every machine of Azure; other machines under Hyper-V have another one."""
+"""Other machines under Hyper-V have another one."""
 
 _HYPERVISORS = {
     "qemu": "QEMU",
@@ -64,19 +64,12 @@ _SPOT = {
         "Spot",
     ),
 }
-"""Address, path and headers of each cloud's metadata service, and its answer on a machine that may
-be taken away. Source: the pages of the three on their metadata services."""
+"""Source: the clouds' pages on their metadata services."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where this process runs.
-
-    Attributes:
-        cloud: Such as `Amazon EC2`; empty if it is none that is known.
-        kind: Type of the instance, or the hypervisor; empty if unknown.
-        layers: Container, batch system and the like around the process.
-    """
+    """Where this process runs; texts are empty if unknown."""
 
     cloud: str
     kind: str
@@ -84,7 +77,7 @@ class Place:
 
 
 def where_it_runs(environ: Mapping[str, str], root: Path = _ROOT) -> Place:
-    """Find out from files and variables, without asking the network."""
+    """From files and variables, without the network."""
     dmi = {name: _text(root / "sys/class/dmi/id" / name) for name in _DMI}
     every = " ".join(dmi.values()).casefold()
     layers = tuple(_layers(environ, root))
@@ -100,7 +93,6 @@ def where_it_runs(environ: Mapping[str, str], root: Path = _ROOT) -> Place:
 
 
 def examine_place(environ: Mapping[str, str], root: Path = _ROOT) -> Iterator[Finding]:
-    """Where this process runs, and whether the machine may be taken away."""
     place = where_it_runs(environ, root)
     spot = is_spot(place.cloud, environ) if place.cloud in _SPOT else None
     name = f"{place.cloud} {place.kind}".strip() or "no cloud recognised"
@@ -112,7 +104,7 @@ def examine_place(environ: Mapping[str, str], root: Path = _ROOT) -> Iterator[Fi
 
 
 def is_spot(cloud: str, environ: Mapping[str, str]) -> bool | None:
-    """Whether the machine may be taken away; None if its cloud does not say."""
+    """Whether the machine may be taken away, if its cloud says it."""
     address, path, headers, yes = _SPOT[cloud]
     if cloud == "Amazon EC2":
         if environ.get("AWS_EC2_METADATA_DISABLED", "").casefold() == "true":
@@ -126,14 +118,12 @@ def is_spot(cloud: str, environ: Mapping[str, str]) -> bool | None:
 
 
 def examine_confinement() -> Iterator[Finding]:
-    """What the kernel keeps from reward functions."""
     left = set(FREEDOMS) - offered()
     text = freedoms_told(left) or "reads no keys, opens no sockets, sends no signals to others"
     yield Finding("reward", "ok", text, facts={"free": sorted(left)})
 
 
 def examine_limits(root: Path = _ROOT) -> Iterator[Finding]:
-    """Limits of this process that trainings have met."""
     files = soft_limit("open_files")
     threads = _threads(root)
     facts = {"open_files": files, "processes": threads}
@@ -162,7 +152,6 @@ def examine_limits(root: Path = _ROOT) -> Iterator[Finding]:
 
 
 def examine_language(environ: Mapping[str, str]) -> Iterator[Finding]:
-    """Character set and time zone."""
     wrong = False
     name = next((environ[key] for key in ("LC_ALL", "LC_CTYPE", "LANG") if environ.get(key)), "C")
     encoding = locale.getencoding()
@@ -204,7 +193,6 @@ def _layers(environ: Mapping[str, str], root: Path) -> Iterator[str]:
 
 
 def _ask(address: str, headers: Mapping[str, str], method: str) -> str | None:
-    """The answer of a metadata service; None if there is none."""
     request = urllib.request.Request(address, headers=dict(headers), method=method)
     # No proxy knows this address.
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
@@ -216,7 +204,6 @@ def _ask(address: str, headers: Mapping[str, str], method: str) -> str | None:
 
 
 def _threads(root: Path) -> int | None:
-    """How many processes and threads may exist; None for any number."""
     limits = []
     if os.getuid() != 0:  # root may have any number
         soft = soft_limit("processes")

@@ -1,1 +1,1 @@
-"""The commands: parse, call, show. They import what only a run needs in their functions."""
+"""The commands. Heavy imports belong into their functions."""

@@ -1,4 +1,4 @@
-"""`dr action-space`: draws, generates and writes the actions of a model."""
+"""`dr action-space`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -224,7 +224,6 @@ def _finish(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Plan, draw, ask, write and show."""
     from drcli.models.action_space_change import plan_change
 
     listed = [{"steering_angle": each.steering_angle, "speed": each.speed} for each in actions]
@@ -303,14 +302,12 @@ def _drawn(
 
 
 def _own_file() -> Path:
-    """model_metadata.json of the working folder, or of its experiment."""
     if not (working_folder() / "run.env").is_file():
         return working_folder() / "custom_files" / "model_metadata.json"
     return settings().custom_files_dir / "model_metadata.json"
 
 
 def _about_the_model(new: "ActionSpace") -> str:
-    """What the new actions mean for the configured model, if it has checkpoints."""
     from drcli.models.action_space_change import sentence_about, trained_with
     from drcli.store.connect import open_running_bucket
 
@@ -329,7 +326,6 @@ def _about_the_model(new: "ActionSpace") -> str:
 
 
 def _driven(paths: list[Path] | None, prefix: str | None) -> list["DrivenFile"]:
-    """The steps in files and folders, or in the traces of a model."""
     from drcli.models.trace_files import traces_in_folders, traces_of_model
 
     if paths:

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from drcli.config.settings import Settings
 
 COMPARE = "compare"
-"""The word before several models."""
 
 
 def analyze(
@@ -93,7 +92,6 @@ def analyze(
 
 
 def _explained(loaded: "Settings", name: str | None, world: str | None) -> "tuple[Picture, ...]":
-    """Pictures of what moves the action of a model in our bucket, on the track of its training."""
     from drcli.analysis.explained_model import explained_pictures
     from drcli.models.transfer_buckets import bucket_to_look_at
 
@@ -104,12 +102,6 @@ def _explained(loaded: "Settings", name: str | None, world: str | None) -> "tupl
 
 
 def _refuse_outside_the_bucket(loaded: "Settings", name: str | None) -> None:
-    """Return if a model is in our bucket, so that it can be driven.
-
-    Raises:
-        typer.BadParameter: It is a folder, an archive, or in another bucket.
-        SettingsError: There is no such model.
-    """
     from drcli.analysis.model_source import open_model
     from drcli.store import keys
 
@@ -136,7 +128,6 @@ def _compare(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Compare models, and write the page if it is asked for."""
     from drcli.analysis.outputs import check_targets, write_comparison_of
     from drcli.analysis.read_run import read_runs
 

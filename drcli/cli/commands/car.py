@@ -1,4 +1,4 @@
-"""`dr car`: the web page of a physical car."""
+"""`dr car`."""
 
 import os
 import sys
@@ -251,17 +251,13 @@ def status(car: _Car = None, as_json: AsJson = False) -> None:
 
 
 def _open(car: str | None) -> "CarWeb":
-    """The car's page with the kept login; sends nothing."""
     from drcli.remote.car_web import CarWeb
 
     return CarWeb.opened(_address(car))
 
 
 def _address(car: str | None) -> "CarAddress":
-    """The car from the option, the environment or the files.
-
-    The files are read last: a mistake in them must not prevent a stop.
-    """
+    """Files are read last: a mistake in them must not prevent a stop."""
     from drcli.remote.car_address import read_address
 
     if car is not None:
@@ -273,7 +269,6 @@ def _address(car: str | None) -> "CarAddress":
 
 
 def _authorities(file: Path) -> Path:
-    """The file of authorities, absolute, because it is kept for later commands."""
     import ssl
 
     try:
@@ -288,7 +283,6 @@ def _authorities(file: Path) -> Path:
 
 
 def _password(address: "CarAddress", file: Path | None) -> str:
-    """The password from the file, the environment, or the terminal."""
     if file is not None:
         return _password_in(file)
     if os.environ.get(PASSWORD):
@@ -307,7 +301,6 @@ def _password(address: "CarAddress", file: Path | None) -> str:
 
 
 def _password_in(file: Path) -> str:
-    """The first line of a file."""
     try:
         text = sys.stdin.readline() if str(file) == "-" else file.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as e:

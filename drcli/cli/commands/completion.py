@@ -1,4 +1,4 @@
-"""`dr completion`: makes the Tab key complete command lines."""
+"""`dr completion`."""
 
 import os
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""`dr config`: show, check and change the settings."""
+"""`dr config`."""
 
 from typing import Annotated, Literal
 
@@ -150,12 +150,11 @@ def _wanted(values: list[str]) -> dict[str, str]:
 
 
 def _is_text(value: str) -> bool:
-    """Whether a word of the command line was text; other bytes arrive as surrogates."""
+    """Other bytes arrive as surrogates."""
     return not any("\ud800" <= character <= "\udfff" for character in value)
 
 
 def _names_in_files() -> tuple[str, ...]:
-    """The racer's own names, which $NAME refers to; none while the files are wrong."""
     try:
         return tuple(settings().extra)
     except SettingsError:

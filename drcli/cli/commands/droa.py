@@ -1,4 +1,4 @@
-"""`droa-*`: models in a DeepRacer on AWS."""
+"""`droa-*`."""
 
 from functools import partial
 from pathlib import Path
@@ -272,7 +272,6 @@ def droa_delete_model(
 
 
 def _stem(source: Path) -> str:
-    """The name of a folder or archive without its ending."""
     name = source.resolve().name
     for end in (".tar.gz", ".tar.bz2", ".tar.xz", ".tgz", ".tar", ".zip"):
         if source.is_file() and name.casefold().endswith(end):

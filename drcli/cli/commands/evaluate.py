@@ -1,4 +1,4 @@
-"""`dr evaluate`, also called `dr-start-evaluation`."""
+"""`dr evaluate`, also `dr-start-evaluation`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ from drcli.cli.working_folder import settings
 from drcli.exchange.policy_source import PolicySource, Runtime
 
 STARTER = "start-evaluation"
-"""Under this name -q returns at once, as scripts for DeepRacer-for-Cloud expect."""
+"""With -q it returns at once, as in DeepRacer-for-Cloud."""
 
 
 ENGINES = ", ".join(get_args(Runtime))
@@ -243,7 +243,6 @@ def evaluate(
 
 
 def _more_laps(race_type: str, own: PolicySource, checkpoint: str | None) -> list[tuple[str, str]]:
-    """The command that drives more laps with what was evaluated, where there is one."""
     if race_type == "HEAD_TO_MODEL" or own.file is not None:
         return []
     options = {"--checkpoint": checkpoint, "--runtime": own.runtime}
@@ -262,11 +261,6 @@ def _check_modes(
     own: PolicySource,
     video: bool,
 ) -> None:
-    """Refuse options that do not fit each other.
-
-    Raises:
-        typer.BadParameter: They do not.
-    """
     if loop and many:
         raise typer.BadParameter("--loop drives one model on one track; leave out the others.")
     if loop and own.file is not None:
@@ -288,7 +282,6 @@ def _check_modes(
 def _source(
     which: str, runtime: Runtime | None, file: Path | None, metadata: Path | None
 ) -> PolicySource | None:
-    """What the options of a racer say; None where none of them is given."""
     if file is None and metadata is not None:
         raise typer.BadParameter(f"--{which}metadata belongs to --{which}model, which is missing.")
     if runtime is None and file is None:

@@ -1,4 +1,4 @@
-"""`dr export`: a model in the form of other systems."""
+"""`dr export`."""
 
 import typer
 

@@ -1,4 +1,4 @@
-"""`dr export car` and `dr upload-car-zip`: archives for the physical car."""
+"""`dr export car` and `dr upload-car-zip`."""
 
 from functools import partial
 from pathlib import Path
@@ -147,7 +147,6 @@ def upload_car_zip(
 
 
 def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExport":
-    """The archive of a checkpoint, checked."""
     from drcli.runs.car_archive_on_drive import made_car_archive
 
     with console.waiting("Writing the graph and comparing it with the weights on a drive ..."):
@@ -155,7 +154,6 @@ def _made(loaded: "Settings", source: "ExportSource", file_name: str) -> "CarExp
 
 
 def _check(path: Path, *, as_json: bool) -> None:
-    """Report on an archive; ends with exit code 3 if the car would refuse it."""
     from drcli.base.problems import refuse
     from drcli.models.export_car import check_archive
 

@@ -1,4 +1,4 @@
-"""`dr export pb`, `onnx`, `tflite` and `openvino`: a policy as one file for other engines."""
+"""`dr export pb`, `onnx`, `tflite` and `openvino`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

@@ -1,4 +1,4 @@
-"""`dr export tf-checkpoint` and `dr export droa`: forms that other trainings continue from."""
+"""`dr export tf-checkpoint` and `dr export droa`."""
 
 import shlex
 from functools import partial

@@ -125,7 +125,6 @@ def import_model(
 
 
 def _tried(loaded: "Settings", prefix: str, model: "ImportedModel") -> "CarTrials | None":
-    """How far the model gets with each car; None, and a warning, if that cannot be tried."""
     from drcli.runs.car_trials import settings_of_model, try_cars
 
     try:

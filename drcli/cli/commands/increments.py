@@ -1,4 +1,4 @@
-"""Commands that give the next model or upload a new name, in run.env."""
+"""Commands that raise names in run.env."""
 
 import shlex
 from collections.abc import Sequence

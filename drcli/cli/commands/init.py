@@ -1,4 +1,4 @@
-"""`dr init`: writes a working folder."""
+"""`dr init`."""
 
 import os
 import shlex
@@ -29,12 +29,9 @@ OPTIONS = {
     "DR_LOCAL_S3_PROFILE": "--profile",
     "DR_EXPERIMENT_NAME": "--experiment",
 }
-"""The option for each setting that can be given here, in the order of `init`."""
-
 
 TAUGHT_PRESETS = ("virtual",)
-"""Presets whose models train for a time trial with a teacher unless told otherwise. It brings fast
-laps several times sooner; a model that only has to stay on the road learns that as soon without."""
+"""A teacher brings fast laps sooner; to stay on the road is learned as soon without."""
 
 
 def init(
@@ -215,7 +212,6 @@ def init(
 
 
 def _is_taught(preset: str | None, values: Mapping[str, str]) -> bool:
-    """Whether the models of a new folder have a teacher unless told otherwise."""
     return preset in TAUGHT_PRESETS and values.get("DR_RACE_TYPE", "TIME_TRIAL") == "TIME_TRIAL"
 
 
@@ -228,7 +224,6 @@ _AFTER_MODEL = (
 
 
 def _ready_made(name: str) -> "ReadyMadeModel":
-    """Read and check a ready-made model, before anything is written."""
     from drcli.config.example_files import ready_made
     from drcli.models.ready_made import read_ready_made
 
@@ -289,10 +284,6 @@ def wants_teacher(ask: Callable[[str, str, Sequence[str]], str], *, usually: boo
 def _next(
     folder: Path, experiment: str | None, missing_track: str | None, *, sourced: bool
 ) -> list[tuple[str, str]]:
-    """Commands before the first use, and their purposes.
-
-    `sourced` says that the folder has our bin/activate.sh.
-    """
     steps = [] if folder.samefile(".") else [(f"cd {shlex.quote(str(folder))}", "go to the folder")]
     active = os.environ.get("DR_DIR")
     if experiment is not None and sourced:

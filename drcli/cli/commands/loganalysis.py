@@ -1,4 +1,4 @@
-"""`dr start-loganalysis` and its companions: the report of `dr analyze` as a page in a browser."""
+"""`dr start-loganalysis` and its companions."""
 
 from dataclasses import dataclass
 from typing import Annotated

@@ -121,7 +121,6 @@ def _show_copy(
     follow: bool,
     uploaded: bool,
 ) -> None:
-    """Show the copy in the bucket, and follow it until the log itself appears here."""
     reason = "" if uploaded else f"{path} does not exist. "
     when = copy.uploaded.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S")
     console.say(f"{reason}Reading s3://{copy.bucket.name}/{copy.key}, uploaded {when} UTC.")
@@ -131,10 +130,6 @@ def _show_copy(
 
 
 def _copy(loaded: "Settings", name: str, file: str, *, keep_waiting: bool) -> "UploadedLog | None":
-    """The copy of the log in the bucket; None if there is none.
-
-    Who waits for the log of a training does without a bucket that does not answer.
-    """
     from drcli.runs.uploaded_log import find_uploaded
     from drcli.store.connect import open_running_bucket
 
@@ -149,7 +144,6 @@ def _copy(loaded: "Settings", name: str, file: str, *, keep_waiting: bool) -> "U
 
 
 def _begin(since: str | None, name: str) -> datetime | None:
-    """The time that --since means."""
     if since is None:
         return None
     if name.startswith("reward"):
@@ -164,7 +158,6 @@ def _begin(since: str | None, name: str) -> datetime | None:
 
 
 def _worker_of(name: str) -> str:
-    """The worker whose prints a log has."""
     worker = name.removeprefix("reward-")
     return f"sim-{worker}" if worker.isdecimal() else worker
 

@@ -1,4 +1,4 @@
-"""`dr note`: what the racer writes about a model."""
+"""`dr note`."""
 
 from typing import TYPE_CHECKING, Annotated
 

@@ -1,4 +1,4 @@
-"""`dr race`: races at home over the models of the bucket."""
+"""`dr race`."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""`dr race create` and `dr race edit`: the rules of a race."""
+"""`dr race create` and `dr race edit`."""
 
 from typing import Annotated, Any
 

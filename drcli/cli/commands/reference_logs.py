@@ -1,4 +1,4 @@
-"""Commands of DeepRacer-for-Cloud for the trainer's and simulation workers' logs and processes."""
+"""DeepRacer-for-Cloud's commands for logs and processes."""
 
 import time
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from drcli.runs.process_list import Process
 
 TAIL_LINES = 100
-"""Lines of an existing log that are shown; the reference shows the last five minutes."""
+"""The reference: the last five minutes."""
 
 _Wait = Annotated[
     float,
@@ -107,15 +107,7 @@ def get_robomaker_stats(replica: _Replica = 1, as_json: AsJson = False) -> None:
 
 @dataclass(frozen=True)
 class _Wanted:
-    """The processes that a command asks for.
-
-    Attributes:
-        title: What the reference calls them.
-        starter: The command that starts them.
-        log: The command that shows their log, also after their end.
-        replica: Only this simulation worker, from 1.
-        evaluation: Whether to look for evaluations.
-    """
+    """The processes that a command asks for; `replica` counts from 1."""
 
     title: str
     starter: str
@@ -124,7 +116,6 @@ class _Wanted:
     evaluation: bool = False
 
     def find(self) -> "list[Process]":
-        """Those that run now."""
         from drcli.runs import process_list
 
         look = process_list.evaluations if self.evaluation else process_list.simulations
@@ -134,7 +125,6 @@ class _Wanted:
         return found if self.replica is None else found[self.replica - 1 : self.replica]
 
     def absent(self) -> Absent:
-        """The error when none of them runs."""
         remedy = f"Start it with `{self.starter}`; `{self.log}` shows the log of the last one."
         return Absent(f"{self.title} is not running.", remedy=remedy)
 
@@ -152,7 +142,6 @@ def _robomaker(replica: int | None, evaluation: bool = False) -> _Wanted:
 
 
 def _follow(wanted: _Wanted, wait_s: float, *, whole: bool) -> None:
-    """Show a worker's log until its run ends, or until Ctrl-C."""
     deadline = time.monotonic() + wait_s
     found = wanted.find()
     if not found and wait_s:
@@ -166,7 +155,6 @@ def _follow(wanted: _Wanted, wait_s: float, *, whole: bool) -> None:
 
 
 def _print(wanted: _Wanted, *, as_json: bool) -> None:
-    """Print the numbers of the processes that are alive; fail if there are none."""
     from drcli.runs.process_list import ProcessReport
 
     report = ProcessReport([process for process in wanted.find() if process.alive])

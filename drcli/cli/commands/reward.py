@@ -1,4 +1,4 @@
-"""`dr reward`: checks, plots and compares reward functions."""
+"""`dr reward`."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -93,7 +93,6 @@ def compare(
 
 @contextmanager
 def _on_track(world: str | None) -> "Iterator[Settings]":
-    """The settings with this track. An error about it names the option."""
     from drcli.config.loading import load_settings
 
     flags = {"DR_WORLD_NAME": world} if world is not None else {}

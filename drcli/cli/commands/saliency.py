@@ -158,11 +158,6 @@ def _configured(settings: "Settings") -> "CheckpointChoice":
 def _question(
     pictures: int, steps: str | None, target: str, methods: str, spacing: int, seed: int | None
 ) -> Question:
-    """What the options ask.
-
-    Raises:
-        BadParameter: One of them is wrong.
-    """
     wanted_target = next((each for each in TARGETS if each == target), None)
     if wanted_target is None:
         raise typer.BadParameter(f"--target is one of {', '.join(TARGETS)}, not {target!r}.")

@@ -1,4 +1,4 @@
-"""`dr shell-env`, which scripts/activate.sh runs: the settings as `export` lines."""
+"""`dr shell-env`, for scripts/activate.sh."""
 
 import os
 
@@ -8,7 +8,6 @@ from drcli.base.errors import DrError
 from drcli.cli.working_folder import working_folder
 
 EXPERIMENT = "_DR_EXPERIMENT"
-"""Variable in which the script names an experiment."""
 
 
 def shell_env() -> None:

@@ -1,7 +1,4 @@
-"""`dr-spot`: trainings on machines of Amazon, which cost less because they may be taken away.
-
-Each group of commands has a file of its own; this one puts them together.
-"""
+"""`dr-spot`: trainings on machines of Amazon."""
 
 import typer
 

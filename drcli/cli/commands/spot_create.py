@@ -1,4 +1,4 @@
-"""`dr-spot create` and what else makes something: base stacks, access, subscriptions."""
+"""`dr-spot create`, base stacks, access and subscriptions."""
 
 import json
 import os
@@ -292,7 +292,6 @@ def subscribe(
 
 @contextmanager
 def _folder(files: Path | None) -> Iterator[Path]:
-    """The folder with run.env; a new one if all files are in one folder."""
     if files is None:
         yield working_folder()
         return
@@ -304,7 +303,6 @@ def _folder(files: Path | None) -> Iterator[Path]:
 
 
 def _later(region: str | None, profile: str | None) -> dict[str, str]:
-    """Variables in files of deepracer-on-the-spot, until bucket and region are known."""
     names = ("DEEPRACER_S3_URI", "DR_S3_URI", "MY_BUCKET")
     found = dict.fromkeys(names, os.environ.get(_BUCKET_VARIABLE) or "bucket")
     found["DEEPRACER_REGION"] = region or usual_region(profile)
@@ -312,14 +310,12 @@ def _later(region: str | None, profile: str | None) -> dict[str, str]:
 
 
 def _loaded(folder: Path, variables: dict[str, str]) -> "Settings":
-    """The settings in a folder, with variables that are stronger than its files."""
     from drcli.config.loading import load_settings
 
     return load_settings(folder, environ={**os.environ, **variables})
 
 
 def _usual_bucket(loaded: "Settings") -> str:
-    """The bucket if no option names one."""
     if named := os.environ.get(_BUCKET_VARIABLE):
         return named
     if loaded.cloud == "aws":
@@ -333,11 +329,6 @@ def _usual_bucket(loaded: "Settings") -> str:
 def _checked(
     folder: Path, ours: "Account", bucket: str, stack: str, before: "Settings"
 ) -> "Settings":
-    """The settings as the machine will have them, with all checks of a start.
-
-    Raises:
-        ProblemsError: A training could not start.
-    """
     from drcli.checks import validate
     from drcli.spot.before_spending import check_bucket
     from drcli.spot.racer_files import environment

@@ -1,4 +1,4 @@
-"""`dr-spot stop` and `dr-spot delete`: the ends of stacks."""
+"""`dr-spot stop` and `dr-spot delete`."""
 
 from dataclasses import dataclass
 from typing import Annotated

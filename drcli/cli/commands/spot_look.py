@@ -1,4 +1,4 @@
-"""`dr-spot list`, `prices`, `cost`, `logs` and `ssh`: nothing here changes anything."""
+"""`dr-spot list`, `prices`, `cost`, `logs` and `ssh`."""
 
 import os
 import shutil
@@ -208,7 +208,6 @@ def ssh(stack: StackName, region: Region = None, profile: Profile = None) -> Non
 
 
 def _classes(given: list[str]) -> set[str] | None:
-    """Classes of interruptions that were asked for; None for all."""
     from drcli.spot.spot_advisor import CLASSES
 
     words = [word for text in given for word in text.replace(",", " ").split()]
@@ -218,7 +217,6 @@ def _classes(given: list[str]) -> set[str] | None:
 
 
 def _regions(names: list[str], profile: str | None) -> "list[Account]":
-    """The account in each region."""
     words = [word for text in names for word in text.replace(",", " ").split()]
     if not words:
         return [account(None, profile)]

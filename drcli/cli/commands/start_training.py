@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 _LONGEST_MINUTES = 10_000_000
 
 _LONGEST_LAP_S = 10_000.0
-"""19 years: a finite number, for the workers' JSON."""
+"""Finite, for the workers' JSON."""
 
 
 def _a_number(minutes: float | None) -> float | None:
-    """Refuse NaN, which is neither below the least value nor above the largest."""
+    """NaN passes comparisons with limits."""
     if minutes is not None and math.isnan(minutes):
         raise typer.BadParameter("nan is not a number of minutes.")
     return minutes
@@ -201,11 +201,6 @@ def start_training(
 def _with_weights(
     loaded: "Settings", pretrained: str | None, checkpoint: str | None, *, resume: bool
 ) -> "Settings":
-    """The settings with the model and the checkpoint to start from that the options name.
-
-    Raises:
-        BadParameter: The options do not fit.
-    """
     choice = parsed_checkpoint(checkpoint)
     if pretrained is None and choice is None:
         return loaded
@@ -229,12 +224,6 @@ def _with_weights(
 
 
 def _agree_to_wipe(loaded: "Settings") -> None:
-    """Ask before a model is deleted.
-
-    Raises:
-        Aborted: The answer is no.
-        StorageError: The bucket cannot be read.
-    """
     from drcli.store.connect import COMMAND_PATIENCE_S, open_bucket
     from drcli.store.model_prefix import is_used, newest_checkpoint
 
@@ -250,8 +239,6 @@ def _agree_to_wipe(loaded: "Settings") -> None:
 
 @dataclass(frozen=True)
 class _How:
-    """How a training is shown and where it runs."""
-
     quiet: bool
     verbose: bool
     foreground: bool
@@ -267,7 +254,6 @@ def _planned(loaded: "Settings", options: "StartOptions") -> "RunPlan":
 
 
 def _resume_or_start(loaded: "Settings", options: "StartOptions", how: _How, *, wait: bool) -> int:
-    """Do what is to be done, however often another start is faster."""
     from drcli.runs.resume_or_start import NothingToDo, prepare_next, was_overtaken
     from drcli.runs.status import inspect
     from drcli.store.lease import ModelInUse
@@ -286,7 +272,6 @@ def _resume_or_start(loaded: "Settings", options: "StartOptions", how: _How, *, 
 
 
 def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int:
-    """Start what is planned, and show it until its end; returns the exit code."""
     from drcli.exchange.log_places import log_file
     from drcli.runs import training
     from drcli.runs.plan import RunPlan
@@ -350,7 +335,6 @@ def _run(loaded: "Settings", planned: "RunPlan | EndWorkPlan", how: _How) -> int
 def _followed(
     loaded: "Settings", trainer: bool, sim: bool, everything: bool, worker: int | None
 ) -> list[str]:
-    """Names of the logs for -s, -r [N] and -a."""
     if worker is not None and not sim:
         raise typer.BadParameter("A number needs -r, as in `dr-start-training -r 1`.")
     if sim and not loaded.workers:
@@ -364,7 +348,6 @@ def _followed(
 
 
 def _end(report: "RunReport", prefix: str, *, as_json: bool) -> int:
-    """Say how the training of the model of the settings ended, and return its exit code."""
     console.emit(report, None, as_json=as_json)
     if report.state in ("stopped", "interrupted") or report.exit_code == 0:
         console.say(views.end_text(report))

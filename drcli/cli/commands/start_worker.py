@@ -12,7 +12,6 @@ from drcli.cli.working_folder import settings_or_defaults, working_folder
 
 
 def _place(text: str) -> tuple[str, str]:
-    """Bucket and prefix of a model, from s3://bucket/prefix."""
     found = re.fullmatch(r"s3://([^/]+)/(.+?)/*", text)
     if found is None:
         raise typer.BadParameter(

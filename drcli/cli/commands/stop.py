@@ -14,7 +14,6 @@ AFTERWARDS = [
     ("dr-status", "show how the training went"),
 ]
 AFTER_NOTHING = [("dr-start-training -w", "start again")]
-"""What to do after a stop; the second list is for a stop before the first checkpoint."""
 
 
 def stop_training(as_json: AsJson = False) -> None:

@@ -1,4 +1,4 @@
-"""`dr sweep`: several trainings that differ in what a file says."""
+"""`dr sweep`."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -160,7 +160,6 @@ def init(
 
 
 def _own_settings() -> "Settings":
-    """The settings of the working folder, whatever experiment is chosen now."""
     from drcli.config.loading import load_settings
 
     settings()  # says what is wrong with DR_DIR
@@ -169,7 +168,6 @@ def _own_settings() -> "Settings":
 
 @contextmanager
 def _live() -> Iterator[Callable[["SweepReport"], None]]:
-    """Show the table of a running sweep on a terminal, below what is said."""
     if not console.is_live():
         yield lambda report: None
         return

@@ -1,4 +1,4 @@
-"""`dr start-tournament`: drives the queue of a head-to-head race."""
+"""`dr start-tournament`."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""`dr tracks`: the tracks to race on."""
+"""`dr tracks`."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -115,7 +115,6 @@ def limit(
 
 
 def _asked(name: str, car: CarName | None, *, reverse: bool) -> "Asked":
-    """Which line the options mean."""
     from drcli.workers.racer_limit import Asked
 
     loaded = settings()
@@ -124,7 +123,6 @@ def _asked(name: str, car: CarName | None, *, reverse: bool) -> "Asked":
 
 
 def _known_line(name: str) -> "FastestLine | None":
-    """The fastest line of the car of the settings; None if none is known."""
     from drcli.workers.racer_limit import fastest_line_of
 
     with suppress(SettingsError):
@@ -182,7 +180,6 @@ def fetch(
 
 
 def _warn_if_built_in(name: str) -> None:
-    """Warn that a new file hides a built-in track."""
     from drcli.config.track_names import built_in
 
     if name in built_in():

@@ -1,4 +1,4 @@
-"""`dr history`: all trainings of a bucket."""
+"""`dr history`."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -228,7 +228,6 @@ def forget(
 
 
 def _known() -> "tuple[Bucket, KnownTrainings]":
-    """The bucket, which need not be served, and its trainings."""
     from drcli.base.errors import Absent
     from drcli.store.connect import open_running_bucket
 
@@ -252,7 +251,6 @@ def _read(bucket: "Bucket") -> "KnownTrainings":
 
 
 def _names(known: "KnownTrainings") -> list[str]:
-    """Everything that --where may compare."""
     from dataclasses import fields
 
     from drcli.config.settings import catalogue

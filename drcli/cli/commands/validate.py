@@ -1,4 +1,4 @@
-"""`dr validate` and `dr update`, also called `dr-update-env` and `dr-reload`."""
+"""`dr validate` and `dr update`."""
 
 from dataclasses import dataclass
 from typing import Annotated

@@ -273,11 +273,6 @@ def _refuse_clashes(
     checkpoint: str | None,
     worker: int,
 ) -> None:
-    """Refuse options that do not fit each other.
-
-    Raises:
-        typer.BadParameter: They do not.
-    """
     given = [
         name
         for name, value in (
@@ -319,7 +314,6 @@ def _trace(
 
 
 def _drive(loaded: "Settings", checkpoint: str, what: str | None) -> str:
-    """Drive a lap with a checkpoint, and return the name of the evaluation that it is."""
     from drcli.cli.evaluation_options import with_options
     from drcli.cli.fetch_tracks import bring_tracks
     from drcli.runs import evaluation
@@ -341,11 +335,6 @@ def _drive(loaded: "Settings", checkpoint: str, what: str | None) -> str:
 
 
 def _free_name(name: str) -> Path:
-    """A file in the current folder that does not exist yet.
-
-    Raises:
-        SettingsError: There are a thousand of that name.
-    """
     path = Path(name)
     for number in range(2, 1001):
         if not path.exists():

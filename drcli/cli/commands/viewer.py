@@ -1,4 +1,4 @@
-"""`dr start-viewer`, `dr stop-viewer`, `dr update-viewer`, `dr view-stream` and `dr console`."""
+"""Commands of viewer and console."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
@@ -173,7 +173,6 @@ def view_stream(
 def _start(
     port: int | None, *, again: bool = False, as_json: bool, browser: bool, program: str
 ) -> None:
-    """Start the console, or start it again, and show its address."""
     report = _started(settings_or_defaults(), port, again=again)
     url = report.url or ""
     console.emit(report, url, as_json=as_json, folded=False)
@@ -184,7 +183,6 @@ def _start(
 
 
 def _started(loaded: "Settings", port: int | None = None, *, again: bool = False) -> "ViewerReport":
-    """The console of these settings, or of another port, running."""
     from drcli.web.viewer_process import start_viewer
 
     if port is not None:
@@ -196,7 +194,6 @@ def _started(loaded: "Settings", port: int | None = None, *, again: bool = False
 
 
 def _warn_of_old(report: "ViewerReport", config: "WebConfig") -> None:
-    """Say it if a console that runs already was started with other settings."""
     moved = report.host != config.host or (config.is_chosen and report.port != config.port)
     if (moved or report.needs_token != config.asks_token) and not report.started:
         token = "" if report.needs_token else ", and asks for no token"

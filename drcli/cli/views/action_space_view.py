@@ -1,4 +1,4 @@
-"""Shows action spaces: a polar picture of characters, the actions, and where they come from."""
+"""Shows action spaces."""
 
 import math
 from typing import TYPE_CHECKING
@@ -13,17 +13,14 @@ if TYPE_CHECKING:
 
 _WIDEST, _NARROWEST = 61, 31
 _SPREAD = 2.0
-"""Angles are drawn this many times as wide: a car steers by 30 degrees, which is little to see."""
+"""A car steers by 30 degrees only."""
 
 _ASPECT = 0.5
-"""Width of a character over its height."""
-
 _DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
 
 
 @fitted
 def actions(columns: int, report: "ActionSpaceReport") -> RenderableType:
-    """The picture, the table, and what is worth knowing."""
     parts: list[RenderableType] = [Text(line) for line in picture(report, columns)]
     parts.append(Text(""))
     if report.low and report.high:
@@ -58,7 +55,7 @@ def actions(columns: int, report: "ActionSpaceReport") -> RenderableType:
 
 
 def picture(report: "ActionSpaceReport", columns: int) -> list[str]:
-    """Lines of characters: steering as the direction, speed as the distance from the bottom."""
+    """Steering is the direction, speed the distance from the bottom."""
     wide = max(min(_WIDEST, columns - 2), _NARROWEST)
     if wide % 2 == 0:
         wide -= 1

@@ -1,4 +1,4 @@
-"""Shows the analysis of a training on one screen, and trainings side by side."""
+"""Shows analyses and comparisons."""
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -18,11 +18,7 @@ if TYPE_CHECKING:
     from drcli.analysis.compare_runs import ComparedPair, Comparison
 
 PARTS = 5
-"""Rows of the table: fifths of the training."""
-
 ADVICE = 2
-"""Advice that is shown with its evidence; of more, only the titles are."""
-
 _GOOD = {"improving", "converged"}
 _BAD = {"collapsed", "declining", "not_learning"}
 
@@ -33,7 +29,6 @@ Row = dict[str, Any]
 
 @fitted
 def analysis(columns: int, report: "AnalysisReport") -> RenderableType:
-    """The page of `dr analyze`."""
     parts: list[RenderableType] = [*_head(report), _verdict(report.verdict)]
     if report.iterations:
         parts += _curves(report.iterations, columns)
@@ -47,7 +42,6 @@ def analysis(columns: int, report: "AnalysisReport") -> RenderableType:
 
 @fitted
 def comparison(columns: int, report: "Comparison") -> RenderableType:
-    """The page of `dr analyze compare`."""
     names = ["", *(run.model for run in report.runs)]
     cells = [
         [_row_name(row), *(_cell(row, value) for value in row.values)]
@@ -105,7 +99,6 @@ def _curves(rows: Sequence[Row], columns: int) -> list[RenderableType]:
 
 
 def _parts_table(rows: Sequence[Row]) -> RenderableType:
-    """Fifths of the training, row by row."""
     count = min(PARTS, len(rows))
     edges = [round(i * len(rows) / count) for i in range(count + 1)]
     cells = []

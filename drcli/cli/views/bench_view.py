@@ -19,7 +19,6 @@ _LIMITS = {
 
 
 def measured(report: "BenchReport") -> RenderableType:
-    """The machine, what was measured, and the number to compare."""
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")

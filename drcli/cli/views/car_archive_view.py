@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
 
 def export(report: "CarReport") -> RenderableType:
-    """The archive, how it was checked, and the actions as the car drives them."""
     would = "Would write" if report.dry_run else "Wrote"
     places = "\n".join(report.files)
     compared = (
@@ -27,7 +26,6 @@ def export(report: "CarReport") -> RenderableType:
 
 
 def check(report: "ArchiveReport") -> RenderableType:
-    """What the car makes of an archive."""
     verdict = ("The car loads it", "green") if not report.errors else ("The car refuses it", "red")
     parts: list[RenderableType] = [Text.assemble((report.file, "bold"), ": ", verdict, ".")]
     if report.actions:
@@ -36,7 +34,6 @@ def check(report: "ArchiveReport") -> RenderableType:
 
 
 def _actions(actions: "list[CarAction]") -> RenderableType:
-    """A row for each action."""
     rows = [
         (
             "" if action.index is None else str(action.index),

@@ -1,4 +1,4 @@
-"""Shows a physical car: its models, its state, a drive."""
+"""Shows a physical car."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -52,7 +52,6 @@ class CarLogoutReport:
 
 
 def models(report: "CarModels") -> RenderableType:
-    """The models on a car, one line each."""
     if not report.models:
         return Text(f"There are no models on the car {report.car}.")
     names = ("model", "size", "algorithm", "actions", "sensors", "state")
@@ -71,18 +70,15 @@ def models(report: "CarModels") -> RenderableType:
 
 
 def upload(report: "CarUpload") -> RenderableType:
-    """An upload."""
     size = f"{report.size_bytes / 1e6:.1f} MB"
     return Text(f"The car {report.car} has installed {report.model} ({size}).")
 
 
 def load(report: "CarLoad") -> RenderableType:
-    """A load."""
     return Text(f"The car {report.car} has loaded {report.model} in {report.seconds:.0f} s.")
 
 
 def drive(report: "CarDrive") -> RenderableType:
-    """A drive or its end."""
     if report.driving:
         return Text(f"The car {report.car} drives.")
     after = "" if report.seconds is None else f" after {report.seconds:.0f} s"
@@ -90,7 +86,6 @@ def drive(report: "CarDrive") -> RenderableType:
 
 
 def status(report: "CarStatus") -> RenderableType:
-    """The state of a car."""
     version = f" {report.software_version}" if report.software_version else ""
     lines = [
         f"car {report.car}, hardware {report.hardware_version or 'unknown'}",

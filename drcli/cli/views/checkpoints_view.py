@@ -1,4 +1,4 @@
-"""Shows the checkpoints of a model, and its milestones."""
+"""Shows checkpoints and milestones."""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
 
 def checkpoints(found: "CheckpointList") -> RenderableType:
-    """One row for each checkpoint, then what is not in the table."""
     rows = [
         (
             str(each.number),
@@ -44,7 +43,6 @@ def checkpoints(found: "CheckpointList") -> RenderableType:
 
 
 def milestone_lines(milestones: "Iterable[MilestoneEntry]") -> list[str]:
-    """A line for each milestone."""
     return [
         f"{entry.word}: checkpoint {entry.checkpoint.partition('_')[0]}, "
         f"{entry.laps} of {counted(entry.episodes, 'lap')} clean, best {entry.best_lap_s:.2f} s"

@@ -1,4 +1,4 @@
-"""Shows what `dr doctor` found, and what a support bundle contains."""
+"""Shows findings and support bundles."""
 
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,6 @@ _STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
 
 
 def findings(report: "DoctorReport") -> RenderableType:
-    """A line for each finding, and below it what to do."""
     table = Table.grid(padding=(0, 1))
     table.add_column(no_wrap=True)
     table.add_column(style="dim", no_wrap=True)
@@ -33,7 +32,6 @@ def findings(report: "DoctorReport") -> RenderableType:
 
 
 def bundle(report: "BundleReport") -> RenderableType:
-    """The archive, what is in it, and what was removed."""
     table = Table.grid(padding=(0, 2))
     table.add_column(justify="right", no_wrap=True)
     table.add_column(overflow="fold")

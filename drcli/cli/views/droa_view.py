@@ -1,4 +1,4 @@
-"""Shows models at DeepRacer on AWS, and what the `droa-*` commands did."""
+"""Shows models at DeepRacer on AWS."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from drcli.remote.droa_models import RemoteModel
 
 _SECOND = 19
-"""Characters of a time in ISO 8601 up to its second."""
-
 Pairs = list[tuple[str, str]]
 
 
@@ -67,20 +65,17 @@ class RemoteModels:
 
 
 def signed_in(report: SignedIn) -> str:
-    """Who signed in, and for how long."""
     until = _time(report.expires)
     return f"Signed in to {report.site} as {report.username}, until {until} UTC."
 
 
 def signed_out(report: SignedOut) -> str:
-    """Whether there was something to forget."""
     if report.deleted:
         return f"Deleted the temporary keys of {report.username} for {report.site}."
     return f"There were no temporary keys of {report.username} for {report.site}."
 
 
 def models(site: str, found: "Sequence[RemoteModel]") -> RenderableType:
-    """The models in an account."""
     if not found:
         return f"There is no model in your account at {site}."
     rows = [
@@ -103,7 +98,6 @@ _STYLES = {"READY": "green", "ERROR": "red"}
 def model(
     found: "RemoteModel", means: "Sequence[PhaseMeans] | None", *, verbose: bool
 ) -> RenderableType:
-    """One model with its settings."""
     size = found.text("fileSizeInBytes")
     parts: list[RenderableType] = [
         _pairs(
@@ -161,7 +155,6 @@ def model(
 
 
 def imported(report: "ImportReport") -> str:
-    """The result of an import."""
     size = f"{counted(report.files, 'file')}, {decimal(report.uploaded_bytes)}"
     if report.dry_run:
         return f"Would import {report.name} into {report.site}: {size}."
@@ -172,14 +165,12 @@ def imported(report: "ImportReport") -> str:
 
 
 def downloaded(report: "DownloadedAsset", means: "Sequence[PhaseMeans] | None") -> RenderableType:
-    """Where a file is now."""
     line = f"Downloaded {report.asset_type} of {report.model_id} to {report.file}: "
     text = f"{line}{decimal(report.file_bytes)}."
     return text if means is None else Group(Text(text), _means(means))
 
 
 def deleted(report: "DeletedModel") -> str:
-    """That a model will be gone soon."""
     return f"{report.site} is deleting {report.name} ({report.model_id})."
 
 
@@ -203,7 +194,7 @@ def _values(found: "RemoteModel", *path: str) -> Pairs:
 
 
 def _actions(found: "RemoteModel") -> Pairs:
-    """The actions; the interface spells `continous`."""
+    """The interface spells `continous`."""
     metadata = found.values.get("metadata")
     space = metadata.get("actionSpace") if isinstance(metadata, dict) else None
     if not isinstance(space, dict):

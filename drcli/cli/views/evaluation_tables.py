@@ -1,4 +1,4 @@
-"""Tables of many evaluations: of models and tracks, of a grid of disturbances, of best laps."""
+"""Tables of many evaluations."""
 
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 
 def models_table(report: "TableReport") -> RenderableType:
-    """The models on each track, the best first, and the commands that train on from the best."""
     driven = [row for row in report.rows if not row.reason]
     columns = {
         "track": [row.world for row in driven],
@@ -54,7 +53,6 @@ def models_table(report: "TableReport") -> RenderableType:
 
 
 def robust_grid(result: "RobustResult") -> RenderableType:
-    """Every level of every disturbance, what broke the model, and its score."""
     rows = Rows(
         ("disturbed", "level", "clean laps", "progress", "lap time", "ended by", "score of axis"),
         [
@@ -83,13 +81,11 @@ def robust_grid(result: "RobustResult") -> RenderableType:
 
 
 def _with_first(result: "RobustResult") -> list[tuple["RobustCell", bool]]:
-    """The cells, each with whether it is the first one of its axis."""
     axes = [cell.axis for cell in result.cells]
     return [(cell, axes.index(cell.axis) == place) for place, cell in enumerate(result.cells)]
 
 
 def best_laps(report: "LoopReport") -> RenderableType:
-    """The best rounds of a loop, and how many there were."""
     rounds = f"{report.rounds} round{'s' * (report.rounds != 1)}"
     failed = f", {report.failures} failed" if report.failures else ""
     said = Text(f"{rounds}{failed} of {report.prefix} on {report.world}.", style="bold")

@@ -1,4 +1,4 @@
-"""Shows the trials of an evaluation, and who won a race."""
+"""Shows the trials of an evaluation."""
 
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 
 
 def evaluation(report: "EvaluationReport") -> RenderableType:
-    """The trials of an evaluation, and the sentence that sums them up."""
     other = report.opponent
     if other is None:
         return Group(_trials(report), _bold(_laps(report)), *_limit(report), *_videos(report))
@@ -22,18 +21,15 @@ def evaluation(report: "EvaluationReport") -> RenderableType:
 
 
 def _limit(report: "EvaluationReport") -> list[Text]:
-    """How far the best lap is from the limit, and the places that cost most time."""
     lost = f"Most time is lost at {'; '.join(report.lost)}." if report.lost else ""
     return [Text(line) for line in (report.limit and f"{report.limit}.", lost) if line]
 
 
 def _videos(report: "EvaluationReport") -> list[Text]:
-    """Where the film with everything over it is."""
     return [Text(f"Video: {key}") for key in report.videos[-1:]]
 
 
 def _name(report: "EvaluationReport") -> str:
-    """What a racer is called: its model, or the file that drives."""
     return report.prefix if report.file is None else report.checkpoint
 
 
@@ -42,7 +38,6 @@ def _bold(text: str) -> Text:
 
 
 def _trials(report: "EvaluationReport") -> Rows:
-    """Each trial; what it waited for penalties only where one did."""
     penalties = any(trial.penalty_s for trial in report.trials)
     crashes = any(trial.crashes for trial in report.trials)
     return Rows(
@@ -71,7 +66,6 @@ def _trials(report: "EvaluationReport") -> Rows:
 
 
 def _parts(trial: "TrialReport") -> tuple[str, str]:
-    """Driven time and penalty."""
     if trial.penalty_s is None:
         return "", ""
     return f"{trial.lap_s - trial.penalty_s:.2f} s", f"{trial.penalty_s:.2f} s"
@@ -101,7 +95,7 @@ def _laps(report: "EvaluationReport") -> str:
 
 
 def _winner(own: "EvaluationReport", other: "EvaluationReport") -> str:
-    """The model with more finished laps wins, then the one with less time for all, as in races."""
+    """More finished laps win, then less time."""
     if own.completed != other.completed:
         first = own if own.completed > other.completed else other
         return f"{_name(first)} wins with more finished laps."

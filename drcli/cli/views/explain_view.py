@@ -1,4 +1,4 @@
-"""Shows what is known about a word, or which words are known."""
+"""Shows explanations."""
 
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,6 @@ HEADINGS = {
 
 
 def explanation(report: "Explanation") -> RenderableType:
-    """Each meaning with its details; without a question, all names by kind."""
     if not report.question.strip():
         return _names(report.entries)
     return Group(*(row for entry in report.entries for row in _entry(entry)))

@@ -11,7 +11,6 @@ if TYPE_CHECKING:
 
 
 def reference(report: "ExportReport") -> str:
-    """An export for the reference simulator or DeepRacer on AWS."""
     size = f"{counted(len(report.files), 'file')}, {decimal(report.size_bytes)}"
     lines = [f"Exported {report.checkpoint} of {report.source} to {report.target}: {size}."]
     if report.archive is not None and report.archive != report.target:

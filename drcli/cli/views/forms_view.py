@@ -1,4 +1,4 @@
-"""Shows a policy that was exported for another engine."""
+"""Shows exported policies."""
 
 from typing import TYPE_CHECKING
 
@@ -9,7 +9,6 @@ if TYPE_CHECKING:
 
 
 def exported(report: "FormReport") -> str:
-    """The files of an export, and how they compare with PyTorch."""
     lines = [
         f"Exported {report.checkpoint} of {report.prefix} as {report.file}, "
         f"{decimal(report.size_bytes)}.",

@@ -1,4 +1,4 @@
-"""Shows what an import made, and with which car the model laps."""
+"""Shows what an import made."""
 
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
 @fitted
 def imported(columns: int, report: "ImportedModel") -> RenderableType:
-    """The result of an import."""
     lines = _model(report)
     if report.trials is None:
         return lines

@@ -1,4 +1,4 @@
-"""Shows iterations of a training: in a line, as a table, as curves."""
+"""Shows iterations in lines, tables and curves."""
 
 import math
 from collections.abc import Sequence
@@ -14,11 +14,7 @@ if TYPE_CHECKING:
     from drcli.exchange.iteration import IterationRecord
 
 CURVE_COLUMNS, LEAST_CURVE_COLUMNS = 54, 4
-"""Width of a curve in a wide terminal, and the least width in a narrow one."""
-
 BESIDE_CURVE = 26
-"""Columns for the name of a curve, its newest value and the space between them."""
-
 LEAST_COLUMNS = {
     "iter": 4,
     "steps": 9,
@@ -33,23 +29,14 @@ LEAST_COLUMNS = {
     "entropy": 7,
     "losses": 12,
 }
-"""Least widths, so that columns stay in place while numbers grow."""
-
 LONGEST_STAGE = 12
-"""Letters of a stage's name in the table."""
-
 GAP = 2
-"""Space between the columns of a table."""
-
 RARE = ("eval 2", "stage", "phase")
-"""Columns that are there only if they have something to show."""
-
 OPTIONAL = ("phase", "losses", "entropy", "steps", "laps", "reward")
-"""Columns that a narrow terminal leaves out, in this order; `dr-status --json` has all numbers."""
+"""Narrow terminals omit them in this order."""
 
 
 def line(record: "IterationRecord", *, verbose: bool = False) -> str:
-    """One iteration in one line, for logs and pipes; `verbose` adds losses, speed and times."""
     short = (
         f"{clock(record.elapsed_s):>7} iter {record.iteration:3d}  reward {record.mean_reward:6.1f}"
         f"  progress {record.mean_progress:3.0f} %  eval {evaluation(record)}"
@@ -71,7 +58,6 @@ def line(record: "IterationRecord", *, verbose: bool = False) -> str:
 
 
 def table(records: "list[IterationRecord]", rows: int, columns: int) -> Table:
-    """Iterations, oldest first, as a table with at least so many rows, for a terminal that wide."""
     lines = [_cells(record) for record in records]
     widths = {
         name: max(least, *(len(cells[name]) for cells in lines), 0)
@@ -94,7 +80,6 @@ def table(records: "list[IterationRecord]", rows: int, columns: int) -> Table:
 
 
 def curves(records: "list[IterationRecord]", columns: int) -> list[Text]:
-    """Mean progress, evaluations and mean reward, each in a line, for a terminal that wide."""
     width = max(LEAST_CURVE_COLUMNS, min(CURVE_COLUMNS, columns - BESIDE_CURVE))
     progress = sparkline.curve([record.mean_progress for record in records], width, top=100.0)
     reward = sparkline.curve([record.mean_reward for record in records], width)
@@ -119,7 +104,6 @@ def curves(records: "list[IterationRecord]", columns: int) -> list[Text]:
 
 
 def time_split(record: "IterationRecord") -> str:
-    """How long each step of an iteration took."""
     return (
         f"drive {record.drive_s:.1f} s  learn {record.learn_s:.1f} s  "
         f"exchange {record.exchange_s:.1f} s"
@@ -127,10 +111,7 @@ def time_split(record: "IterationRecord") -> str:
 
 
 def last_step(record: "IterationRecord") -> str:
-    """How far the update moved the policy, which SAC does not measure, or SAC's temperature.
-
-    Of a student that learns from its teacher, how far the two are from each other.
-    """
+    """How far the policy moved, SAC's temperature, or the student's distance from its teacher."""
     if record.imitation_loss is not None:
         return f"imitation loss {record.imitation_loss:.4f}"
     if record.alpha is not None:
@@ -139,7 +120,6 @@ def last_step(record: "IterationRecord") -> str:
 
 
 def clock(elapsed_s: float) -> str:
-    """A time as m:ss or h:mm:ss."""
     minutes, seconds = divmod(max(0, int(elapsed_s)), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
@@ -164,7 +144,7 @@ def _cells(record: "IterationRecord") -> dict[str, str]:
 
 
 def _losses(record: "IterationRecord") -> str:
-    """PPO's policy and value loss, SAC's actor and critic loss, or how far a student is off."""
+    """Of policy and value, actor and critic, or student."""
     if record.imitation_loss is not None:
         return f"imit {record.imitation_loss:.3f}"
     if record.actor_loss is not None and record.critic_loss is not None:
@@ -184,19 +164,16 @@ def _named_losses(record: "IterationRecord") -> str:
 
 
 def _known(value: float, digits: int) -> str:
-    """A number, or a dash before anything is learned and where the history was reconstructed."""
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def evaluation(record: "IterationRecord") -> str:
-    """Mean progress, clean laps and their median time."""
     if record.phase == "teacher":
         return _first(record)
     return _with_median(record.evaluation_progress, record.evaluation)
 
 
 def second_evaluation(record: "IterationRecord") -> str:
-    """The same on the second track."""
     return _with_median(record.second_progress, _second(record))
 
 
@@ -206,7 +183,7 @@ def _second(record: "IterationRecord") -> Laps | None:
 
 
 def _first(record: "IterationRecord") -> str:
-    """The evaluation on the track of the training; a teacher has none, for it sees no camera."""
+    """A teacher has none: it sees no camera."""
     if record.phase == "teacher":
         return "-"
     return _evaluated(record.evaluation_progress, record.evaluation)
@@ -218,12 +195,10 @@ def _with_median(progress: Sequence[float], laps: Laps | None) -> str:
 
 
 def _evaluated(progress: Sequence[float], laps: Laps | None) -> str:
-    """Mean progress, and how many laps are clean."""
     if laps is None:
         return "..."
     return f"{sum(progress) / len(progress):.0f} % {laps.clean}/{laps.driven}"
 
 
 def _median(laps: Laps | None) -> str:
-    """Median time of the clean laps."""
     return f"{laps.median_s:.2f} s" if laps is not None and laps.median_s is not None else ""

@@ -1,4 +1,4 @@
-"""Shows the journal of a model."""
+"""Shows a model's journal."""
 
 import time
 from contextlib import suppress
@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from drcli.runs.journal_reader import JournalReport
 
 WIDE = 80
-"""From this width on, an event is a row of a table."""
-
 KIND_STYLES = {
     "start": "bold cyan",
     "notice": "bold yellow",
@@ -28,7 +26,6 @@ KIND_STYLES = {
 
 @fitted
 def journal(columns: int, report: "JournalReport") -> RenderableType:
-    """One line for each event, with its time in UTC."""
     if not report.events:
         return Text(f"{report.model} has no journal: it was never trained, or by an old version.")
     if columns < WIDE:
@@ -55,5 +52,5 @@ def _moment(at: float) -> str:
 
 
 def _printable(text: str) -> str:
-    """The text on one line, without what would control a terminal."""
+    """Without what would control a terminal."""
     return "".join(letter if letter.isprintable() else " " for letter in text)

@@ -1,4 +1,4 @@
-"""Shows laps from fresh starts: how many are clean, how fast they are, and where others end."""
+"""Shows laps from fresh starts."""
 
 import math
 from collections import Counter
@@ -15,21 +15,13 @@ if TYPE_CHECKING:
     from drcli.runs.laps_report import EndPlace, LapsReport
 
 MOST_BARS = 12
-"""Rows of a histogram, fewer than one more."""
-
 BAR = 40
-"""Most characters of a bar of a histogram."""
-
 _BESIDE = 32
-"""Columns that a histogram needs beside its bars."""
-
 _WIDTHS_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-"""Widths of the bars of a histogram, seconds."""
 
 
 @fitted
 def laps(columns: int, report: "LapsReport") -> RenderableType:
-    """The laps of a checkpoint, or those of two and whether they differ."""
     reports = [report] if report.against is None else [report, report.against]
     times_s = [lap.lap_s for each in reports for lap in each.laps if lap.clean]
     parts: list[RenderableType] = []
@@ -51,7 +43,6 @@ def _bold(text: str) -> Text:
 
 
 def _edges(times_s: Sequence[float]) -> list[float]:
-    """Round numbers between which these lap times lie, seconds."""
     if not times_s:
         return []
     low, high = min(times_s), max(times_s)
@@ -61,7 +52,6 @@ def _edges(times_s: Sequence[float]) -> list[float]:
 
 
 def _histogram(report: "LapsReport", edges: Sequence[float], bar: int) -> Rows:
-    """How many clean laps took how long, and how many laps are not clean."""
     times_s = [lap.lap_s for lap in report.laps if lap.clean]
     counts = [
         (f"{low:.1f} to {high:.1f} s", sum(low <= time_s + 1e-9 < high for time_s in times_s))
@@ -93,14 +83,13 @@ def _ends(places: Sequence["EndPlace"]) -> Rows:
 
 
 def _how(statuses: dict[str, int]) -> str:
-    """Such as "off track", or "5 off track, 1 crashed"."""
     if len(statuses) == 1:
         return next(iter(statuses)).lower()
     return ", ".join(f"{count} {status.lower()}" for status, count in statuses.items())
 
 
 def _span(first: int, last: int, one: str, more: str, unit: str = "") -> str:
-    """Such as "waypoint 7", "waypoints 7 to 9" or "7 to 9 %"."""
+    """Such as "waypoint 7" or "7 to 9 %"."""
     words = f"{one} {first}" if first == last else f"{more} {first} to {last}"
     return words.strip() + unit
 

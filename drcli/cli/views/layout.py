@@ -14,24 +14,19 @@ from rich.text import Text
 from drcli.cli.console import BOUNDLESS
 
 INDENT = 2
-"""Indent of what belongs to the line above it."""
-
 _LEAST_NAME = 24
-"""Narrowest width to fold the first cell of a row to."""
-
 Cell = str | Text
 
 P = ParamSpec("P")
 
 
 class Fitted:
-    """A view that `draw` draws for the number of columns of the terminal."""
+    """A view drawn for the terminal's width."""
 
     def __init__(self, draw: Callable[[int], RenderableType]) -> None:
         self._draw = draw
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Draw it."""
         drawn = self._draw(options.max_width)
         yield (
             Text(drawn) if isinstance(drawn, str) else drawn
@@ -39,7 +34,7 @@ class Fitted:
 
 
 def fitted(draw: Callable[Concatenate[int, P], RenderableType]) -> Callable[P, Fitted]:
-    """Let a view whose first parameter is the number of columns get the terminal's width."""
+    """Gives a view that width as its first parameter."""
 
     @wraps(draw)
     def view(*args: P.args, **named: P.kwargs) -> Fitted:
@@ -50,22 +45,13 @@ def fitted(draw: Callable[Concatenate[int, P], RenderableType]) -> Callable[P, F
 
 @dataclass(frozen=True)
 class Rows:
-    """A table if its rows fit the terminal; else a list, the other cells below the first one.
-
-    Nothing is ever cut off.
-
-    Attributes:
-        names: Names of the columns. The first column names the row.
-        cells: For each row, a cell for each column.
-        left: Names of the columns with words, which are aligned left; numbers are aligned right.
-    """
+    """A table if its rows fit the terminal; else a list. Nothing is ever cut off."""
 
     names: Sequence[str]
     cells: Sequence[Sequence[Cell]]
     left: Sequence[str] = ()
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Draw it."""
         table = self._table()
         free = options.update(max_width=BOUNDLESS)
         excess = Measurement.get(console, free, table).maximum - options.max_width
@@ -84,7 +70,6 @@ class Rows:
             yield indented(Text(", ").join(cells))
 
     def _table(self, first: int | None = None) -> Table:
-        """The rows as a table; `first` is the width of its first column."""
         table = Table(box=None, pad_edge=False, header_style="dim")
         for name in self.names:
             folded = first is not None and name == self.names[0]
@@ -101,10 +86,8 @@ class Rows:
 
 
 def counted(number: int, word: str) -> str:
-    """A number with its word, such as `1 file` and `2 files`."""
     return f"{number:,} {word}" + ("" if number == 1 else "s")
 
 
 def indented(text: Cell, columns: int = INDENT) -> RenderableType:
-    """Indented text, folded at the edge of the terminal."""
     return Padding.indent(Text.assemble(text), columns)

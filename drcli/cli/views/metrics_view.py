@@ -1,4 +1,4 @@
-"""Shows where the figures of trainings go."""
+"""Shows where figures go."""
 
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 
 
 def metrics(report: "MetricsReport") -> RenderableType:
-    """The address of TensorBoard, and a row for each tool."""
     parts: list[RenderableType] = []
     if report.url is not None:
         parts += [

@@ -1,4 +1,4 @@
-"""Shows models, and what copying them and the custom files did."""
+"""Shows models, and what copying did."""
 
 from typing import TYPE_CHECKING
 
@@ -17,14 +17,11 @@ if TYPE_CHECKING:
     from drcli.models.upload_prefix import UploadIncrement
 
 _WITH_TIME = 100
-"""Columns from which a date has its time."""
-
 _DAY, _MINUTE = 10, 16
-"""Characters of a time in ISO 8601 up to its day and its minute."""
+"""Characters of ISO 8601."""
 
 
 def upload(report: "UploadReport") -> str:
-    """The result of an upload."""
     would = "Would upload" if report.dry_run else "Uploaded"
     lines = [f"{would} {report.checkpoint} of {_copied(report)}"]
     if report.deleted:
@@ -39,7 +36,6 @@ def upload(report: "UploadReport") -> str:
 
 
 def download(report: "DownloadReport") -> str:
-    """The result of a download."""
     lines = [f"{'Would download' if report.dry_run else 'Downloaded'} {_copied(report)}"]
     if not report.checkpoint:
         lines.append("It has no checkpoint yet, so it cannot drive.")
@@ -69,13 +65,11 @@ def _copied(report: "UploadReport | DownloadReport") -> str:
 
 
 def upload_increment(step: "UploadIncrement") -> str:
-    """The name of the next upload."""
     wiped = f" {counted(step.wiped, 'file')} deleted there." if step.wiped else ""
     return f"The next upload goes to {step.after}.{wiped}"
 
 
 def custom_files(report: "CustomFilesReport", *, up: bool) -> str:
-    """Which of the racer's files were copied, and where to."""
     place = report.place if up else report.folder
     unchanged = f", {len(report.unchanged)} unchanged" if report.unchanged else ""
     return "\n".join(
@@ -85,7 +79,6 @@ def custom_files(report: "CustomFilesReport", *, up: bool) -> str:
 
 @fitted
 def models(columns: int, found: "ModelList") -> RenderableType:
-    """The models of a bucket."""
     if not found.models:
         matching = f" that matches {found.pattern}" if found.pattern else ""
         return f"There is no model in s3://{found.bucket}{matching}."
@@ -113,7 +106,6 @@ def models(columns: int, found: "ModelList") -> RenderableType:
 
 
 def _checkpoint(entry: "CheckpointEntry | None") -> str:
-    """Number of a checkpoint, and how it drives in as few words as fit into a terminal."""
     if entry is None:
         return "-"
     number = entry.name.partition("_")[0]

@@ -1,4 +1,4 @@
-"""Shows the notes of a model."""
+"""Shows a model's notes."""
 
 import time
 from contextlib import suppress
@@ -13,11 +13,9 @@ if TYPE_CHECKING:
     from drcli.models.model_notes import NoteEntry, NoteList
 
 LONGEST = 60
-"""Characters of a note in a list of models."""
 
 
 def notes(found: "NoteList") -> RenderableType:
-    """Each note with its number and time."""
     if not found.notes:
         return Text(f"{found.model} has no notes.")
     parts: list[RenderableType] = [Text(found.model, style="bold")]
@@ -27,13 +25,11 @@ def notes(found: "NoteList") -> RenderableType:
 
 
 def short(text: str) -> str:
-    """The beginning of a note, on one line."""
     words = " ".join(_printable(text).split())
     return words if len(words) <= LONGEST else f"{words[: LONGEST - 3]}..."
 
 
 def line(note: "NoteEntry") -> str:
-    """A note on one line."""
     return f"Description: {short(note.text)}" if note.number == 0 else f"Note: {short(note.text)}"
 
 
@@ -56,5 +52,5 @@ def _moment(at: float | None) -> str:
 
 
 def _printable(text: str) -> str:
-    """The text on one line, without what would control a terminal."""
+    """Without what would control a terminal."""
     return "".join(letter if letter.isprintable() else " " for letter in text)

@@ -1,4 +1,4 @@
-"""Shows races: a list, a leaderboard, the queue, pairs."""
+"""Shows races."""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 
 def races(found: "RaceList") -> RenderableType:
-    """A row for each race."""
     if not found.races:
         return Text(f"s3://{found.bucket} has no races. Make one with `dr-race create NAME`.")
     return Rows(
@@ -40,7 +39,6 @@ def races(found: "RaceList") -> RenderableType:
 
 
 def race(report: "RaceReport") -> RenderableType:
-    """Rules, leaderboard, pairs, and what is not on the leaderboard."""
     from drcli.races import race_words as words
 
     rules = report.rules
@@ -143,7 +141,6 @@ def _pair_board(report: "RaceReport") -> Rows:
 
 
 def _others(report: "RaceReport") -> Iterable[RenderableType]:
-    """Submissions that wait, have failed, or are not on the leaderboard, and why."""
     on_board = {row.submission for row in report.leaderboard}
     videos = [row.video for row in report.leaderboard if row.video]
     for entry in report.submissions:
@@ -167,7 +164,6 @@ def _others(report: "RaceReport") -> Iterable[RenderableType]:
 
 
 def taken(report: "SubmissionReport") -> RenderableType:
-    """A submission that was taken."""
     number = report.checkpoint.partition("_")[0]
     left = "" if report.left is None else f" {report.racer} has {report.left} left."
     driven = "is driven now" if report.queue else "waits for `dr-race run`"
@@ -178,12 +174,10 @@ def taken(report: "SubmissionReport") -> RenderableType:
 
 
 def started(report: "QueueStarted") -> RenderableType:
-    """A queue that is driven in the background."""
     return Text(f"Driving the queue of {report.race} (process {report.pid}). Log: {report.log}")
 
 
 def exported(report: "ExportedRace") -> RenderableType:
-    """What was written."""
     films = f" with {counted(report.videos, 'video')}" if report.videos else ""
     lines = [
         *([f"Table: {report.csv}"] if report.csv else []),
@@ -197,7 +191,6 @@ def exported(report: "ExportedRace") -> RenderableType:
 
 
 def deleted(report: "DeletedRace") -> RenderableType:
-    """A race that is or was deleted."""
     verb = "Would delete" if report.dry_run else "Deleted"
     size = f"{counted(report.objects, 'object')}, {report.size_bytes / 1e6:.1f} MB"
     return Text(f"{verb} race {report.race} of s3://{report.bucket}: {size}.")

@@ -1,4 +1,4 @@
-"""Shows what a command deletes, and what it has deleted."""
+"""Shows what is deleted."""
 
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,6 @@ KINDS = {
 
 
 def planned(report: "RemovalReport") -> RenderableType:
-    """The models that would go."""
     rows = [
         (
             model.prefix,
@@ -51,7 +50,6 @@ def _records(report: "RemovalReport") -> list[Text]:
 
 
 def removed(report: "RemovalReport") -> RenderableType:
-    """What was deleted."""
     names = ", ".join(model.prefix for model in report.models)
     files = sum(len(model.files) for model in report.models)
     local = f" and {counted(files, 'local file')}" if files else ""
@@ -62,7 +60,6 @@ def removed(report: "RemovalReport") -> RenderableType:
 
 
 def surplus(report: "TidyReport") -> RenderableType:
-    """What would go, by model and kind."""
     left = _left_alone(report)
     if not report.items:
         return Group(Text(f"Nothing is left over in s3://{report.bucket}."), *left)
@@ -77,7 +74,6 @@ def surplus(report: "TidyReport") -> RenderableType:
 
 
 def tidied(report: "TidyReport") -> RenderableType:
-    """What was deleted."""
     objects = sum(item.objects for item in report.items)
     done = Text(f"Deleted {counted(objects, 'object')}, {decimal(report.size_bytes)}.")
     return Group(done, *_left_alone(report))

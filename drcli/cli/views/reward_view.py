@@ -20,7 +20,6 @@ _CURVE_NAME = "steady lap "
 
 
 def check(report: "RewardReport") -> RenderableType:
-    """The report of a check."""
     state = Text("works", "bold green") if report.works else Text("does not work", "bold red")
     parts: list[RenderableType] = [
         Text.assemble((report.file, "bold"), " ", state),
@@ -42,7 +41,6 @@ def check(report: "RewardReport") -> RenderableType:
 
 
 def plot(report: "PlotReport") -> RenderableType:
-    """The picture and the numbers in it."""
     replaced = " (the old one was replaced)" if report.replaced else ""
     laps = ", ".join(f"{name} {_number(total)}" for name, total in report.laps.items())
     return Group(
@@ -56,7 +54,6 @@ def plot(report: "PlotReport") -> RenderableType:
 
 
 def comparison(report: "ComparisonReport") -> RenderableType:
-    """The rewards of two functions for the same drivers."""
     table = Rows(
         ("driver", "steps", "time", "A per lap", "B per lap", "A per step", "B per step"),
         [
@@ -148,7 +145,6 @@ def _drivers(report: "RewardReport") -> Rows:
 
 
 def _curve(rewards: list[float], columns: int) -> Text:
-    """The rewards of the steps of a lap."""
     width = min(CURVE_COLUMNS, columns - len(_CURVE_NAME))
     return Text.assemble((_CURVE_NAME, "dim"), (sparkline.curve(rewards, width), "cyan"))
 

@@ -1,4 +1,4 @@
-"""Shows what moved the car at some steps of an episode."""
+"""Shows what moved the car."""
 
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,6 @@ _ROWS, _COLUMNS = ("far", "middle", "near"), ("left", "centre", "right")
 
 
 def saliency(report: "SaliencyReport") -> RenderableType:
-    """A row for each explained picture, and the files that were written."""
     number = "" if report.checkpoint is None else f", checkpoint {report.checkpoint}"
     parts: list[RenderableType] = [
         Text(f"{report.model}{number}", style="bold"),

@@ -1,4 +1,4 @@
-"""Shows settings: values and where they come from, problems, edits."""
+"""Shows settings, problems and edits."""
 
 import re
 from collections.abc import Iterable
@@ -20,20 +20,12 @@ if TYPE_CHECKING:
     from drcli.config.settings_report import Value, Values
 
 BELOW_RULE = 8
-"""Indent of the message below its rule."""
-
 PLACE_COLUMN = 46
-"""Column of a value's place, unless the value is longer or the terminal is narrow."""
-
 PLACE_COLUMNS = 22
-"""Columns that most places need."""
-
 PLACE_INDENT = 4
-"""Indent of a place that stands below its value, because the line has no room."""
 
 
 def check(report: "FullCheck") -> RenderableType:
-    """All problems of the settings, and what the other rules found."""
     lines: list[RenderableType] = []
     for problem in report.errors[:MOST_SHOWN]:
         lines.append(Text.assemble(("Error: ", "bold red"), str(problem)))
@@ -55,7 +47,6 @@ def check(report: "FullCheck") -> RenderableType:
 
 
 def edit(report: "Edit") -> RenderableType:
-    """A line for each change."""
     lines = []
     for change in report.changes:
         before = "" if change.before is None else f"  (was {shown(change.before) or 'empty'})"
@@ -65,7 +56,6 @@ def edit(report: "Edit") -> RenderableType:
 
 @fitted
 def values(columns: int, report: "Values") -> RenderableType:
-    """All values, as lines of a settings file, each with the place it comes from."""
     lines: list[RenderableType] = []
     for title, group in groupby(report.settings, lambda value: value.group):
         lines += [Text(f"# {title}", style="bold"), *_lines(group, columns), Text("")]
@@ -79,7 +69,6 @@ def values(columns: int, report: "Values") -> RenderableType:
 
 @fitted
 def explained(columns: int, report: "Values") -> RenderableType:
-    """Some values, each with its meaning and the values that are allowed."""
     lines: list[RenderableType] = []
     for value in report.settings:
         lines += [*_lines([value], columns), indented(value.meaning)]
@@ -93,7 +82,6 @@ def explained(columns: int, report: "Values") -> RenderableType:
 
 
 def presets(report: "PresetReports", *, in_full: bool) -> RenderableType:
-    """What presets are for and, in full, why they have which settings."""
     lines: list[RenderableType] = []
     for preset in report.presets:
         lines += [Text(preset.name, style="bold"), indented(preset.summary)]
@@ -119,7 +107,6 @@ def _of_preset(value: "PresetValue") -> list[RenderableType]:
 
 
 def problems(found: "Report") -> RenderableType:
-    """The report of the rules: errors, warnings, notes, and what was not tried."""
     parts: list[RenderableType] = []
     for title, style, group in (
         ("Errors", "bold red", found.errors),
@@ -159,7 +146,6 @@ def _sum(found: "Report") -> str:
 
 
 def _lines(values: "Iterable[Value]", columns: int) -> list[RenderableType]:
-    """Values as they would be written, each with the place it comes from."""
     column = min(PLACE_COLUMN, columns - PLACE_COLUMNS)
     lines: list[RenderableType] = []
     for value in values:

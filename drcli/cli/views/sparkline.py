@@ -9,14 +9,12 @@ T = TypeVar("T")
 BLOCKS = "▁▂▃▄▅▆▇█"
 
 NONE, SOME, ALL = "·", "◦", "●"
-"""Marks of an evaluation that completed no lap, some laps or all laps."""
 
 
 def curve(values: Sequence[float], width: int, *, top: float | None = None) -> str:
-    """Numbers as heights, averaged down to so many characters.
+    """Numbers as heights, averaged down to `width` characters.
 
-    The highest character means `top`, by default the greatest value; the lowest one means zero, or
-    the least value if that is negative.
+    From zero, or the least value if that is negative, to `top`, by default the greatest.
     """
     if not values:
         return ""
@@ -31,12 +29,7 @@ def curve(values: Sequence[float], width: int, *, top: float | None = None) -> s
 
 
 def marks(completed: Sequence[float | None], width: int) -> str:
-    """Marks of evaluations, for the line below a curve of the same width.
-
-    Args:
-        completed: Share of completed laps in each evaluation, 0 to 1; None without an evaluation.
-        width: The most characters. If several evaluations share one, the best is shown.
-    """
+    """Marks of evaluations below a curve; the best of several is shown."""
     return "".join(_mark(part) for part in _parts(completed, width))
 
 
@@ -50,7 +43,6 @@ def _mark(completed: Sequence[float | None]) -> str:
 
 
 def _parts(values: Sequence[T], width: int) -> list[Sequence[T]]:
-    """The values cut into at most `width` parts of nearly equal length."""
     count = min(len(values), width)
     edges = [round(i * len(values) / count) for i in range(count + 1)] if count else []
     return [values[start:end] for start, end in pairwise(edges)]

@@ -79,12 +79,10 @@ class Planned:
 
 
 def plan(planned: "StackPlan", region: str) -> RenderableType:
-    """What would be started."""
     return Text(plan_text(planned, region))
 
 
 def plan_text(planned: "StackPlan", region: str) -> str:
-    """What is going to be started, and what it will cost."""
     wishes, money = planned.wishes, planned.estimate
     model = f"s3://{wishes.bucket}/{planned.settings.model_prefix}"
     kind = {
@@ -113,7 +111,6 @@ def plan_text(planned: "StackPlan", region: str) -> str:
 
 
 def created(report: "CreatedStack") -> RenderableType:
-    """What was started."""
     until = f" It ends at {_clock(report.ends)} at the latest." if report.ends else ""
     return Text(
         f"Started {report.stack} in {report.region}: trains s3://{report.bucket}/{report.model}."
@@ -122,12 +119,10 @@ def created(report: "CreatedStack") -> RenderableType:
 
 
 def base(stack: str, region: str, bucket: str) -> RenderableType:
-    """A base stack that was made."""
     return Text(f"Made {stack} in {region}: bucket {bucket}.")
 
 
 def stacks(found: "StackReports") -> RenderableType:
-    """All stacks, each with its machines."""
     if not found.stacks:
         return Text(f"There are no stacks in {found.region}.")
     parts: list[RenderableType] = []
@@ -157,7 +152,6 @@ def _headline(each: "StackReport") -> str:
 
 
 def offers(found: "Offers") -> RenderableType:
-    """Prices, one line for each type and zone."""
     if not found.offers:
         return Text("There are no such machines.")
     return Rows(
@@ -178,7 +172,6 @@ def offers(found: "Offers") -> RenderableType:
 
 
 def cost(report: "StackCost") -> RenderableType:
-    """What each machine has cost, and all together."""
     least = "" if report.complete else "at least "
     total = Text(
         f"{report.stack}: {least}{report.usd:.2f} USD for {report.hours:.1f} h of "
@@ -204,7 +197,6 @@ def cost(report: "StackCost") -> RenderableType:
 
 
 def stopped(report: "StoppedStack") -> RenderableType:
-    """A training that was stopped and removed."""
     if not report.checkpoint:
         return Text(f"Removed {report.stack}. There is no checkpoint of {report.model}.")
     state = "is whole" if report.whole else "was not checked"
@@ -215,7 +207,6 @@ def stopped(report: "StoppedStack") -> RenderableType:
 
 
 def content(found: "BucketContent") -> str:
-    """What is in a bucket that is going to be deleted."""
     models = f", among them the models {', '.join(found.models)}" if found.models else ""
     return (
         f"The bucket {found.bucket} holds {counted(found.objects, 'object')} with "
@@ -224,7 +215,6 @@ def content(found: "BucketContent") -> str:
 
 
 def base_deleted(stack: str, objects: int, *, kept: bool) -> RenderableType:
-    """A base stack that was deleted."""
     rest = "; its bucket stays" if kept else f" with {counted(objects, 'object')} in its bucket"
     return Text(f"Removed {stack}{rest}.")
 

@@ -1,4 +1,4 @@
-"""Shows a summary, addresses, stopped runs and speed."""
+"""Shows summaries, addresses, stopped runs and speed."""
 
 import time
 from typing import TYPE_CHECKING
@@ -18,17 +18,12 @@ if TYPE_CHECKING:
     from drcli.runs.summary import BucketState, Running, Summary
 
 WIDE = 120
-"""From this width on, a terminal shows a summary in two columns."""
-
 _LABEL_WIDTH = 12
-"""Width of the longest label with its indent, so that all values are aligned."""
-
 Rows = list[tuple[str, RenderableType]]
 
 
 @fitted
 def summary(columns: int, report: "Summary") -> RenderableType:
-    """The page of `dr summary`."""
     left = [("Model", _model_rows(report)), ("Bucket", _bucket_rows(report.bucket, report.prefix))]
     right = [("Running", _running_rows(report.running)), ("Machine", _machine_rows(report))]
     head: list[RenderableType] = [Text(report.folder, style="bold")]
@@ -49,7 +44,6 @@ def summary(columns: int, report: "Summary") -> RenderableType:
 
 
 def addresses(report: "Addresses") -> RenderableType:
-    """The addresses, none of them folded, so that each can be pasted."""
     lines: list[RenderableType] = [Text(f"Server: {report.endpoint or 'not started yet'}")]
     for place in report.places:
         lines.append(Text(f"{place.name}:", style="bold"))
@@ -59,7 +53,6 @@ def addresses(report: "Addresses") -> RenderableType:
 
 
 def stopped(report: "StopReport") -> str:
-    """What `dr stop-all` ended."""
     lines = _ended(report)
     if report.server:
         lines.append("Stopped the local S3 server; objects stay.")
@@ -69,12 +62,10 @@ def stopped(report: "StopReport") -> str:
 
 
 def stopped_evaluations(report: "StopReport") -> str:
-    """What `dr stop-evaluation` ended."""
     return "\n".join(_ended(report)) or "No evaluation is running."
 
 
 def speed(report: "SpeedReport") -> str:
-    """How fast a simulation worker drives, in one line."""
     if report.steps_per_s is None or report.real_time_factor is None:
         return f"{report.worker} has not finished an iteration yet."
     return (
@@ -150,7 +141,6 @@ def _running_rows(running: "list[Running]") -> Rows:
 
 
 def _budget_rows(budget: "DayBudget") -> Rows:
-    """What all trainings of the folder have used today."""
     hours = f"{budget.hours:.2f}"
     hours += f" of {budget.max_hours:g} hours" if budget.max_hours else " machine hours"
     rows: Rows = [("trained", Text(hours, style="yellow" if budget.used_up else ""))]

@@ -1,4 +1,4 @@
-"""Shows sweeps: their trainings as a table, the best first."""
+"""Shows sweeps."""
 
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,6 @@ _STYLES = {
 
 
 def sweep(report: "SweepReport") -> RenderableType:
-    """A row for each training, and why some of them failed."""
     over = sum(trial.state not in ("waiting", "running", "paused") for trial in report.trials)
     state = "ended" if report.ended else f"{over} of {len(report.trials)} over"
     head = Text.assemble(
@@ -62,7 +61,6 @@ def sweep(report: "SweepReport") -> RenderableType:
 
 
 def sweeps(found: "SweepList") -> RenderableType:
-    """A row for each sweep."""
     if not found.sweeps:
         return Text(f"s3://{found.bucket} has no sweeps. `dr-sweep init` writes an example.")
     rows = [
@@ -80,7 +78,6 @@ def sweeps(found: "SweepList") -> RenderableType:
 
 
 def planned(plan: "SweepPlanned") -> RenderableType:
-    """The trainings that would be started."""
     varied = list(dict.fromkeys(key for trial in plan.trials.values() for key in trial))
     rows = [[name, *(trial.get(key, "") for key in varied)] for name, trial in plan.trials.items()]
     verb = "continues" if plan.continues else "has"
@@ -90,7 +87,6 @@ def planned(plan: "SweepPlanned") -> RenderableType:
 
 
 def at_a_time(plan: "SweepPlanned") -> str:
-    """How many trainings run at a time, in words."""
     return (
         "as many at a time as Ray has room for"
         if plan.parallel is None

@@ -1,4 +1,4 @@
-"""Shows tracks: a list, a map, the facts of one."""
+"""Shows tracks."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,11 +14,9 @@ if TYPE_CHECKING:
     from drcli.workers.racer_limit import FastestLine
 
 _REPEATS = 3
-"""Repeated waypoints that are listed; the rest are only counted."""
 
 
 def track_list(found: "TrackList") -> RenderableType:
-    """All tracks, one line each, and the racer's folder of tracks."""
     table = Rows(
         ("track", "length", "width", "direction", "from"),
         [
@@ -39,7 +37,6 @@ def track_list(found: "TrackList") -> RenderableType:
 
 
 def track(view: "TrackView") -> RenderableType:
-    """A track's map and facts."""
     parts: list[RenderableType] = [Text(line) for line in view.map_lines]
     parts.append(track_facts(view.facts))
     if view.limit:
@@ -50,13 +47,11 @@ def track(view: "TrackView") -> RenderableType:
 
 
 def line(found: "FastestLine") -> RenderableType:
-    """The fastest line as a Python list, to be pasted into a reward function."""
     rows = (f"    ({x:.3f}, {y:.3f}, {speed:.2f})," for x, y, speed in found.line)
     return Text("\n".join([f"# {found.text}", "FASTEST_LINE = [", *rows, "]"]))
 
 
 def track_facts(facts: "TrackFacts") -> RenderableType:
-    """The facts about a track, in three lines."""
     line = "is part of the road" if facts.line_family == "in" else "is outside the road"
     width = (
         f"{facts.width_m:.2f} m"

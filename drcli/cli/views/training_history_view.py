@@ -1,4 +1,4 @@
-"""Shows trainings: as a list, one whole, two side by side, and as a family tree."""
+"""Shows the history of trainings."""
 
 import time
 from collections.abc import Iterable
@@ -28,8 +28,6 @@ _STYLES = {
 }
 
 _WIDE = 110
-"""Columns from which a list has all its columns."""
-
 _RESULT_NAMES = {
     "world": "track",
     "elapsed_s": "time",
@@ -38,19 +36,13 @@ _RESULT_NAMES = {
     "best_lap_s": "best clean lap",
     "best_training_lap_s": "best training lap",
 }
-"""What people call the results of a training."""
-
 _MINUTE = 16
 _MOST_INDENT = 16
-"""Of the tree: deeper members stand below each other."""
-
 _MOST_DIFF = 60
-"""Lines of a diff that are shown; JSON has all of them."""
 
 
 @fitted
 def trainings(columns: int, found: "TrainingList") -> RenderableType:
-    """A row for each training."""
     if not found.trainings:
         if not found.total:
             return Text(f"There is no training in s3://{found.bucket} yet.")
@@ -85,7 +77,6 @@ def trainings(columns: int, found: "TrainingList") -> RenderableType:
 
 
 def details(found: "TrainingDetails") -> RenderableType:
-    """Everything about one training."""
     each, record = found.training, found.record
     where = "" if each.exists else ", its model is gone"
     parts: list[RenderableType] = [
@@ -143,7 +134,6 @@ def details(found: "TrainingDetails") -> RenderableType:
 
 
 def comparison(found: "TrainingComparison") -> RenderableType:
-    """What differs, the first training on the left."""
     one, other = found.before, found.after
     titles = [f"{_printable(each.model)} {each.id}" for each in (one, other)]
     rows = [
@@ -181,7 +171,6 @@ def comparison(found: "TrainingComparison") -> RenderableType:
 
 
 def tree(found: "FamilyTree") -> RenderableType:
-    """Each training below the one whose weights it began with."""
     if not found.members:
         return Text(f"There is no training in s3://{found.bucket} yet.")
     parts: list[RenderableType] = [Text(f"s3://{found.bucket}", style="bold")]
@@ -194,7 +183,6 @@ def tree(found: "FamilyTree") -> RenderableType:
 
 
 def forgotten(found: "ForgottenTrainings") -> RenderableType:
-    """The records that go."""
     rows = [
         (each.id, _printable(each.model), _when(each.began_at, wide=True), each.state)
         for each in found.trainings
@@ -248,7 +236,6 @@ def _best(found: "TrainingDetails") -> str:
 
 
 def _laps(found: "TrainingDetails") -> str:
-    """The fastest clean laps, those on other tracks than that of the training at the end."""
     results, world = found.record.results, found.record.world
     trials = dict(results.clean_trial_lap_s or {})
     known = (
@@ -292,7 +279,6 @@ def _value(value: Any) -> str:
 
 
 def _result(name: str, value: Any, metric: str) -> str:
-    """A value that nobody copies into a settings file, with its unit."""
     from drcli.models.model_list import score_text
 
     if value is None:
@@ -311,7 +297,6 @@ def _result(name: str, value: Any, metric: str) -> str:
 
 
 def _when(moment: str, *, wide: bool) -> str:
-    """A moment in ISO 8601, shorter."""
     return moment[:_MINUTE].replace("T", " ") if wide else moment[:10] or "-"
 
 
@@ -341,5 +326,4 @@ def _duration(seconds: float) -> str:
 
 
 def _printable(text: str) -> str:
-    """The text without what would control a terminal."""
     return "".join(letter if letter.isprintable() else " " for letter in text)

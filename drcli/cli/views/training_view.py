@@ -1,4 +1,4 @@
-"""How a training looks: a live display, its state, what is said at its start and end."""
+"""Shows a training live, its state, start and end."""
 
 from typing import TYPE_CHECKING
 
@@ -16,17 +16,11 @@ if TYPE_CHECKING:
     from drcli.runs.status import JoinedReport, RunReport, WorkerReport
 
 LIVE_ROWS = 6
-"""Iterations in the table of the live display."""
-
 STATUS_ROWS = 10
-"""Iterations in the table of `dr status`."""
-
 _FIRST, _SILENT = "driving the first iteration", "the bucket does not answer"
 FOOTER = "Ctrl-C leaves this display; dr-stop-training stops the training."
 
 NOTES = 3
-"""Newest notes on the page of `dr status`."""
-
 STATE_STYLES = {
     "running": "green",
     "starting": "cyan",
@@ -42,11 +36,10 @@ STATE_STYLES = {
 def live(
     columns: int, report: "RunReport", now_s: float, *, verbose: bool = False
 ) -> RenderableType:
-    """The display that follows a training; `now_s` is the time in Unix seconds.
+    """The display that follows a training; `now_s` is in Unix seconds.
 
-    Lines are cut at the edge of the terminal, and missing ones are left empty: the height never
-    changes, but for the line that a training with a teacher has from its first checkpoint on.
-    `verbose` adds a line for each worker, and the time that each step took.
+    Long lines are cut, and missing ones left empty, so that the height stays the same, but for a
+    teacher's line from its first checkpoint on.
     """
     parts: list[RenderableType] = [_head(report), Text(_pace(report, now_s))]
     if report.phase is not None:
@@ -77,7 +70,6 @@ def live(
 
 @fitted
 def run(columns: int, report: "RunReport") -> RenderableType:
-    """The page of `dr status`."""
     if report.state == "none":
         return Text(_nothing_here(report))
     parts: list[RenderableType] = [Text.assemble(f"Run {report.run_id}: ", _head(report))]
@@ -123,7 +115,6 @@ def run(columns: int, report: "RunReport") -> RenderableType:
 
 
 def _nothing_here(report: "RunReport") -> str:
-    """What to say if no training was started on this machine."""
     model = f"s3://{report.bucket}/{report.prefix}"
     if report.unreachable:
         return (
@@ -139,14 +130,12 @@ def _nothing_here(report: "RunReport") -> str:
 
 
 def _joined(worker: "JoinedReport") -> str:
-    """A worker of another machine, in one line."""
     part = counted(worker.episodes, "episode") if worker.episodes else "no episodes now"
     silent = "" if worker.alive else ", silent"
     return f"{worker.name} on {worker.host}: {worker.activity or 'starting'} ({part}{silent})"
 
 
 def _milestones(report: "RunReport") -> list[str]:
-    """A line for each milestone; one checkpoint may be several of them."""
     words: dict[str, list[str]] = {}
     for each in report.milestones:
         words.setdefault(each.checkpoint, []).append(each.word)
@@ -159,7 +148,6 @@ def _milestones(report: "RunReport") -> list[str]:
 
 
 def _stage(report: "RunReport") -> str:
-    """The present stage of a training with stages, and what ends it."""
     stage = report.stage
     if stage is None:
         return ""
@@ -171,13 +159,11 @@ def _stage(report: "RunReport") -> str:
 
 
 def _phase(report: "RunReport") -> str:
-    """The phase of a training with a teacher, and how driving goes in it."""
     text = "" if report.phase is None else report.phase.text
     return f"{text[:1].upper()}{text[1:]}"
 
 
 def _second(report: "RunReport") -> str:
-    """The newest evaluation on a second track."""
     evaluated = [record for record in report.history if record.second_progress]
     if not evaluated:
         return ""
@@ -194,7 +180,6 @@ def _budget(report: "RunReport") -> str:
 
 
 def _limits(report: "RunReport") -> str:
-    """How much of the processor the run leaves to others; empty where it takes all it can get."""
     parts = ["low priority (DR_PRIORITY)"] if report.priority == "low" else []
     if report.threads:
         parts.append(f"at most {counted(report.threads, 'core')} (DR_THREADS)")
@@ -202,7 +187,6 @@ def _limits(report: "RunReport") -> str:
 
 
 def _spent(report: "RunReport") -> str:
-    """Iterations, machine hours and money until now."""
     spending = report.spending
     if spending is None:
         return ""
@@ -221,7 +205,6 @@ def _spent(report: "RunReport") -> str:
 
 
 def _left(report: "RunReport") -> str:
-    """What the limits still allow."""
     if report.state not in ("starting", "running"):
         return ""
     parts = []
@@ -239,7 +222,6 @@ def _left(report: "RunReport") -> str:
 
 
 def start_text(plan: "RunPlan") -> str:
-    """What will be trained, and from which files and weights."""
     config, inputs = plan.job.config, plan.inputs
     workers = counted(config.train.workers or plan.job.ray_workers, "worker")
     begin = f", resuming from {plan.resumes}" if plan.resumes else ""
@@ -263,7 +245,6 @@ def start_text(plan: "RunPlan") -> str:
 
 
 def end_work_text(plan: "EndWorkPlan") -> str:
-    """What is left to do for a complete training."""
     config = plan.job.config
     model = f"s3://{config.storage.bucket}/{config.model.prefix}"
     return (
@@ -272,12 +253,10 @@ def end_work_text(plan: "EndWorkPlan") -> str:
 
 
 def increment(step: "Increment") -> RenderableType:
-    """From which weights the new model will start."""
     return Text(f"{step.after} starts with the weights of {_source(step.pretrained)}.")
 
 
 def end_text(report: "RunReport") -> str:
-    """How a training ended, and how its best checkpoint drives."""
     best = report.best
     told = f" Best checkpoint {best.text}." if best is not None and best.metric is not None else ""
     counts = report.reward_errors
@@ -292,10 +271,7 @@ def end_text(report: "RunReport") -> str:
 
 
 def next_commands(report: "RunReport", prefix: str) -> list[tuple[str, str]]:
-    """What a racer wants after a training, with the purpose of each command.
-
-    They work on the model of the settings, `prefix`: there are none if another one was trained.
-    """
+    """Commands after a training, with purposes; none if the settings name another model."""
     ended = report.state in ("finished", "stopped")
     if report.best is None or not ended or report.prefix != prefix:
         return []
@@ -318,7 +294,6 @@ def next_commands(report: "RunReport", prefix: str) -> list[tuple[str, str]]:
 
 
 def _worker(worker: "WorkerReport", *, ending: bool) -> str:
-    """A line about a worker."""
     if worker.pid is None:
         return f"{worker.name}: not started, or left out"
     gone = "ended" if ending else "DEAD"
@@ -339,7 +314,6 @@ def _warning(report: "RunReport") -> Text:
 
 
 def _convergence(report: "RunReport") -> str:
-    """How near training and evaluation are to each other."""
     found = report.convergence
     if found is None:
         return ""
@@ -351,7 +325,6 @@ def _convergence(report: "RunReport") -> str:
 
 
 def _failures(report: "RunReport") -> list[str]:
-    """Failures after which the training went on."""
     lines = [f"Rollback: {rollback.sentence}" for rollback in report.rollbacks]
     counts = report.reward_errors
     if counts is None or not (counts.failed or counts.discarded):
@@ -383,7 +356,6 @@ def _head(report: "RunReport") -> Text:
 
 
 def _pace(report: "RunReport", now_s: float) -> str:
-    """How long and how fast it trains."""
     clock = iterations.clock(now_s - report.started_at) if report.started_at else "0:00"
     if not report.history:
         return f"{clock}   {_SILENT if report.unreachable else _FIRST}"

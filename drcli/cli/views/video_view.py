@@ -1,4 +1,4 @@
-"""Shows what a video holds and where it is."""
+"""Shows what a video holds."""
 
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 
 
 def video(report: "VideoReport") -> RenderableType:
-    """A row for each episode, and the file."""
     shown = f"{report.width}x{report.height}, {report.fps} frames per second"
     return Group(
         Text(f"{report.trace} on {report.world}", style="bold"),

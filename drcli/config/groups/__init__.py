@@ -1,1 +1,1 @@
-"""The settings by subject, each declared once with type, limits, default and help."""
+"""The settings by subject, each declared once."""

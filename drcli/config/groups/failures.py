@@ -1,4 +1,4 @@
-"""What a training does when the reward function or the learning fails (run.env)."""
+"""What a training does when reward function or learning fail."""
 
 from typing import Literal
 
@@ -6,8 +6,6 @@ from drcli.config.fields import Group, setting
 
 
 class FailureSettings(Group, title="Failures during a training"):
-    """Whether a failure ends the training, or how often it goes on instead."""
-
     reward_on_error: Literal["stop", "count"] = setting(
         "DR_REWARD_ON_ERROR",
         "count",

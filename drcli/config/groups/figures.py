@@ -1,4 +1,4 @@
-"""Live figures of a training for other tools: TensorBoard, Grafana, Prometheus, MLflow, trackio."""
+"""Live figures of a training for other tools."""
 
 from drcli.config.fields import Group, setting
 from drcli.config.figure_types import (
@@ -12,8 +12,6 @@ from drcli.config.figure_types import (
 
 
 class FigureSettings(Group, title="Live figures for other tools", file="system.env"):
-    """Where else the figures of a training go while it runs."""
-
     tensorboard: bool = setting(
         "DR_TENSORBOARD",
         False,

@@ -1,12 +1,10 @@
-"""Logs of the processes of a run: how large, in which form, and where else they go."""
+"""Logs of the processes of a run."""
 
 from drcli.config.fields import Group, setting
 from drcli.config.value_types import LogGroup, LogStreamPrefix
 
 
 class LogSettings(Group, title="Logs", file="system.env"):
-    """Logs of the processes of a run."""
-
     log_max_mb: int = setting(
         "DR_LOG_MAX_MB",
         512,

@@ -1,4 +1,4 @@
-"""Obstacles, bot cars and another model on the track (run.env)."""
+"""Obstacles, bot cars and another model on the track."""
 
 from typing import Literal
 
@@ -11,7 +11,7 @@ _OVERLAY = "nothing shows it"
 
 
 class ObstacleSettings(Group, title="Obstacles"):
-    """Boxes and parked cars of OBJECT_AVOIDANCE."""
+    """For OBJECT_AVOIDANCE."""
 
     oa_number_of_obstacles: int = setting(
         "DR_OA_NUMBER_OF_OBSTACLES", 6, "Number of obstacles.", low=0
@@ -45,7 +45,7 @@ class ObstacleSettings(Group, title="Obstacles"):
 
 
 class BotSettings(Group, title="Bot cars"):
-    """Slow cars of HEAD_TO_BOT."""
+    """For HEAD_TO_BOT."""
 
     h2b_is_lane_change: bool = setting("DR_H2B_IS_LANE_CHANGE", False, "Let bots change lanes.")
     h2b_lower_lane_change_time: float = setting(
@@ -79,7 +79,7 @@ class BotSettings(Group, title="Bot cars"):
 
 
 class OpponentSettings(Group, title="Opponent of HEAD_TO_MODEL"):
-    """The other model of HEAD_TO_MODEL."""
+    """For HEAD_TO_MODEL."""
 
     eval_opp_s3_model_prefix: ObjectKey = setting(
         "DR_EVAL_OPP_S3_MODEL_PREFIX", "rl-deepracer-sagemaker", "Model of the opponent."

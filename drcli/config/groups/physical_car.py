@@ -1,11 +1,11 @@
-"""The physical car (system.env)."""
+"""The physical car."""
 
 from drcli.config.fields import Group, setting
 from drcli.config.value_types import CarHost
 
 
 class PhysicalCarSettings(Group, title="Physical car", file="system.env"):
-    """The car that `dr-car` talks to. Its password is never a setting."""
+    """Its password is never a setting."""
 
     car_address: CarHost = setting(
         "DR_CAR_ADDRESS",

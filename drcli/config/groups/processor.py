@@ -1,4 +1,4 @@
-"""How much of this machine's processor trainings and evaluations may take (system.env)."""
+"""How much of this machine's processor a run may take."""
 
 from typing import Literal
 
@@ -6,8 +6,6 @@ from drcli.config.fields import Group, setting
 
 
 class ProcessorSettings(Group, title="Processor", file="system.env"):
-    """For a machine that is used for other work too, or that gets too hot."""
-
     priority: Literal["normal", "low"] = setting(
         "DR_PRIORITY",
         "normal",

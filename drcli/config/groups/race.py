@@ -1,4 +1,4 @@
-"""The race itself: track, car, episodes and evaluation (run.env)."""
+"""Track, car, episodes and evaluation."""
 
 from pathlib import Path
 from typing import Literal
@@ -9,12 +9,9 @@ from drcli.config.value_types import USUAL_CAR, CarName, Colour, StartOffset, Wo
 
 _SHELL = "videos show one shell in all colours"
 FULL_SPEED = "the simulation always runs as fast as the processor allows"
-"""Why settings of the clock have no effect."""
 
 
 class RaceSettings(Group, title="Race and car"):
-    """Which race, on which track, with which car."""
-
     run_id: int = setting(
         "DR_RUN_ID",
         0,
@@ -69,8 +66,6 @@ class RaceSettings(Group, title="Race and car"):
 
 
 class EpisodeSettings(Group, title="Training"):
-    """How the training episodes of a worker begin, and how many it drives at once."""
-
     train_lanes: int = setting(
         "DR_TRAIN_LANES",
         0,
@@ -116,8 +111,6 @@ class EpisodeSettings(Group, title="Training"):
 
 
 class EvaluationSettings(Group, title="Evaluation"):
-    """How to evaluate a finished model."""
-
     eval_number_of_trials: int = setting(
         "DR_EVAL_NUMBER_OF_TRIALS", 3, "Number of laps, or of separate episodes.", low=1
     )

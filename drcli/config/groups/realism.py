@@ -1,4 +1,4 @@
-"""Sim-to-real extras (run.env): disturbances as for a real car; off by default."""
+"""Disturbances as for a real car; off by default."""
 
 from typing import Literal
 
@@ -6,7 +6,7 @@ from drcli.config.fields import Group, setting
 
 
 class RealismSettings(Group, title="Sim-to-real extras"):
-    """Disturbances of camera and car, drawn again for each episode from the seed."""
+    """Drawn again for each episode."""
 
     sim_extras_in: Literal["both", "training", "evaluation"] = setting(
         "DR_SIM_EXTRAS_IN", "both", "Where the DR_SIM_ settings below apply."
@@ -95,7 +95,7 @@ class RealismSettings(Group, title="Sim-to-real extras"):
 
 
 class OwnCarSettings(Group, title="Your car"):
-    """Measured properties of your own car; the simulated one gets them in every episode."""
+    """Measured on your own car; used in every episode."""
 
     car_steering_left: float = setting(
         "DR_CAR_STEERING_LEFT",

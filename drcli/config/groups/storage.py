@@ -1,4 +1,4 @@
-"""The bucket, its server and the places of objects in it (system.env and run.env)."""
+"""The bucket, its server and its objects."""
 
 from pathlib import Path
 from typing import Literal
@@ -18,8 +18,6 @@ from drcli.config.value_types import (
 
 
 class BucketSettings(Group, title="Bucket", file="system.env"):
-    """The bucket and how to reach it."""
-
     cloud: Literal["local", "remote", "aws", "azure"] = setting(
         "DR_CLOUD", "local", "Who serves the bucket: this machine, an S3 address, or Amazon."
     )
@@ -56,8 +54,6 @@ class BucketSettings(Group, title="Bucket", file="system.env"):
 
 
 class KeySettings(Group, title="Places in the bucket"):
-    """Places of objects in the bucket."""
-
     model_prefix: ObjectKey = setting(
         "DR_LOCAL_S3_MODEL_PREFIX", "rl-deepracer-sagemaker", "Folder of the model."
     )

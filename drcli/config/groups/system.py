@@ -1,8 +1,4 @@
-"""Settings of the reference's containers, windows and services; most of them do nothing here.
-
-With them, a system.env for the reference loads as it is, and the documentation can say why a name
-does nothing.
-"""
+"""Settings of the reference's containers, windows and services; most do nothing here."""
 
 from typing import Literal
 
@@ -15,8 +11,6 @@ DERIVED = "the activation script of DeepRacer-for-Cloud sets it for its containe
 
 
 class ContainerSettings(Group, title="Containers", file="system.env", ignored=DOCKER):
-    """Images and containers."""
-
     simapp_source: str = setting(
         "DR_SIMAPP_SOURCE", "awsdeepracercommunity/deepracer-simapp", "Container image."
     )
@@ -51,8 +45,6 @@ class ContainerSettings(Group, title="Containers", file="system.env", ignored=DO
 class ScreenSettings(
     Group, title="Windows, cameras and streams", file="system.env", ignored=_STREAM
 ):
-    """Windows, cameras and streams."""
-
     gui_enable: bool = setting("DR_GUI_ENABLE", False, "Show the simulator.", ignored=WINDOW)
     host_x: bool = setting("DR_HOST_X", False, "Use the X server of the host.", ignored=WINDOW)
     display: str = setting("DR_DISPLAY", "", "X display.", ignored=WINDOW)
@@ -84,8 +76,6 @@ class ScreenSettings(
 
 
 class ServiceSettings(Group, title="Services", file="system.env"):
-    """Services during the training."""
-
     import_model_regular_upload: bool = setting(
         "DR_IMPORT_MODEL_REGULAR_UPLOAD",
         False,
@@ -96,8 +86,6 @@ class ServiceSettings(Group, title="Services", file="system.env"):
 
 
 class DroaSettings(Group, title="DeepRacer on AWS", file="system.env"):
-    """Where the `droa-*` commands find DeepRacer on AWS."""
-
     droa_url: str = setting("DR_DROA_URL", "", "Address of your DeepRacer on AWS.")
     droa_username: str = setting("DR_DROA_USERNAME", "", "Your user name there.")
     droa_debug: bool = setting("DR_DROA_DEBUG", False, "Print each request, without secrets.")
@@ -111,7 +99,7 @@ class DroaSettings(Group, title="DeepRacer on AWS", file="system.env"):
 class DerivedSettings(
     Group, title="Left by the reference in a shell", file="system.env", ignored=DERIVED
 ):
-    """Variables that the activation of the reference leaves in a shell."""
+    """Variables that the reference's activation leaves in a shell."""
 
     reference_dir: str = setting(
         "DR_DIR",

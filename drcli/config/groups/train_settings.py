@@ -1,4 +1,4 @@
-"""How a training goes: when it ends, who drives and learns, and where (run.env, system.env)."""
+"""How a training goes."""
 
 from typing import Literal
 
@@ -8,8 +8,6 @@ from drcli.config.value_types import Gpus, OptionalWorldName
 
 
 class TrainSettings(Group, title="Training"):
-    """How to train."""
-
     workers: int = setting(
         "DR_WORKERS",
         1,
@@ -241,6 +239,6 @@ class TrainSettings(Group, title="Training"):
 
     @property
     def eval_laps(self) -> int:
-        """Evaluation episodes per checkpoint during training, at least one."""
+        """Per checkpoint, at least one."""
         laps = self.train_eval_laps
         return max(1, self.train_min_eval_trials) if laps is None else laps

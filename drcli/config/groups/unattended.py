@@ -1,4 +1,4 @@
-"""Trainings that nobody watches: interruptions, uploads by the clock, messages, money, faults."""
+"""Trainings that nobody watches."""
 
 from typing import Literal
 
@@ -16,8 +16,6 @@ from drcli.config.value_types import Address
 
 
 class InterruptionSettings(Group, title="Interruptions"):
-    """Machines that may be taken away, such as spot instances."""
-
     continue_on_spot_interruption: bool = setting(
         "DR_CONTINUE_ON_SPOT_INTERRUPTION",
         True,
@@ -63,8 +61,6 @@ class InterruptionSettings(Group, title="Interruptions"):
 
 
 class TimedWorkSettings(Group, title="Uploads during and after a training"):
-    """Uploads while a model trains, and at its end."""
-
     regular_upload: int = setting(
         "DR_REGULAR_UPLOAD", 0, "Minutes between uploads of the model; 0 never.", low=0
     )
@@ -106,8 +102,6 @@ class TimedWorkSettings(Group, title="Uploads during and after a training"):
 
 
 class CostSettings(Group, title="Money"):
-    """What the machines of a training cost."""
-
     spot_price: Price = setting(
         "DR_SPOT_PRICE",
         "",
@@ -139,8 +133,6 @@ class CostSettings(Group, title="Money"):
 
 
 class WatchSettings(Group, title="Watches", file="system.env"):
-    """What ends or mends a training that is in trouble."""
-
     stall_minutes: int = setting(
         "DR_STALL_MINUTES",
         10,
@@ -158,8 +150,6 @@ class WatchSettings(Group, title="Watches", file="system.env"):
 
 
 class MessageSettings(Group, title="Messages", file="system.env"):
-    """Who is told what happens to a training."""
-
     sns_topic_arn: TopicArn = setting(
         "DR_SNS_TOPIC_ARN", "", "Topic of Amazon SNS for messages; if empty, MY_SNS_TOPIC."
     )

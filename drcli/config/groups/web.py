@@ -1,4 +1,4 @@
-"""The console: a web page that shows trainings, models and races."""
+"""The console, a web page."""
 
 from typing import Literal
 
@@ -7,8 +7,6 @@ from drcli.config.figure_types import THIS_MACHINE, ListenHost
 
 
 class WebSettings(Group, title="Console", file="system.env"):
-    """Where the page of `dr-start-viewer` can be opened."""
-
     webviewer_port: int = setting(
         "DR_WEBVIEWER_PORT", 8100, "Port of the console.", between=(1, 65_535)
     )
