@@ -43,7 +43,7 @@ def create_race(
     """Make a race.
 
     Raises:
-        SettingsError: A rule is wrong, the track is not installed, or the race exists.
+        SettingsError: A rule is wrong, the track is missing, or the race exists.
     """
     now = time.time() if now_s is None else now_s
     rules = rules_of(settings, wish, now)
@@ -59,7 +59,7 @@ def create_race(
 
 
 def show_race(bucket: Bucket, race: str, *, now_s: float | None = None) -> RaceReport:
-    """A race as it stands now.
+    """A race now.
 
     Raises:
         SettingsError: There is no such race.
@@ -72,13 +72,7 @@ def show_race(bucket: Bucket, race: str, *, now_s: float | None = None) -> RaceR
 def list_races(
     bucket: Bucket, *, objects: RaceObjects | None = None, now_s: float | None = None
 ) -> RaceList:
-    """All races of a bucket, the newest first.
-
-    Args:
-        bucket: Where they are.
-        objects: Keeps what was read, so that the next list reads only what has changed.
-        now_s: The time, Unix seconds.
-    """
+    """The newest first; `objects` keeps what was read for the next list."""
     entries, damaged = [], []
     seen = (objects or RaceObjects()).look(bucket, race_keys.folder())
     for race in race_ids(seen):
@@ -110,10 +104,10 @@ def list_races(
 
 
 def close_race(bucket: Bucket, race: str, *, now_s: float | None = None) -> RaceReport:
-    """Take no more submissions; what was submitted is still driven.
+    """Take no more submissions; those submitted are still driven.
 
     Raises:
-        SettingsError: There is no such race, or it is closed already.
+        SettingsError: There is no such race, or it is closed.
     """
     now = time.time() if now_s is None else now_s
     rules = read_rules(bucket, race)
@@ -130,13 +124,7 @@ def close_race(bucket: Bucket, race: str, *, now_s: float | None = None) -> Race
 def open_race(
     bucket: Bucket, race: str, closes_at: float | None = None, *, now_s: float | None = None
 ) -> RaceReport:
-    """Take submissions from now on.
-
-    Args:
-        bucket: Where the race is.
-        race: Its id.
-        closes_at: When to close it, Unix seconds; None for never.
-        now_s: The time, Unix seconds.
+    """Take submissions until a Unix time, or for ever.
 
     Raises:
         SettingsError: There is no such race, or it would be closed already.
@@ -155,7 +143,7 @@ def open_race(
 
 
 def delete_race(bucket: Bucket, race: str, *, dry_run: bool = False) -> DeletedRace:
-    """Delete a race with all submissions, results and videos; the models of the racers stay.
+    """Delete a race with all its objects; the racers' models stay.
 
     Raises:
         SettingsError: There is no such race, or its queue is being driven.

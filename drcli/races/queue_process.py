@@ -1,4 +1,4 @@
-"""Drives the queue of a race in the background: `python -m drcli.races.queue_process`."""
+"""Drives a queue in the background: `python -m drcli.races.queue_process`."""
 
 import json
 import os
@@ -54,7 +54,6 @@ class QueueStopped:
 
 
 def queue_log(settings: Settings, race: str) -> Path:
-    """The log of a queue that is driven in the background."""
     return settings.directory / "data" / "logs" / "races" / f"{race}.log"
 
 
@@ -112,7 +111,7 @@ def launch_queue(
 
 
 def stop_queue(bucket: Bucket, race: str) -> QueueStopped:
-    """Stop the process that drives a queue on this machine; what it was driving waits again.
+    """Stop the process on this machine; what it was driving waits again.
 
     Raises:
         Absent: No process drives it.
@@ -140,11 +139,7 @@ def stop_queue(bucket: Bucket, race: str) -> QueueStopped:
 
 
 def main() -> None:
-    """Drive the queue that standard input names.
-
-    Raises:
-        SystemExit: With the exit code of what went wrong.
-    """
+    """Drive the queue that standard input names; exits with the code of a failure."""
     call = json.loads(sys.stdin.buffer.read())
     with Path(os.devnull).open("rb") as nothing:
         os.dup2(nothing.fileno(), sys.stdin.fileno())

@@ -1,4 +1,4 @@
-"""Writes a race as a CSV table and as one HTML file."""
+"""Writes a race as CSV and HTML."""
 
 import csv
 import io
@@ -11,10 +11,8 @@ from drcli.races.race_report import LeaderboardRow, RaceReport
 from drcli.store.bucket import Bucket, ObjectMissing
 
 COLUMNS = tuple(each.name for each in fields(LeaderboardRow))
-"""Of the table: those of the leaderboard."""
-
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""Beginnings of a cell that spreadsheets would compute."""
+"""Spreadsheets would compute such cells."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,6 @@ class ExportedRace:
 
 
 def csv_of(report: RaceReport) -> str:
-    """The leaderboard as CSV; what is unknown is empty."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
@@ -47,7 +44,7 @@ def csv_of(report: RaceReport) -> str:
 
 
 def videos_of(report: RaceReport, bucket: Bucket) -> dict[str, bytes]:
-    """The videos of the leaderboard that are still in the bucket, by key."""
+    """Those still in the bucket, by key."""
     found = {}
     for row in report.leaderboard:
         if row.video and row.video not in found:
@@ -66,12 +63,6 @@ def export_race(
     videos: dict[str, bytes] | None = None,
 ) -> ExportedRace:
     """Write a race into files.
-
-    Args:
-        report: The race.
-        csv_path: The table; None for none.
-        html_path: The page; None for none.
-        videos: That the page contains, by key.
 
     Raises:
         SettingsError: A file cannot be written.
@@ -92,7 +83,6 @@ def export_race(
 
 
 def _cell(value: object) -> object:
-    """A value for a cell: names must not become formulas."""
     if value is None:
         return ""
     if isinstance(value, str) and value.startswith(_FORMULA):

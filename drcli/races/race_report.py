@@ -1,4 +1,4 @@
-"""What commands, the console and exports show of a race: frozen records, made of what is stored."""
+"""What is shown of a race, as frozen records."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -6,7 +6,7 @@ from typing import Literal
 from drcli.exchange.race_rules import RaceRules
 
 RaceState = Literal["scheduled", "open", "closed", "finished"]
-"""Not open yet; takes submissions; takes no more; takes no more and everything was driven."""
+"""Before opening; takes submissions; takes no more; and everything was driven."""
 
 SubmissionState = Literal["queued", "running", "done", "failed", "over the limit"]
 
@@ -31,18 +31,18 @@ class LeaderboardRow:
         off_track: How often the car left the track.
         crashes: How often it crashed.
         resets: How often it was put back on the track.
-        video: Key of the video in the bucket; empty without one.
+        video: Key of the video; empty without one.
         clean_laps: Laps completed without reset and penalty.
-        score_text: The time that decides with its penalties and resets, for people.
+        score_text: The time that decides with penalties and resets, for people.
         best_lap_text: The best lap likewise.
         best_average_text: The best average likewise.
         total_text: The total likewise.
-        laps_text: Clean laps, and the others with their resets, for people.
+        laps_text: Clean laps, and the others with their resets.
         points: Of its pairs; None in other races.
         wins: Pairs won.
         draws: Pairs that nobody won.
         losses: Pairs lost.
-        round: Last round of a bracket that it has reached; None elsewhere.
+        round: Last round of a bracket that it reached; None elsewhere.
     """
 
     rank: int | None
@@ -88,13 +88,13 @@ class SubmissionEntry:
         place: In the queue, from 1; None if it does not wait there.
         message: Why it failed.
         remedy: What to do about that.
-        notes: What is worth knowing about its laps.
+        notes: About its laps.
         lap_s: Times of its laps, simulated seconds.
         lap_status: How each lap ended.
-        lap_text: The same of each lap with penalties and resets, for people.
-        simtrace: Key of its trace in the bucket.
-        metrics: Key of its metrics in the bucket.
-        video: Key of its video in the bucket; empty without one.
+        lap_text: The same with penalties and resets, for people.
+        simtrace: Key of its trace.
+        metrics: Key of its metrics.
+        video: Key of its video; empty without one.
     """
 
     submission: str
@@ -120,7 +120,7 @@ class PairEntry:
     """A pair of a race in pairs.
 
     Attributes:
-        round: Counted from 1.
+        round: From 1.
         first: Id of the submission that starts on the one side; empty if it is not known yet.
         second: Id of the other one; empty if it is not known yet, or the first goes on alone.
         first_racer: Who submitted the first.
@@ -171,10 +171,10 @@ class RaceReport:
             plus sign between them.
         running: What is driven now, in the same words; empty if nothing is.
         runner: The process that drives the queue now; empty if none does.
-        submissions: All of them, in the order in which they came.
+        submissions: In the order in which they came.
         pairs: Of a race in pairs, round by round.
         winner: Racer on the first place of a finished race; None before.
-        damaged: Sentences about objects in the bucket that cannot be read.
+        damaged: Sentences about unreadable objects in the bucket.
         limit: How far its best lap is from the limit of the track; empty if unknown.
     """
 
@@ -205,9 +205,9 @@ class RaceEntry:
         race_type: As DR_RACE_TYPE.
         submissions: How many there are.
         queued: How many runs are still to be driven.
-        leader: Racer on the first place; None if there is none.
+        leader: Racer on the first place, or None.
         leader_s: The time that put the leader there; None without one.
-        leader_text: The same with its penalties and resets, for people.
+        leader_text: The same with penalties and resets, for people.
         runner: The process that drives its queue now; empty if none does.
         created_at: When it was made, ISO 8601.
     """

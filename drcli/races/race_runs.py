@@ -1,4 +1,4 @@
-"""The runs of a race: which submissions count, and what became of each. Pure functions."""
+"""Which submissions of a race count, and what became of each. Pure functions."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,12 +12,7 @@ from drcli.races.stored_race import StoredRace, submission_id
 
 @dataclass(frozen=True)
 class Runner:
-    """Who drives the queue now.
-
-    Attributes:
-        session: Of that run; empty if nobody does.
-        owner: The process, for people.
-    """
+    """Who drives the queue now; empty for nobody."""
 
     session: str = ""
     owner: str = ""
@@ -27,15 +22,12 @@ NOBODY = Runner()
 
 
 def moment(at: float) -> str:
-    """A time as commands print it."""
     return datetime.fromtimestamp(at, UTC).isoformat(timespec="seconds")
 
 
 def counted(stored: StoredRace) -> list[str]:
-    """The submissions that count, in the order of the queue.
-
-    If a racer has more than the rules allow, as when two were sent at the same time, the first
-    ones count.
+    """In the order of the queue; of too many of a racer, as when two were sent at the same time, the
+    first ones.
     """
     limit = stored.rules.max_submissions
     given: dict[str, int] = {}
@@ -49,7 +41,6 @@ def counted(stored: StoredRace) -> list[str]:
 
 
 def run_state(result: RaceResult | None, runner: Runner) -> SubmissionState:
-    """What became of a run, from its result."""
     if result is None:
         return "queued"
     if result.state == "running":
@@ -58,12 +49,12 @@ def run_state(result: RaceResult | None, runner: Runner) -> SubmissionState:
 
 
 def ids_of(run: tuple[str, ...]) -> str:
-    """What people call a run: ids with a plus sign between them."""
+    """A run for people: ids with a plus sign between them."""
     return "+".join(map(submission_id, run))
 
 
 def cars_of(stored: StoredRace) -> dict[str, list[DrivenCar]]:
-    """The cars of every submission that counts, in all its results that count."""
+    """The cars of every counted submission, in all results that count."""
     found: dict[str, list[DrivenCar]] = {name: [] for name in counted(stored)}
     for name in sorted(stored.results):
         names = name.split("_")
@@ -77,7 +68,7 @@ def cars_of(stored: StoredRace) -> dict[str, list[DrivenCar]]:
 
 
 def row_of(stored: StoredRace, name: str, rank: int | None, figures: LapFigures) -> LeaderboardRow:
-    """A row of the leaderboard, without what depends on the kind of race."""
+    """A row without what depends on the kind of race."""
     submission = stored.submissions[name]
     return LeaderboardRow(
         rank=rank,

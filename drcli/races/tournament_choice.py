@@ -1,4 +1,4 @@
-"""Finds the race that `dr-start-tournament` means if it names none."""
+"""The race that `dr-start-tournament` means without a name."""
 
 from drcli.base.errors import SettingsError
 from drcli.races.organise import list_races
@@ -6,7 +6,7 @@ from drcli.store.bucket import Bucket
 
 
 def only_tournament(bucket: Bucket) -> str:
-    """The only race in pairs that is not finished.
+    """The only unfinished race in pairs.
 
     Raises:
         SettingsError: There is none, or several.

@@ -1,7 +1,6 @@
-"""Reads the records of races again and again, but each only when the listing says it has changed.
+"""Reads records of races anew only when the listing says they have changed.
 
-A page that shows a race looks at it every second. One listing tells what is new, so a look costs
-one request as long as nothing happens, however many submissions and results there are.
+A page looks at a race every second; without changes this costs one request, a listing.
 """
 
 import threading
@@ -20,9 +19,9 @@ class _Kept:
     """An object as it was read.
 
     Attributes:
-        version: That of the listing before it was read; never newer than the data.
-        age_s: As of `Bucket.get_with_age`; None if unknown.
-        read_s: Monotonic time of the reading.
+        version: Of the listing before it was read; never newer than the data.
+        age_s: As of `Bucket.get_with_age`.
+        read_s: Monotonic time.
     """
 
     version: _Version
@@ -32,18 +31,14 @@ class _Kept:
 
 
 class RaceObjects:
-    """Keeps what was read of the races of one bucket. Several threads may use it."""
+    """What was read of one bucket's races; for several threads."""
 
     def __init__(self) -> None:
         self._kept: dict[str, _Kept] = {}
         self._lock = threading.Lock()
 
     def look(self, bucket: Bucket, folder: str) -> "SeenBucket":
-        """The objects below a folder as they are now.
-
-        Args:
-            bucket: Always the same one, or a new connection to it.
-            folder: `race_keys.folder()`, or that of one race.
+        """The objects below a folder now; the bucket is always the same, or a new connection to it.
 
         Raises:
             StorageError: The bucket does not answer.
@@ -56,26 +51,17 @@ class RaceObjects:
         return SeenBucket(self, bucket, folder, listed)
 
     def kept(self, info: ObjectInfo) -> _Kept | None:
-        """What was read of this version of an object; None if nothing was."""
         with self._lock:
             found = self._kept.get(info.key)
         return found if found is not None and found.version == _version(info) else None
 
     def keep(self, info: ObjectInfo, data: bytes, age_s: float | None) -> None:
-        """Keep what was read of an object after it was listed."""
         with self._lock:
             self._kept[info.key] = _Kept(_version(info), data, age_s, time.monotonic())
 
 
 class SeenBucket:
-    """One look at the objects below a folder; a `Bucket` for reading them.
-
-    Args:
-        objects: Keeps what is read.
-        bucket: Where they are.
-        folder: Below which all objects are known.
-        listed: These objects, by key.
-    """
+    """One look at the objects below a folder; a `Bucket` for reading them."""
 
     def __init__(
         self, objects: RaceObjects, bucket: Bucket, folder: str, listed: dict[str, ObjectInfo]
@@ -86,16 +72,16 @@ class SeenBucket:
         self._given: set[str] = set()
 
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
-        """Read an object; from memory if it has not changed.
+        """From memory if the object has not changed.
 
-        Whoever reads an object twice in one look has found it damaged, see `bucket.read_record`:
-        then it is read anew.
+        Who reads an object twice in one look has found it damaged, see `bucket.read_record`: then it
+        is read anew.
         """
         found = self._known(key) if watch is None else None
         return self._read(key)[0] if found is None else found.data
 
     def get_with_age(self, key: str) -> tuple[bytes, float | None]:
-        """The same with its age, which has grown since it was read."""
+        """Adds the time since it was read to its age."""
         found = self._known(key)
         if found is None:
             return self._read(key)
@@ -103,29 +89,23 @@ class SeenBucket:
         return found.data, None if found.age_s is None else found.age_s + passed_s
 
     def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> None:
-        """Write to the bucket; this look does not show it."""
+        """This look does not show it."""
         self._bucket.put(key, data, watch=watch)
 
     def delete(self, keys: Iterable[str]) -> None:
-        """Delete in the bucket; this look still shows it."""
+        """This look still shows it."""
         self._bucket.delete(keys)
 
     def exists(self, key: str) -> bool:
-        """Whether there was an object with this key."""
         return key in self._listed if key.startswith(self._folder) else self._bucket.exists(key)
 
     def list(self, folder: str) -> Listing:
-        """All objects that were below a folder."""
         if not folder.startswith(self._folder):
             return self._bucket.list(folder)
         return [info for key, info in self._listed.items() if key.startswith(folder)]
 
     def _known(self, key: str) -> _Kept | None:
-        """What is known of an object without reading it; None if it must be read.
-
-        Raises:
-            ObjectMissing: It did not exist.
-        """
+        """Without reading; None if it must be read; raises ObjectMissing."""
         info = self._listed.get(key)
         if info is None:
             if key.startswith(self._folder):

@@ -42,7 +42,7 @@ _BUSY = frozenset({"Throttling", "ThrottlingException", "RequestLimitExceeded"})
 class Account:
     """Clients of AWS services; without a profile, boto3 searches for keys.
 
-    Everything below that asks Amazon raises StorageError when Amazon fails.
+    All functions of this package that ask Amazon raise StorageError when it fails.
     """
 
     def __init__(self, region: str, profile: str | None) -> None:
