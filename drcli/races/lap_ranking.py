@@ -13,16 +13,13 @@ from drcli.exchange.race_submission import DrivenLap
 
 @dataclass(frozen=True)
 class LapFigures:
-    """Totals of a submission's laps; times are simulated seconds with penalties.
+    """Totals of a submission's laps; times in simulated seconds with penalties, None without laps.
 
     Attributes:
-        complete: With or without resets, as the reference counts them.
+        complete: With or without resets, as the reference counts.
         clean: Complete laps without reset and penalty.
-        best_lap_s: None without a complete lap.
-        best_average_s: Least mean of consecutive complete laps, or None.
         total_s: None if a lap was not completed.
-        progress: Percent, summed over all laps.
-        best: The laps of `best_lap_s`; `average` those of `best_average_s`.
+        progress: Percent, summed over laps.
     """
 
     driven: int
@@ -42,11 +39,7 @@ class LapFigures:
 
 @dataclass(frozen=True)
 class RankingRule:
-    """What decides.
-
-    Attributes:
-        min_laps: Complete laps needed; in a row for best-average.
-    """
+    """`min_laps` complete laps are needed; in a row for best-average."""
 
     ranking: Ranking
     min_laps: int
@@ -55,7 +48,7 @@ class RankingRule:
 
 @dataclass(frozen=True)
 class Ranked:
-    """A submission in its place; None where it is not qualified."""
+    """None in a field: not qualified."""
 
     name: str
     rank: int | None
@@ -64,7 +57,6 @@ class Ranked:
 
 
 def figures_of(laps: Sequence[DrivenLap], average_laps: int) -> LapFigures:
-    """`average_laps` is the length of the best average."""
     times = [lap.lap_s for lap in laps if lap.complete]
     rows = [
         laps[first : first + average_laps]
@@ -100,7 +92,7 @@ def sum_s(laps: Sequence[DrivenLap]) -> float:
 
 
 def score_s(figures: LapFigures, rule: RankingRule) -> float | None:
-    """The time that decides; None if not qualified."""
+    """None if not qualified."""
     if rule.ranking == "best-average":
         return figures.best_average_s if figures.in_a_row >= rule.min_laps else None
     if figures.complete < rule.min_laps:
@@ -111,11 +103,10 @@ def score_s(figures: LapFigures, rule: RankingRule) -> float | None:
 
 
 def ranked(submissions: Mapping[str, LapFigures], rule: RankingRule) -> list[Ranked]:
-    """All submissions, the best first, with different ranks.
+    """The best first, with different ranks.
 
     Equal times (to the millisecond) are decided by the other times, then by fewer violations, then
-    by the name, which begins with the time of submission. Those not qualified come last, by
-    progress.
+    by the name, which begins with the submission's time. The unqualified come last, by progress.
     """
     order = sorted(submissions, key=lambda name: _key(name, submissions[name], rule))
     first: float | None = None
@@ -141,12 +132,12 @@ def best_of_each(
 
 
 def same_racer(name: str) -> str:
-    """Equal for names that differ in capitals and spaces only."""
+    """Ignores capitals and spaces."""
     return " ".join(name.split()).casefold()
 
 
 def milliseconds(seconds: float | None) -> float:
-    """Without a time, longer than every other."""
+    """None is longer than every other."""
     return math.inf if seconds is None else round(seconds * 1000.0)
 
 

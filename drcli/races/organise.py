@@ -40,11 +40,7 @@ class DeletedRace:
 def create_race(
     settings: Settings, bucket: Bucket, wish: RaceWish, *, now_s: float | None = None
 ) -> RaceReport:
-    """Make a race.
-
-    Raises:
-        SettingsError: A rule is wrong, the track is missing, or the race exists.
-    """
+    """Raises SettingsError for a wrong rule, a missing track, or an existing race."""
     now = time.time() if now_s is None else now_s
     rules = rules_of(settings, wish, now)
     check_track(settings_of_rules(settings, rules))
@@ -59,11 +55,7 @@ def create_race(
 
 
 def show_race(bucket: Bucket, race: str, *, now_s: float | None = None) -> RaceReport:
-    """A race now.
-
-    Raises:
-        SettingsError: There is no such race.
-    """
+    """Raises SettingsError without such a race."""
     now = time.time() if now_s is None else now_s
     runner = runner_of(bucket, race)  # before the results: what it finishes meanwhile is not lost
     return report_of(read_race(bucket, race), bucket.name, now, runner)
@@ -72,7 +64,7 @@ def show_race(bucket: Bucket, race: str, *, now_s: float | None = None) -> RaceR
 def list_races(
     bucket: Bucket, *, objects: RaceObjects | None = None, now_s: float | None = None
 ) -> RaceList:
-    """The newest first; `objects` keeps what was read for the next list."""
+    """The newest first; `objects` keeps what was read."""
     entries, damaged = [], []
     seen = (objects or RaceObjects()).look(bucket, race_keys.folder())
     for race in race_ids(seen):
@@ -104,7 +96,7 @@ def list_races(
 
 
 def close_race(bucket: Bucket, race: str, *, now_s: float | None = None) -> RaceReport:
-    """Take no more submissions; those submitted are still driven.
+    """Take no more submissions; those there are still driven.
 
     Raises:
         SettingsError: There is no such race, or it is closed.
@@ -127,7 +119,7 @@ def open_race(
     """Take submissions until a Unix time, or for ever.
 
     Raises:
-        SettingsError: There is no such race, or it would be closed already.
+        SettingsError: No such race, or it would be closed already.
     """
     now = time.time() if now_s is None else now_s
     rules = read_rules(bucket, race)
@@ -143,10 +135,10 @@ def open_race(
 
 
 def delete_race(bucket: Bucket, race: str, *, dry_run: bool = False) -> DeletedRace:
-    """Delete a race with all its objects; the racers' models stay.
+    """Delete a race; the racers' models stay.
 
     Raises:
-        SettingsError: There is no such race, or its queue is being driven.
+        SettingsError: No such race, or its queue is being driven.
     """
     found = bucket.list(race_keys.folder(race)) if is_race_id(race) else []
     if not found:

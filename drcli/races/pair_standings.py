@@ -1,4 +1,4 @@
-"""Meetings, points and rounds of a race in pairs. Pure functions."""
+"""State of a race in pairs. Pure functions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,14 +13,13 @@ from drcli.races.stored_race import StoredRace, submission_id
 
 
 def meetings_of(stored: StoredRace) -> list[pairings.Meeting]:
-    """As far as they are known."""
     if stored.rules.pairing == "round-robin":
         return pairings.round_robin(counted(stored))
     return pairings.bracket(seeds_of(stored), judge_of(stored))
 
 
 def seeds_of(stored: StoredRace) -> list[str | None]:
-    """In the order of the draw; None for those withdrawn since."""
+    """In the draw's order; None for those withdrawn since."""
     there = counted(stored)
     if stored.draw is None:
         return list(there)
@@ -28,7 +27,7 @@ def seeds_of(stored: StoredRace) -> list[str | None]:
 
 
 def is_undecided(stored: StoredRace) -> bool:
-    """Whether a bracket waits for a failed pair."""
+    """A bracket waits for a failed pair."""
     if not stored.rules.in_pairs or stored.rules.pairing != "bracket":
         return False
     meetings = meetings_of(stored)
@@ -36,7 +35,6 @@ def is_undecided(stored: StoredRace) -> bool:
 
 
 def winners_of(stored: StoredRace) -> dict[str, str | None]:
-    """By the name of the pair."""
     found: dict[str, str | None] = {}
     for one, other in combinations(sorted(counted(stored)), 2):
         result = stored.result(one, other)
@@ -51,7 +49,7 @@ def winners_of(stored: StoredRace) -> dict[str, str | None]:
 
 @dataclass(frozen=True)
 class Judge:
-    """Says who goes on from a pair; None before it was driven. Equal cars: the better seed."""
+    """Who goes on from a driven pair. Equal cars: the better seed."""
 
     winners: Mapping[str, str | None]
     seeds: list[str]

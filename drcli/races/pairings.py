@@ -8,17 +8,11 @@ from drcli.exchange.race_submission import DrivenLap
 from drcli.races.lap_ranking import figures_of, milliseconds
 
 WIN, DRAW = 1.0, 0.5
-"""Points."""
 
 
 @dataclass(frozen=True)
 class Meeting:
-    """Two submissions that race each other.
-
-    Attributes:
-        first: None if unknown yet, or nobody.
-        waits: Whether one of them is unknown yet.
-    """
+    """Two submissions that race each other; None if unknown yet (`waits`), or nobody."""
 
     round: int
     first: str | None
@@ -48,7 +42,7 @@ def pair_name(one: str, other: str) -> str:
 def winner_of(laps: Sequence[Sequence[DrivenLap]]) -> int | None:
     """Index of the winning car, or None.
 
-    More complete laps win, then less time for them, then more progress, then fewer violations.
+    More complete laps win, then less time, then more progress, then fewer violations.
     """
     keys = []
     for driven in laps:
@@ -64,7 +58,7 @@ def winner_of(laps: Sequence[Sequence[DrivenLap]]) -> int | None:
 def round_robin(names: Sequence[str]) -> list[Meeting]:
     """Everybody meets everybody once, on both sides about equally often.
 
-    At most once per round (circle method), so that nobody waits long.
+    At most once per round (circle method), against long waits.
     """
     circle: list[str | None] = list(names)
     if len(circle) % 2:
@@ -85,7 +79,7 @@ def round_robin(names: Sequence[str]) -> list[Meeting]:
 
 
 def tally(names: Sequence[str], winners: Mapping[str, str | None]) -> list[PairTally]:
-    """Points of each submission, from the winners by pair (None: nobody)."""
+    """Points, from the winners by pair (None: nobody)."""
     wins, draws, losses = (dict.fromkeys(names, 0) for _ in range(3))
     for one, other in combinations(names, 2):
         name = pair_name(one, other)
@@ -107,10 +101,9 @@ def tally(names: Sequence[str], winners: Mapping[str, str | None]) -> list[PairT
 
 
 def bracket(seeds: Sequence[str | None], winner: Callable[[str, str], str | None]) -> list[Meeting]:
-    """The known pairs, round by round.
+    """The known pairs, round by round; the first seed meets the last.
 
-    The first seed meets the last. A seed of None was withdrawn: its opponent goes on without
-    racing, as does the first where there are too few.
+    The opponent of None (withdrawn) goes on without racing, as does the first of too few.
     """
     if len(seeds) < 2:
         return []
@@ -151,7 +144,7 @@ def champion(meetings: Sequence[Meeting], winner: Callable[[str, str], str | Non
 def reached(
     meetings: Sequence[Meeting], winner: Callable[[str, str], str | None]
 ) -> dict[str, int]:
-    """The last round of each submission; one more for the champion."""
+    """Last rounds; one more for the champion."""
     found: dict[str, int] = {}
     for meeting in meetings:
         for name in (meeting.first, meeting.second):
@@ -164,7 +157,7 @@ def reached(
 
 
 def _places(size: int) -> list[int]:
-    """Seeds in the first round: the first two can only meet in the final."""
+    """The first two seeds can only meet in the final."""
     order = [0]
     while len(order) < size:
         count = 2 * len(order)

@@ -1,7 +1,7 @@
-"""Lets one process at a time, of all machines, drive a race's queue.
+"""Lets one process of all machines drive a race's queue.
 
-Like the lease of a training (`store.lease`), it expires a minute after its last renewal, and
-needs neither conditional writes nor equal clocks.
+As the lease of a training (`store.lease`): expires a minute after its last renewal; needs
+neither conditional writes nor equal clocks.
 """
 
 import os
@@ -32,7 +32,7 @@ class QueueLease:
         self.session = lease.session
 
     def check(self) -> None:
-        """Called before each write.
+        """Call before each write.
 
         Raises:
             OwnershipLost: Another process drives the queue.
@@ -81,11 +81,7 @@ def runner_of(bucket: Bucket, race: str) -> Runner:
 
 @contextmanager
 def held(bucket: Bucket, race: str) -> Iterator[QueueLease]:
-    """Own the queue inside the `with` block.
-
-    Raises:
-        SettingsError: Another process drives it.
-    """
+    """Own the queue inside the `with` block; raises SettingsError if another process does."""
     holder = live_lease(bucket, race)
     if holder is not None:
         raise SettingsError(

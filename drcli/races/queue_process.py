@@ -64,7 +64,7 @@ def launch_queue(
 
     Raises:
         SettingsError: As for `run_queue`.
-        WorkerDied: The process did not begin.
+        WorkerDied: It did not begin.
     """
     check_queue(settings, bucket, race)
     if video:
@@ -111,11 +111,11 @@ def launch_queue(
 
 
 def stop_queue(bucket: Bucket, race: str) -> QueueStopped:
-    """Stop the process on this machine; what it was driving waits again.
+    """What was being driven waits again.
 
     Raises:
         Absent: No process drives it.
-        SettingsError: It runs on another machine, or does not end.
+        SettingsError: It runs elsewhere, or does not end.
     """
     lease = live_lease(bucket, race)
     if lease is None:
@@ -139,7 +139,7 @@ def stop_queue(bucket: Bucket, race: str) -> QueueStopped:
 
 
 def main() -> None:
-    """Drive the queue that standard input names; exits with the code of a failure."""
+    """Standard input names the queue."""
     call = json.loads(sys.stdin.buffer.read())
     with Path(os.devnull).open("rb") as nothing:
         os.dup2(nothing.fileno(), sys.stdin.fileno())

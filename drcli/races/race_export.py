@@ -12,7 +12,6 @@ from drcli.store.bucket import Bucket, ObjectMissing
 
 COLUMNS = tuple(each.name for each in fields(LeaderboardRow))
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""Spreadsheets would compute such cells."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,6 @@ def csv_of(report: RaceReport) -> str:
 
 
 def videos_of(report: RaceReport, bucket: Bucket) -> dict[str, bytes]:
-    """Those still in the bucket, by key."""
     found = {}
     for row in report.leaderboard:
         if row.video and row.video not in found:
@@ -62,11 +60,7 @@ def export_race(
     html_path: Path | None = None,
     videos: dict[str, bytes] | None = None,
 ) -> ExportedRace:
-    """Write a race into files.
-
-    Raises:
-        SettingsError: A file cannot be written.
-    """
+    """Raises SettingsError for a file that cannot be written."""
     page = b""
     if csv_path is not None:
         rewrite(csv_path, csv_of(report).encode())

@@ -12,10 +12,9 @@ from drcli.store.bucket import Bucket
 def film_car(
     plan: EvaluationPlan, bucket: Bucket, report: EvaluationReport, key: str
 ) -> tuple[str, list[str]]:
-    """Film all laps of one car.
+    """Film all laps of a car; returns the key (or "") and notes.
 
-    Returns:
-        The key, empty without a video; and notes. Failures are notes: the laps were driven.
+    Failures are notes: the laps were driven.
     """
     try:
         with tempfile.TemporaryDirectory(prefix="drcli-race-") as temporary:

@@ -10,7 +10,6 @@ from drcli.races.race_settings import shown_settings
 
 
 def with_limit(report: RaceReport, tracks_folder: Path, directory: Path) -> RaceReport:
-    """The report, with the comparison if a limit is known."""
     rules = report.rules
     own_car = any(name.startswith("DR_CAR_") for name in shown_settings(rules))
     laps = [row.best_lap_s for row in report.leaderboard if row.best_lap_s is not None]

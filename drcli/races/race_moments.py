@@ -11,11 +11,7 @@ from drcli.races.stored_race import StoredRace, submission_id
 
 @dataclass(frozen=True)
 class RunCar:
-    """A car of a run; times are simulated seconds, None without a complete lap.
-
-    Attributes:
-        clean: Complete laps without reset and penalty.
-    """
+    """Times are simulated seconds; `clean` laps have no reset or penalty."""
 
     submission: str
     racer: str
@@ -30,12 +26,7 @@ class RunCar:
 
 @dataclass(frozen=True)
 class RaceRun:
-    """A submission or a pair that is driven, or was.
-
-    Attributes:
-        key: Unique in the race.
-        state: running, done or failed.
-    """
+    """A submission or pair; `key` is unique in the race, state running, done or failed."""
 
     key: str
     state: str

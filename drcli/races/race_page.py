@@ -1,4 +1,4 @@
-"""A race as one HTML file without scripts and network, for phones too."""
+"""A race as one HTML file without scripts and network."""
 
 import base64
 from collections.abc import Iterable, Mapping
@@ -9,7 +9,7 @@ from drcli.races.race_report import LeaderboardRow, PairEntry, RaceReport
 from drcli.races.race_runs import moment
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; media-src data:; img-src data:"
-"""Protects from what a name in the page may contain."""
+"""Against what names may contain."""
 
 _CAPTION = "Times in minutes:seconds, penalties included."
 
@@ -39,7 +39,6 @@ td::before{content:attr(data-label);flex:none;color:var(--soft);font-weight:400;
 
 
 def race_page(report: RaceReport, videos: Mapping[str, bytes]) -> str:
-    """`videos` are contained, by key."""
     rules = report.rules
     title = escape(rules.name)
     facts = [words.decides(rules), words.penalties(rules)]

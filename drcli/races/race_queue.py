@@ -29,10 +29,10 @@ Say = Callable[[str], None]
 
 
 def race_conditions(settings: Settings, bucket: Bucket, race: str) -> Settings:
-    """This machine's settings with a race's rules, before its laps.
+    """This machine's settings with a race's rules.
 
     Raises:
-        SettingsError: There is no such race, or its rules do not fit this version.
+        SettingsError: No such race, or its rules do not fit this version.
     """
     return settings_of_rules(settings, read_rules(bucket, race))
 
@@ -41,7 +41,7 @@ def check_queue(settings: Settings, bucket: Bucket, race: str) -> None:
     """Refuse what would fail for every run.
 
     Raises:
-        SettingsError: The race or its track is missing, or another process drives the queue.
+        SettingsError: Race or track is missing, or another process drives the queue.
     """
     check_track(race_conditions(settings, bucket, race))
     runner = runner_of(bucket, race)
@@ -64,14 +64,14 @@ def run_queue(
 ) -> RaceReport:
     """Drive everything in the queue, and what is submitted meanwhile.
 
-    Killed runs are driven again. A failed one is noted; `restart` lets it be driven again.
-    `limit` is a number of runs (0: all); `video` of None films if the encoder is installed.
+    Killed runs are driven again; failed ones only after `restart`. A `limit` of 0 is none; `video`
+    of None films if the encoder is installed.
 
     Raises:
         SettingsError: As for `check_queue`.
-        NotAvailable: The encoder of a wanted video is not installed.
+        NotAvailable: A wanted video has no encoder.
         StorageError: The bucket does not answer; what was driven is kept.
-        OwnershipLost: Another process has taken over the queue.
+        OwnershipLost: Another process took the queue.
         Stopped: SIGTERM came.
     """
     check_queue(settings, bucket, race)
@@ -101,7 +101,7 @@ def run_queue(
 
 
 def _no_video(video: bool | None) -> str:
-    """Why a wanted video is impossible, or empty; raises NotAvailable if the caller insists."""
+    """Why a wanted video is impossible; raises NotAvailable if the caller insists."""
     if video is False:
         return ""
     from drcli.video.encode import require_encoder

@@ -1,4 +1,4 @@
-"""Which submissions of a race count, and what became of each. Pure functions."""
+"""The runs of a race that count. Pure functions."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,7 +12,7 @@ from drcli.races.stored_race import StoredRace, submission_id
 
 @dataclass(frozen=True)
 class Runner:
-    """Who drives the queue now; empty for nobody."""
+    """Empty for nobody."""
 
     session: str = ""
     owner: str = ""
@@ -26,9 +26,7 @@ def moment(at: float) -> str:
 
 
 def counted(stored: StoredRace) -> list[str]:
-    """In the order of the queue; of too many of a racer, as when two were sent at the same time, the
-    first ones.
-    """
+    """In queue order; the first ones if a racer has too many, as sent at the same time."""
     limit = stored.rules.max_submissions
     given: dict[str, int] = {}
     found = []
@@ -49,12 +47,11 @@ def run_state(result: RaceResult | None, runner: Runner) -> SubmissionState:
 
 
 def ids_of(run: tuple[str, ...]) -> str:
-    """A run for people: ids with a plus sign between them."""
+    """Joined by a plus sign."""
     return "+".join(map(submission_id, run))
 
 
 def cars_of(stored: StoredRace) -> dict[str, list[DrivenCar]]:
-    """The cars of every counted submission, in all results that count."""
     found: dict[str, list[DrivenCar]] = {name: [] for name in counted(stored)}
     for name in sorted(stored.results):
         names = name.split("_")
@@ -68,7 +65,7 @@ def cars_of(stored: StoredRace) -> dict[str, list[DrivenCar]]:
 
 
 def row_of(stored: StoredRace, name: str, rank: int | None, figures: LapFigures) -> LeaderboardRow:
-    """A row without what depends on the kind of race."""
+    """Without what depends on the kind of race."""
     submission = stored.submissions[name]
     return LeaderboardRow(
         rank=rank,

@@ -25,13 +25,13 @@ _ALWAYS = (
     "DR_EVAL_START_",
     "DR_EVAL_RESET_BEHIND_DIST",
 )
-"""Prefixes of settings that change how laps are driven."""
+"""Prefixes of settings of the laps."""
 
 _OBJECTS = {"OBJECT_AVOIDANCE": ("DR_OA_",), "HEAD_TO_BOT": ("DR_H2B_",)}
 
 
 def frozen_settings(settings: Settings, race_type: str) -> dict[str, str]:
-    """Settings of the laps, for the rules: later changes and other machines' run.env do not matter."""
+    """Settings of the laps, for the rules; later changes do not matter."""
     names = (*_ALWAYS, *_OBJECTS.get(race_type, ()))
     return {
         name: setting.text(getattr(settings, setting.field))
@@ -41,7 +41,7 @@ def frozen_settings(settings: Settings, race_type: str) -> dict[str, str]:
 
 
 def shown_settings(rules: RaceRules) -> dict[str, str]:
-    """Those that differ from the shipped ones."""
+    """Those not shipped."""
     known = catalogue()
     return {
         name: text
@@ -54,7 +54,7 @@ def settings_of_rules(settings: Settings, rules: RaceRules) -> Settings:
     """This machine's settings with a race's.
 
     Raises:
-        ProblemsError: This version does not know a setting or allow its value.
+        ProblemsError: A setting or value is unknown to this version.
     """
     changes: dict[str, Any] = {
         "world_name": rules.world,
@@ -85,7 +85,7 @@ def settings_of_rules(settings: Settings, rules: RaceRules) -> Settings:
 
 
 def check_track(settings: Settings) -> None:
-    """Raises ProblemsError if the track is not installed or has no room for the objects."""
+    """Raises ProblemsError for a missing track, or one without room for objects."""
     problem = track_problem(settings.race)
     if problem is not None:  # also one that could be fetched: a race needs it now
         raise ProblemsError([replace(problem, severity="error")])
@@ -96,7 +96,7 @@ def check_track(settings: Settings) -> None:
 
 
 def settings_of_run(settings: Settings, stored: StoredRace, run: Iterable[str]) -> Settings:
-    """Settings of one evaluation, from those of `settings_of_rules`."""
+    """Of one evaluation."""
     changes: dict[str, Any] = {"eval_save_mp4": False}
     for name, prefixes in zip(run, (_OWN, _OPPONENT), strict=False):
         submission = stored.submissions[name]
@@ -116,4 +116,3 @@ _OPPONENT = (
     "eval_opp_checkpoint",
     "eval_opp_racer_name",
 )
-"""Fields for both cars."""

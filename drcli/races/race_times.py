@@ -12,9 +12,7 @@ _UNITS = {"m": "minutes", "h": "hours", "d": "days", "w": "weeks"}
 
 
 def parse_time(option: str, text: str, now_s: float) -> float:
-    """Unix seconds; `option` is for messages.
-
-    The text is 2026-11-20T18:30 (UTC), 2026-11-20T18:30+01:00, or from now: 90m, 2h, 7d.
+    """Unix seconds of 2026-11-20T18:30 (UTC), 2026-11-20T18:30+01:00, or 90m, 2h, 7d from now.
 
     Raises:
         SettingsError: It is none of these.

@@ -1,4 +1,4 @@
-"""A wanted race, and the checked rules that it leads to."""
+"""A wanted race, and its rules."""
 
 import secrets
 from dataclasses import dataclass
@@ -12,14 +12,11 @@ from drcli.races.race_runs import moment
 from drcli.races.race_settings import frozen_settings, settings_of_rules
 
 LONGEST_NAME = 64
-"""Of a race or a racer."""
-
 MOST_LAPS = 100
 
 MOST_PENALTY_S = 600.0
 
 SENSORS = ("FRONT_FACING_CAMERA", "STEREO_CAMERAS", *LIDARS)
-"""What a race may restrict models to."""
 
 
 @dataclass(frozen=True)
@@ -27,15 +24,13 @@ class RaceWish:
     """A wanted race. None: the setting, else the default.
 
     Attributes:
-        reverse: Whether it is driven in the opposite direction.
-        min_laps: Complete laps needed for a rank.
-        average_laps: Consecutive laps of the best average.
+        average_laps: Consecutive.
         max_submissions: Of one racer; 0 for any number; None for 1 in pairs, else any number.
         opens_at: Unix seconds; None for at once.
         closes_at: Unix seconds; None for never.
         seed: None draws one.
-        sensors: The only ones allowed; empty for any.
-        settings: DR_ names and texts, such as the number of obstacles.
+        sensors: Allowed ones; empty for any.
+        settings: DR_ names and texts.
     """
 
     name: str
@@ -58,11 +53,7 @@ class RaceWish:
 
 
 def rules_of(settings: Settings, wish: RaceWish, now_s: float) -> RaceRules:
-    """The checked rules of a wish.
-
-    Raises:
-        SettingsError: One of them is wrong.
-    """
+    """Raises SettingsError for a wrong rule."""
     name = checked_name(wish.name, "the race")
     race_type = wish.race_type or "TIME_TRIAL"
     _check_number("--laps", wish.max_laps, 1, MOST_LAPS)
@@ -129,11 +120,7 @@ def rules_of(settings: Settings, wish: RaceWish, now_s: float) -> RaceRules:
 
 
 def object_settings(race_type: RaceKind, obstacles: int | None, bots: int | None) -> dict[str, str]:
-    """Numbers of objects as settings.
-
-    Raises:
-        SettingsError: The race has no such objects.
-    """
+    """Raises SettingsError for a race without such objects."""
     found = {}
     if obstacles is not None:
         if race_type != "OBJECT_AVOIDANCE":
@@ -158,7 +145,7 @@ def least_laps(ranking: Ranking, max_laps: int, average_laps: int) -> int:
 
 
 def checked_name(name: str, whose: str) -> str:
-    """The name of a race or a racer, with single spaces.
+    """With single spaces.
 
     Raises:
         SettingsError: It is empty, too long, or cannot be shown.

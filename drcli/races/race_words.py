@@ -1,4 +1,4 @@
-"""How pages, tables and commands write about a race."""
+"""How races are written about."""
 
 import math
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ def lap_time(seconds: float | None) -> str:
 
 
 def time_of(laps: Sequence[DrivenLap], average_laps: int = 1) -> str:
-    """As in 0:12.800 = 0:07.800 driven + 5.00 penalty; the sum is divided by `average_laps`."""
+    """0:12.800 = 0:07.800 driven + 5.00 penalty; divided by `average_laps`."""
     if not laps:
         return NONE
     seconds = sum_s(laps) / average_laps
@@ -40,7 +40,6 @@ def time_of(laps: Sequence[DrivenLap], average_laps: int = 1) -> str:
 
 
 def laps_of(figures: LapFigures) -> str:
-    """How many laps are clean, and what became of the others."""
     text = f"{figures.clean} of {figures.driven} clean"
     if figures.complete > figures.clean:
         text += f", {figures.complete} finished"
@@ -48,13 +47,11 @@ def laps_of(figures: LapFigures) -> str:
 
 
 def lap_of(lap: DrivenLap) -> str:
-    """Time of a lap, and how it ended unless completed."""
     text = time_of([lap])
     return text if lap.complete else f"{text}, {lap.status.lower()}"
 
 
 def gap(row: LeaderboardRow) -> str:
-    """Behind the first; empty for the first."""
     if row.gap_s is None:
         return NONE
     return "" if row.rank == 1 else f"+{row.gap_s:.3f} s"
@@ -86,12 +83,10 @@ def penalties(rules: RaceRules) -> str:
 
 
 def conditions(rules: RaceRules) -> str:
-    """Settings of the laps that are not the shipped ones."""
     return ", ".join(f"{name}={text}" for name, text in shown_settings(rules).items())
 
 
 def place(report: RaceReport) -> str:
-    """Track, direction and kind."""
     way = ", opposite direction" if report.rules.reverse else ""
     return f"{report.rules.world}{way}, {kind(report.rules)}"
 

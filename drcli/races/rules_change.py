@@ -16,10 +16,7 @@ from drcli.store.bucket import Bucket
 
 
 def wish_of(rules: RaceRules) -> RaceWish:
-    """The wish behind these rules; derived rules are left open.
-
-    Without the rules' settings: `change_rules` keeps them.
-    """
+    """Without derived rules, and without settings, which `change_rules` keeps."""
     average = usual_average(rules.max_laps)
     least = least_laps(rules.ranking, rules.max_laps, rules.average_laps)
     return RaceWish(
@@ -45,13 +42,10 @@ def wish_of(rules: RaceRules) -> RaceWish:
 def change_rules(
     settings: Settings, bucket: Bucket, race: str, wish: RaceWish, *, now_s: float | None = None
 ) -> RaceReport:
-    """Give a race without results other rules, from `wish_of`; its id stays.
-
-    `settings` are only used for what another kind of race needs.
+    """Give a race other rules, from `wish_of`; its id stays.
 
     Raises:
-        SettingsError: There is no such race, somebody has driven, a rule is wrong, or submissions
-            do not fit it.
+        SettingsError: No such race, somebody has driven, a rule is wrong, or submissions do not fit.
     """
     now = time.time() if now_s is None else now_s
     stored = read_race(bucket, race)

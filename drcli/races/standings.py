@@ -27,10 +27,7 @@ from drcli.races.stored_race import StoredRace, submission_id
 
 
 def queue_of(stored: StoredRace, runner: Runner = NOBODY) -> list[tuple[str, ...]]:
-    """What is to be driven, in order, as submissions or pairs.
-
-    What a killed process began is driven again.
-    """
+    """Submissions or pairs in order, also those that a killed process began."""
     if not stored.rules.in_pairs:
         runs: list[tuple[str, ...]] = [(name,) for name in counted(stored)]
     else:

@@ -1,7 +1,7 @@
-"""A race in the bucket: rules, submissions, results.
+"""A race in the bucket.
 
-Each object has one writer, so that all can work at the same time: racers write submissions, the
-organiser rules and order, the queue results.
+Each object has one writer, so that all can work at once: racers write submissions, the organiser
+rules and order, the queue results.
 """
 
 import re
@@ -23,21 +23,20 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer
 from drcli.store.remedies import remedy_of
 
 _NAME = re.compile(r"(\d{18})-([0-9a-f]{8})")
-"""Of a submission: microseconds at which it came, and its id."""
+"""Microseconds of arrival, and id."""
 
 _Record = TypeVar("_Record", bound=JsonRecord)
 
 
 @dataclass(frozen=True)
 class StoredRace:
-    """Everything that is stored about a race.
+    """Everything stored about a race.
 
     Attributes:
-        submissions: By name, in the order in which they came.
-        orders: What the organiser said about some of them.
-        results: By the name of a submission or pair.
+        submissions: In the order of arrival.
+        orders: Of the organiser.
+        results: By submission or pair.
         draw: Of a bracket; None before its first pair.
-        damaged: Sentences about unreadable objects.
     """
 
     race: str
@@ -56,7 +55,7 @@ class StoredRace:
         return sum(self.orders[name].restarts for name in names if name in self.orders)
 
     def result(self, *names: str) -> RaceResult | None:
-        """Of a submission or pair, unless restarted since."""
+        """None if restarted since."""
         found = self.results.get("_".join(sorted(names)))
         if found is None or found.restarts != self.restarts(*names):
             return None
@@ -64,10 +63,10 @@ class StoredRace:
         return found if found.state != "done" or drove == set(names) else None
 
     def find(self, text: str) -> str:
-        """The name of the submission with this id or beginning of one.
+        """By id or its beginning.
 
         Raises:
-            SettingsError: There is none, or several.
+            SettingsError: None, or several.
         """
         wanted = text.strip().lower()
         fitting = [
@@ -91,13 +90,13 @@ def submission_id(name: str) -> str:
 
 
 def stamp_of(name: str) -> int:
-    """Microseconds at which a submission came."""
+    """Microseconds."""
     found = _NAME.fullmatch(name)
     return int(found[1]) if found is not None else 0
 
 
 def new_name(bucket: Bucket, race: str) -> str:
-    """It comes after all others, whatever the clocks say."""
+    """Sorts after all others, whatever the clocks say."""
     folder = race_keys.submission(race, "")[: -len(".json")]
     stamps = [stamp_of(_last(info.key)) for info in bucket.list(folder)]
     stamp = max([int(time.time() * 1e6), *(each + 1 for each in stamps)])
@@ -110,13 +109,13 @@ def is_race_id(text: str) -> bool:
 
 
 def race_id(name: str) -> str:
-    """The id of a race's name; empty if nothing of it can be kept."""
+    """Empty if nothing of the name can be kept."""
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
     return re.sub(r"[^a-z0-9]+", "-", plain).strip("-")
 
 
 def find_race(bucket: Bucket, text: str) -> str:
-    """The id of the race with this id or name.
+    """By id or name.
 
     Raises:
         SettingsError: There is no such race.
@@ -133,12 +132,7 @@ def find_race(bucket: Bucket, text: str) -> str:
 
 
 def read_rules(bucket: Bucket, race: str) -> RaceRules:
-    """The rules of a race.
-
-    Raises:
-        SettingsError: There is no such race.
-        ObjectDamaged: They cannot be read.
-    """
+    """Raises SettingsError without such a race, ObjectDamaged for unreadable rules."""
     if not is_race_id(race):
         raise no_race(race, race_ids(bucket), bucket.name)
     key = race_keys.rules(race)
@@ -149,12 +143,7 @@ def read_rules(bucket: Bucket, race: str) -> RaceRules:
 
 
 def read_race(bucket: Bucket, race: str) -> StoredRace:
-    """All that is stored about a race.
-
-    Raises:
-        SettingsError: There is no such race.
-        StorageError: The bucket cannot be read.
-    """
+    """Raises SettingsError without such a race, StorageError for a bucket that fails."""
     rules = read_rules(bucket, race)
     damaged: list[str] = []
 

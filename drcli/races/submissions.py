@@ -1,7 +1,7 @@
-"""Takes submissions to a race, and changes the queue.
+"""Takes submissions, and changes the queue.
 
-A submission is a copy of one checkpoint: the racer can train on or delete the model, and nobody
-can change what was submitted.
+A submission is a copy of a checkpoint: the racer can train on or delete the model, and nobody
+can change it.
 """
 
 import socket
@@ -34,7 +34,7 @@ from drcli.store.model_kind import what_helps
 from drcli.store.repair import Model
 
 _PARTS = (*OUR_PARTS, *keys.TENSORFLOW_PARTS)
-"""Files that a checkpoint needs to drive, in either form."""
+"""Files that drive, in either form."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +72,11 @@ def submit(
     racer: str | None = None,
     now_s: float | None = None,
 ) -> SubmissionReport:
-    """Submit a checkpoint, given as for DR_EVAL_CHECKPOINT; None: the settings.
+    """Submit a checkpoint, as in DR_EVAL_CHECKPOINT; None: the settings.
 
     Raises:
-        SettingsError: The race is closed, the racer has no submissions left, or the model does not
-            exist or fit.
+        SettingsError: The race is closed, the racer has none left, or the model is missing or does
+            not fit.
     """
     now = time.time() if now_s is None else now_s
     stored = read_race(bucket, race)
@@ -106,10 +106,10 @@ def submit(
 
 
 def withdraw(bucket: Bucket, race: str, submission: str) -> RaceReport:
-    """Remove a submission with everything that it drove.
+    """Remove a submission and its results.
 
     Raises:
-        SettingsError: There is no such race or submission.
+        SettingsError: No such race or submission.
     """
     stored = read_race(bucket, race)
     name = stored.find(submission)
@@ -125,12 +125,10 @@ def withdraw(bucket: Bucket, race: str, submission: str) -> RaceReport:
 
 
 def move(bucket: Bucket, race: str, submission: str, place: int) -> RaceReport:
-    """Put a waiting submission at another place, from 1.
-
-    In pairs this changes the order in which pairs are made, until a bracket is drawn.
+    """Put a waiting submission at a place, from 1; in pairs, it orders them until a draw.
 
     Raises:
-        SettingsError: There is no such submission, or it does not wait.
+        SettingsError: It does not exist or wait.
     """
     stored = read_race(bucket, race)
     name = stored.find(submission)
@@ -158,10 +156,10 @@ def move(bucket: Bucket, race: str, submission: str, place: int) -> RaceReport:
 
 
 def restart(bucket: Bucket, race: str, submission: str) -> RaceReport:
-    """Drive a submission again, in its old place; in pairs, all its pairs.
+    """Drive a submission again, in its old place; in pairs, all of its pairs.
 
     Raises:
-        SettingsError: There is no such race or submission.
+        SettingsError: No such race or submission.
     """
     stored = read_race(bucket, race)
     name = stored.find(submission)
@@ -171,7 +169,6 @@ def restart(bucket: Bucket, race: str, submission: str) -> RaceReport:
 
 
 def video_names(run: str) -> list[str]:
-    """One from each car."""
     return [run, f"{run}-2"] if "_" in run else [run]
 
 
@@ -265,7 +262,6 @@ def _check_model(bucket: Bucket, model: str, checkpoint: str, rules: RaceRules, 
 
 
 def _copy(bucket: Bucket, model: str, checkpoint: str, target: str) -> None:
-    """Copy one checkpoint, its metadata, and an index that names it."""
     wanted = CheckpointName.parse(checkpoint)
     found = [
         info.key

@@ -6,11 +6,7 @@ from drcli.store.bucket import Bucket
 
 
 def only_tournament(bucket: Bucket) -> str:
-    """The only unfinished race in pairs.
-
-    Raises:
-        SettingsError: There is none, or several.
-    """
+    """Raises SettingsError for no or several unfinished races in pairs."""
     found = [
         entry.race
         for entry in list_races(bucket).races

@@ -1,6 +1,6 @@
-"""Reads records of races anew only when the listing says they have changed.
+"""Reads records of races anew only when a listing shows a change.
 
-A page looks at a race every second; without changes this costs one request, a listing.
+Pages look every second; without changes this costs one request.
 """
 
 import threading
@@ -16,11 +16,10 @@ _Version = tuple[str, int, datetime]
 
 @dataclass(frozen=True)
 class _Kept:
-    """An object as it was read.
+    """An object as read.
 
     Attributes:
-        version: Of the listing before it was read; never newer than the data.
-        age_s: As of `Bucket.get_with_age`.
+        version: Listed before reading; never newer than the data.
         read_s: Monotonic time.
     """
 
@@ -31,14 +30,14 @@ class _Kept:
 
 
 class RaceObjects:
-    """What was read of one bucket's races; for several threads."""
+    """Thread-safe memory of one bucket's races."""
 
     def __init__(self) -> None:
         self._kept: dict[str, _Kept] = {}
         self._lock = threading.Lock()
 
     def look(self, bucket: Bucket, folder: str) -> "SeenBucket":
-        """The objects below a folder now; the bucket is always the same, or a new connection to it.
+        """The objects below a folder now, in a bucket that stays the same.
 
         Raises:
             StorageError: The bucket does not answer.
@@ -61,7 +60,7 @@ class RaceObjects:
 
 
 class SeenBucket:
-    """One look at the objects below a folder; a `Bucket` for reading them."""
+    """One look at a folder; a `Bucket` for reading."""
 
     def __init__(
         self, objects: RaceObjects, bucket: Bucket, folder: str, listed: dict[str, ObjectInfo]
@@ -72,16 +71,14 @@ class SeenBucket:
         self._given: set[str] = set()
 
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
-        """From memory if the object has not changed.
+        """From memory if unchanged.
 
-        Who reads an object twice in one look has found it damaged, see `bucket.read_record`: then it
-        is read anew.
+        A second `get` in one look means damage, see `bucket.read_record`: then it is read anew.
         """
         found = self._known(key) if watch is None else None
         return self._read(key)[0] if found is None else found.data
 
     def get_with_age(self, key: str) -> tuple[bytes, float | None]:
-        """Adds the time since it was read to its age."""
         found = self._known(key)
         if found is None:
             return self._read(key)
@@ -105,7 +102,7 @@ class SeenBucket:
         return [info for key, info in self._listed.items() if key.startswith(folder)]
 
     def _known(self, key: str) -> _Kept | None:
-        """Without reading; None if it must be read; raises ObjectMissing."""
+        """None if it must be read; raises ObjectMissing."""
         info = self._listed.get(key)
         if info is None:
             if key.startswith(self._folder):
