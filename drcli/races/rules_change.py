@@ -45,7 +45,7 @@ def change_rules(
     """Give a race other rules, from `wish_of`; its id stays.
 
     Raises:
-        SettingsError: No such race, somebody has driven, a rule is wrong, or submissions do not fit.
+        SettingsError: No such race, somebody has driven, or rules or submissions do not fit.
     """
     now = time.time() if now_s is None else now_s
     stored = read_race(bucket, race)

@@ -1,4 +1,4 @@
-"""The record of a sweep in the bucket: read, write, and refuse what does not fit it."""
+"""The record of a sweep in the bucket."""
 
 from collections.abc import Mapping
 
@@ -14,12 +14,11 @@ from drcli.sweeps.trials import Trial
 
 
 def put_sweep(bucket: Bucket, record: SweepRecord) -> None:
-    """Write the record of a sweep."""
     bucket.put(sweep_keys.sweep(record.name), record.encode())
 
 
 def read_sweep(bucket: Bucket, name: str) -> SweepRecord | None:
-    """The record of a sweep; None without one.
+    """None without a record.
 
     Raises:
         StorageError: It cannot be read.
@@ -32,11 +31,7 @@ def read_sweep(bucket: Bucket, name: str) -> SweepRecord | None:
 
 
 def refuse_other_trials(record: SweepRecord, sweep: SweepFile, trials: list[Trial]) -> None:
-    """Refuse to continue a sweep with a file that has other trainings.
-
-    Raises:
-        ProblemsError: The trainings are others.
-    """
+    """Raises ProblemsError if the file has other trainings than the record."""
     before = {trial.name: dict(trial.varied) for trial in record.trials}
     now = {trial.name: dict(trial.varied) for trial in trials}
     if before != now:
@@ -48,11 +43,7 @@ def refuse_other_trials(record: SweepRecord, sweep: SweepFile, trials: list[Tria
 
 
 def refuse_used_models(bucket: Bucket, trials: list[Trial]) -> None:
-    """Refuse names of models that exist and are not of the sweep.
-
-    Raises:
-        SettingsError: There is such a model.
-    """
+    """Raises SettingsError for models that exist and are not of the sweep."""
     for trial in trials:
         if is_used(bucket, trial.name):
             raise SettingsError(
@@ -62,13 +53,13 @@ def refuse_used_models(bucket: Bucket, trials: list[Trial]) -> None:
 
 
 def varied_now(trial: TrialRecord) -> Mapping[str, str]:
-    """What distinguishes a training, with hyperparameters that a population has changed."""
+    """Includes hyperparameters that a population has changed."""
     changed = {key: f"{value:g}" for key, value in trial.hyperparameters.items()}
     return {**trial.varied, **changed}
 
 
 def wipe_sweep(bucket: Bucket, record: SweepRecord) -> None:
-    """Delete the models of a sweep, and its record last."""
+    """Deletes the models, and the record last."""
     for trial in record.trials:
         for prefix in [
             trial.name,
@@ -79,5 +70,5 @@ def wipe_sweep(bucket: Bucket, record: SweepRecord) -> None:
 
 
 def copy_of(trial: TrialRecord, check: int) -> str:
-    """Prefix of the model with which a training goes on after a check, if it copies another."""
+    """Prefix of the model with which a training goes on as a copy."""
     return f"{trial.name}-g{check + 1}"

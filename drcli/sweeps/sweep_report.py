@@ -1,4 +1,4 @@
-"""What the commands show about a sweep: its trainings, the best first."""
+"""What commands show about sweeps."""
 
 from dataclasses import dataclass, field
 
@@ -91,7 +91,6 @@ class SweepList:
 
 
 def report_of(record: SweepRecord, bucket: str) -> SweepReport:
-    """What is shown about a sweep."""
     ranked = sorted(record.trials, key=lambda trial: rank(trial.score, record.metric), reverse=True)
     return SweepReport(
         name=record.name,
@@ -107,7 +106,7 @@ def report_of(record: SweepRecord, bucket: str) -> SweepReport:
 
 
 def list_sweeps(bucket: Bucket) -> SweepList:
-    """All sweeps of a bucket, the newest first.
+    """The newest first.
 
     Raises:
         StorageError: The bucket cannot be read.

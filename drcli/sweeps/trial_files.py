@@ -1,4 +1,4 @@
-"""The files of a training of a sweep: an experiment, as the racer could have made it."""
+"""Experiments for trainings of a sweep, as racers make them."""
 
 from collections.abc import Mapping
 
@@ -22,20 +22,13 @@ _LIMITS = {
     "episodes": "DR_TRAIN_MAX_EPISODES",
     "iterations": "DR_TRAIN_MAX_ITERATIONS",
 }
-"""Settings that end a training once its budget is used up."""
+"""Settings that end a training with a used-up budget."""
 
 
 def settings_of_model(
     budget: Budget, prefix: str, *, used: float = 0.0, source: str = ""
 ) -> dict[str, str]:
-    """The settings of one of the models that a training may have, in a population.
-
-    Args:
-        budget: Of the training.
-        prefix: The model.
-        used: How much of the budget earlier models have used.
-        source: Model whose weights it begins with; empty for its own.
-    """
+    """Settings of a model; in a population, earlier ones `used` budget and `source` gives weights."""
     found = {
         "DR_LOCAL_S3_MODEL_PREFIX": prefix,
         "DR_LOCAL_S3_METRICS_PREFIX": f"{prefix}/metrics",
@@ -52,15 +45,12 @@ def settings_of_model(
 
 
 class TrialFiles:
-    """Writes the experiments of a sweep into the working folder.
+    """Writes experiments into the working folder.
 
-    Args:
-        settings: Of the working folder, without an experiment.
-        sweep: The file of the sweep.
-        bucket: Where the racer's three files are, if not in custom_files/.
+    `bucket` has the racer's three files if custom_files/ does not.
 
     Raises:
-        ProblemsError: One of the racer's files is missing.
+        ProblemsError: One of them is missing.
     """
 
     def __init__(self, settings: Settings, sweep: SweepFile, bucket: Bucket) -> None:
@@ -70,7 +60,7 @@ class TrialFiles:
         refuse(missing_files(self._own, settings.custom_files, bucket.name))
 
     def check(self, trials: list[Trial]) -> None:
-        """Check what the file of the sweep says, for all trainings, before any is written.
+        """Check all trainings before any is written.
 
         Raises:
             ProblemsError: A file cannot be read, or a value is wrong.
@@ -87,17 +77,9 @@ class TrialFiles:
         hyperparameters: Mapping[str, float],
         source: str = "",
     ) -> int:
-        """Write the experiment of a training, or write it again.
+        """Write the experiment of a training; returns its DR_RUN_ID.
 
-        Args:
-            trial: The training.
-            prefix: Its model.
-            used: How much of its budget earlier models have used.
-            hyperparameters: Those that it has now instead of its own.
-            source: Model whose weights it begins with; empty for its own.
-
-        Returns:
-            Its DR_RUN_ID.
+        Parameters as in `settings_of_model`; `hyperparameters` replace the training's own.
 
         Raises:
             ProblemsError: A value is wrong.
@@ -159,7 +141,7 @@ class TrialFiles:
         return files
 
     def _of_sweep(self, trial: Trial, error: ProblemsError) -> ProblemsError:
-        """The problems of hyperparameters, in the lines of the sweep that caused them."""
+        """Problems of hyperparameters, at their lines in the sweep file."""
         found = []
         for each in error.problems:
             key = each.key.split(".")[0].split("[")[0]
@@ -170,7 +152,7 @@ class TrialFiles:
         return ProblemsError(found)
 
     def _of_settings(self, trial: Trial, error: ProblemsError) -> ProblemsError:
-        """The problems of settings, in the lines of the sweep that caused them."""
+        """Problems of settings, at their lines in the sweep file."""
         found = []
         for each in error.problems:
             if each.key not in trial.settings:
@@ -183,7 +165,7 @@ class TrialFiles:
         return ProblemsError(found)
 
     def _read(self, section: str, name: str) -> bytes:
-        """A file that the sweep names: beside it, or in custom_files/."""
+        """Beside the sweep file, or in custom_files/."""
         for path in (self._sweep.folder / name, self._folder / "custom_files" / name):
             if path.is_file():
                 try:

@@ -1,4 +1,4 @@
-"""The trainings of a sweep: every combination of what it varies, or some drawn at random."""
+"""The trainings of a sweep: all combinations, or some drawn at random."""
 
 import itertools
 import math
@@ -13,10 +13,10 @@ from drcli.sweeps.sweep_file import MOST_TRIALS, Choices, Span, SweepFile, Vary
 Value = str | int | float
 
 _ATTEMPTS = 100
-"""Draws for each training before there seem to be no further combinations."""
+"""Draws for each training before combinations count as used up."""
 
 _DIGITS = 4
-"""Significant digits of a number that is drawn, so that a table can show it whole."""
+"""So that a table shows drawn numbers whole."""
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,10 @@ class Trial:
     """One training of a sweep.
 
     Attributes:
-        name: Of its experiment and its model.
         reward_function: Path beside the sweep's file; empty for the racer's own.
-        model_metadata: The same.
         hyperparameters: Those that differ from hyperparameters.json.
-        settings: Those that differ from run.env, as they are written there.
-        varied: What distinguishes it from the others, by a short name.
+        settings: Those that differ from run.env.
+        varied: What distinguishes it, by a short name.
     """
 
     name: str
@@ -41,12 +39,11 @@ class Trial:
 
     @property
     def text(self) -> str:
-        """What distinguishes it, in one line."""
         return ", ".join(f"{name}={value}" for name, value in self.varied.items())
 
 
 def trials_of(sweep: SweepFile) -> list[Trial]:
-    """All trainings of a sweep, always in the same order.
+    """Always in the same order.
 
     Raises:
         ProblemsError: There are too many, or fewer than asked for.
@@ -71,7 +68,7 @@ def trials_of(sweep: SweepFile) -> list[Trial]:
 
 
 Axis = tuple[str, str]
-"""The section of the file, and the key in it if it has keys."""
+"""Section of the file, and the key in it if any."""
 
 
 def _axes(vary: Vary) -> dict[Axis, Choices]:
@@ -88,7 +85,7 @@ def _axes(vary: Vary) -> dict[Axis, Choices]:
 
 
 def _drawn(sweep: SweepFile, axes: Sequence[Choices]) -> list[tuple[Value, ...]]:
-    """Different combinations at random, the same for the same seed."""
+    """Different combinations, the same for the same seed."""
     plan = sweep.plan
     wanted = plan.trials or 0
     chance = random.Random(plan.seed)
@@ -117,7 +114,6 @@ def _draw(chance: random.Random, choices: Choices) -> Value:
 
 
 def rounded(number: float) -> float:
-    """A number with so few digits that a table can show all of them."""
     return float(f"{number:.{_DIGITS}g}")
 
 
@@ -144,7 +140,7 @@ def _trial(
 def _described(
     axes: Mapping[Axis, Choices], chosen: Mapping[Axis, Value]
 ) -> Iterator[tuple[str, str]]:
-    """Short names and values of what has more than one value."""
+    """Short names and values of what varies."""
     for (section, key), choices in axes.items():
         value = chosen[section, key]
         if isinstance(choices, Span) or key or section == "seed":
@@ -157,5 +153,5 @@ def _described(
 
 
 def written(value: Value | bool) -> str:
-    """A value as a settings file has it."""
+    """As in a settings file."""
     return str(value)
