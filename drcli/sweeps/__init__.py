@@ -1,1 +1,1 @@
-"""Sweeps: trainings that differ as a file says, and the best of them."""
+"""Sweeps: trainings that differ as a file says."""

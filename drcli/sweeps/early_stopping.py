@@ -1,4 +1,4 @@
-"""When trainings of a sweep are compared, and which end or are replaced then."""
+"""Comparisons of trainings, and which end or are replaced then."""
 
 import math
 import random
@@ -10,22 +10,19 @@ from drcli.sweeps.sweep_file import Budget, Choices, EarlyStopping, Span
 from drcli.sweeps.trials import rounded
 
 FACTORS = (0.8, 1.25)
-"""For a number of a copied training. Source: Jaderberg et al., Population Based Training of Neural
-Networks (2017), who use 0.8 and 1.2.
-"""
+"""Jaderberg et al., Population Based Training of Neural Networks (2017), use 0.8 and 1.2."""
 
 REDRAWN = 0.25
 """Probability of a new draw instead."""
 
 
 def levels_of(budget: Budget, stopping: EarlyStopping) -> list[float]:
-    """Amounts of the budget at which trainings are compared; the last is all of it."""
+    """Amounts of the budget for comparisons; the last is all of it."""
     amounts = [_amount(budget, share) for share in shares_of(stopping)]
     return [*dict.fromkeys(a for a in amounts if a < budget.most), budget.most]
 
 
 def shares_of(stopping: EarlyStopping) -> list[float]:
-    """The same as shares, without all of it."""
     if stopping.method == "none":
         return []
     if stopping.method == "population":
@@ -50,13 +47,13 @@ def _amount(budget: Budget, share: float) -> float:
 
 
 def kept_of(count: int, reduction_factor: float) -> int:
-    """How many trainings go on after a check: one at least."""
+    """One at least."""
     return max(1, math.ceil(count / reduction_factor - 1e-9))
 
 
 @dataclass(frozen=True)
 class Replacement:
-    """A training of a population that goes on with the newest weights of `source`."""
+    """The training `name` goes on with the newest weights of `source`."""
 
     name: str
     source: str
@@ -70,14 +67,9 @@ def replacements(
     quantile: float,
     chance: random.Random,
 ) -> list[Replacement]:
-    """The worst trainings of a population, each with one of the best that it copies.
+    """The worst trainings of a population, each with one of the best to copy.
 
-    Args:
-        ranked: All that can go on, the best first.
-        own: Their varied hyperparameters.
-        vary: What these may be.
-        quantile: Share that is replaced; half of them at most.
-        chance: Decides who copies whom, and how numbers change.
+    `ranked` has the best first; `quantile` is the share replaced, at most half.
     """
     count = min(len(ranked) // 2, max(1, round(len(ranked) * quantile)))
     found = []
@@ -89,7 +81,6 @@ def replacements(
 
 
 def changed_value(value: float, choices: Choices, chance: random.Random) -> float:
-    """Near that of another training, or drawn anew."""
     again = chance.random() < REDRAWN
     if isinstance(choices, Span):
         whole = isinstance(choices.low, int) and isinstance(choices.high, int)

@@ -1,6 +1,6 @@
 """A training of a sweep on a node of a cluster, up to its next check.
 
-Without Ray: the actor of Ray Tune calls this, and tests do.
+Free of Ray, for tests.
 """
 
 import os
@@ -40,7 +40,7 @@ from drcli.sweeps.trial_run import (
 from drcli.sweeps.trial_score import amount_of, number_of, score_of, until
 
 STEP_S = 2.0
-"""Only between two steps can Ray end the training."""
+"""Ray can end a training only between steps."""
 
 LOOK_S = 0.5
 MILLION = 1_000_000
@@ -50,13 +50,11 @@ MOST_STARTS = 3
 """For failures that may pass."""
 
 END_S = 60.0
-"""For saving a checkpoint."""
-
 FINISH_S = 20.0
-"""For a training with a used-up budget to end by itself."""
+"""Until a training with a used-up budget ends by itself."""
 
 ELSEWHERE_S = STALE_S + 60.0
-"""For taking over a training whose node may be gone."""
+"""For taking over when a node may be gone."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +62,11 @@ class TrialTask:
     """What a node has to know of a training.
 
     Attributes:
-        levels: Amounts at which trainings are compared; the last is the budget.
-        compared: How many of these checks are over, and not told again.
-        directory: The working folder of the sweep, on `host`.
-        files: For other machines: contents by path below the folder.
-        environment: DR_ settings that the command was started with.
+        levels: Amounts of comparisons; the last is the budget.
+        compared: Checks that are over.
+        directory: On `host`.
+        files: Contents by relative path, for other machines.
+        environment: DR_ settings of the command.
         secrets: Access keys of the bucket.
     """
 
@@ -91,11 +89,9 @@ class TrialStep:
     """How far a training is.
 
     Attributes:
-        state: "running", how it has ended, or "paused" if the sweep was interrupted.
+        state: "paused" if the sweep was interrupted.
         done: Whether nothing more is to do here.
-        amount: Of its budget.
-        checks: How many it has reached.
-        millionths: Share of the budget of the last check; at least that, whatever was rounded.
+        millionths: Share of the budget of the last check; at least that, after rounding.
         score: At a check just reached; larger is better.
         trial: Fields of its record that copying has changed.
         code: Exit code of its failure, or 0.
@@ -115,7 +111,7 @@ class TrialStep:
 
 
 class NodeTrial:
-    """A training on this node; `open_run` gives it its processes."""
+    """A training on this node."""
 
     def __init__(
         self,
@@ -165,12 +161,10 @@ class NodeTrial:
             self._pause(LOOK_S)
 
     def end(self) -> None:
-        """Interrupt the training, and wait for its checkpoint."""
         self._run.interrupt()
         self._wait(END_S)
 
     def state(self) -> dict[str, Any]:
-        """For `restore`, here or in a copy."""
         trial = self._trial
         return {
             "name": trial.name,
@@ -182,7 +176,7 @@ class NodeTrial:
     def restore(
         self, state: Mapping[str, Any], number: int, hyperparameters: Mapping[str, float]
     ) -> None:
-        """Go on with its own state, or copy another's weights as copy `number` of the sweep."""
+        """Go on, or copy another training as copy `number` of the sweep."""
         self._checks = state["checks"]
         trial = self._task.trial
         if state["name"] == trial.name:
@@ -217,7 +211,7 @@ class NodeTrial:
         )
 
     def _keep_going(self) -> Ended | None:
-        """Start the training if it does not run; says how it has ended otherwise."""
+        """Start the training if it does not run; says how it has ended."""
         trial, run = self._task.trial, self._run
         if trial.is_over:  # only its checks are told again
             return Ended(trial.state, trial.message, trial.remedy)
@@ -302,10 +296,10 @@ class NodeTrial:
 
 
 def open_on_node(task: TrialTask) -> NodeTrial:
-    """Prepare this node: folder, settings and keys.
+    """Prepare this node.
 
     Raises:
-        SettingsError: The settings are wrong here, or the folder cannot be written.
+        SettingsError: Settings are wrong here, or the folder cannot be written.
         StorageError: The bucket does not answer.
     """
     for name in [each for each in os.environ if each.startswith("DR_")]:
@@ -318,7 +312,7 @@ def open_on_node(task: TrialTask) -> NodeTrial:
 
 
 def folder_on_node(task: TrialTask, beside: Path) -> Path:
-    """The sweep's folder on its own machine, elsewhere a copy in `beside`."""
+    """The sweep's own folder on its machine, elsewhere a copy."""
     if task.host == socket.gethostname() and task.directory.is_dir():
         return task.directory
     folder = beside / re.sub(r"\W+", "-", f"{task.host}{task.directory}")
@@ -330,7 +324,6 @@ def folder_on_node(task: TrialTask, beside: Path) -> Path:
 
 
 def files_for_nodes(directory: Path, name: str) -> dict[str, bytes]:
-    """What other machines need of a working folder for an experiment."""
     places = [
         *directory.glob("*.env"),
         *(directory / "experiments" / name).rglob("*"),
@@ -344,7 +337,6 @@ def files_for_nodes(directory: Path, name: str) -> dict[str, bytes]:
 
 
 def _changed(trial: TrialRecord) -> dict[str, Any]:
-    """Fields that copying changes."""
     return {
         "prefix": trial.prefix,
         "source": trial.source,

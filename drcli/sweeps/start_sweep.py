@@ -1,4 +1,4 @@
-"""Starts or continues a sweep, and compares its trainings at the end."""
+"""Starts, continues and compares sweeps."""
 
 import os
 from collections.abc import Callable
@@ -32,7 +32,7 @@ from drcli.workers.cores import usable_cores
 from drcli.workers.ray_extra import require_tune
 
 CORES = 2
-"""For each of several trainings at a time: one drives, one learns."""
+"""One drives, one learns."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class SweepPlanned:
 
 
 class SweepStart:
-    """A sweep that was checked and has not begun; `settings` are without an experiment.
+    """A checked sweep before its begin.
 
     Raises:
         SettingsError: The file, what it names, or the settings are wrong.
@@ -86,7 +86,7 @@ class SweepStart:
         )
 
     def wipe(self) -> int:
-        """Delete models and record of an earlier sweep of this name; returns the number of trainings.
+        """Delete an earlier sweep's models and record; returns the number of trainings.
 
         Raises:
             SettingsError: One of them is being trained.
@@ -112,7 +112,7 @@ class SweepStart:
         warn: Callable[[str], None],
         on_change: Callable[[SweepReport], None],
     ) -> SweepReport:
-        """Train until all trainings are over; `parallel` of None leaves it to file or cores.
+        """Train all; `parallel` of None leaves it to file or cores.
 
         Raises:
             SettingsError: A model of this name exists, or something cannot be written.
@@ -155,11 +155,7 @@ class SweepStart:
         return report_of(record, self._bucket.name)
 
     def compare(self, report: SweepReport, page: Path) -> SweepReport:
-        """Write the page of `dr-analyze compare` about trainings with results.
-
-        Raises:
-            DrError: It cannot be made.
-        """
+        """Write the page of `dr-analyze compare`; raises DrError."""
         from drcli.analysis.outputs import check_targets, write_comparison_of
         from drcli.analysis.read_run import read_runs
 
@@ -210,7 +206,7 @@ class SweepStart:
         return Pace(many, 0 if given or many == 1 else max(1, cores // many))
 
     def _warnings(self, record: SweepRecord) -> list[str]:
-        """About files that trainings cannot start with, before hours have passed."""
+        """Files that would fail only after hours."""
         found = []
         seen: set[tuple[str, str]] = set()
         fresh = {trial.name for trial in record.trials if trial.state == "waiting"}
@@ -233,7 +229,6 @@ def comparison_page(directory: Path, name: str) -> Path:
 
 
 def try_to_compare(start: SweepStart, report: SweepReport, page: Path) -> tuple[SweepReport, str]:
-    """Compare the trainings, or say why not."""
     try:
         return start.compare(report, page), ""
     except NotAvailable as error:

@@ -18,11 +18,7 @@ def put_sweep(bucket: Bucket, record: SweepRecord) -> None:
 
 
 def read_sweep(bucket: Bucket, name: str) -> SweepRecord | None:
-    """None without a record.
-
-    Raises:
-        StorageError: It cannot be read.
-    """
+    """None without a record; raises StorageError for an unreadable one."""
     key = sweep_keys.sweep(name)
     try:
         return read_record(bucket, key, SweepRecord.decode, remedy_of(key))
@@ -31,7 +27,7 @@ def read_sweep(bucket: Bucket, name: str) -> SweepRecord | None:
 
 
 def refuse_other_trials(record: SweepRecord, sweep: SweepFile, trials: list[Trial]) -> None:
-    """Raises ProblemsError if the file has other trainings than the record."""
+    """Raises ProblemsError for other trainings than recorded."""
     before = {trial.name: dict(trial.varied) for trial in record.trials}
     now = {trial.name: dict(trial.varied) for trial in trials}
     if before != now:
@@ -43,7 +39,7 @@ def refuse_other_trials(record: SweepRecord, sweep: SweepFile, trials: list[Tria
 
 
 def refuse_used_models(bucket: Bucket, trials: list[Trial]) -> None:
-    """Raises SettingsError for models that exist and are not of the sweep."""
+    """Raises SettingsError for models that are not of the sweep."""
     for trial in trials:
         if is_used(bucket, trial.name):
             raise SettingsError(
@@ -53,7 +49,7 @@ def refuse_used_models(bucket: Bucket, trials: list[Trial]) -> None:
 
 
 def varied_now(trial: TrialRecord) -> Mapping[str, str]:
-    """Includes hyperparameters that a population has changed."""
+    """With what a population has changed."""
     changed = {key: f"{value:g}" for key, value in trial.hyperparameters.items()}
     return {**trial.varied, **changed}
 
@@ -70,5 +66,5 @@ def wipe_sweep(bucket: Bucket, record: SweepRecord) -> None:
 
 
 def copy_of(trial: TrialRecord, check: int) -> str:
-    """Prefix of the model with which a training goes on as a copy."""
+    """Prefix of a copy's model."""
     return f"{trial.name}-g{check + 1}"

@@ -1,4 +1,4 @@
-"""sweep.yaml: what trainings vary, how long each may take, which ends early."""
+"""sweep.yaml: what trainings vary, and when they end."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -33,8 +33,6 @@ OWN_SETTINGS = (
     "DR_MODEL_DESCRIPTION",
     "DR_LAUNCHER",
 )
-"""Set by the sweep itself."""
-
 Method = Literal["none", "halving", "asha", "population"]
 Search = Literal["grid", "random"]
 RESOURCES: tuple[Resource, ...] = get_args(Resource)
@@ -98,7 +96,7 @@ def _range(written: dict[Any, Any]) -> "Span":
 
 @dataclass(frozen=True)
 class Span:
-    """A range of numbers; whole ones if both ends are whole.
+    """A range; of whole numbers if both ends are.
 
     Attributes:
         log: Whether 0.001 to 0.01 is as likely as 0.01 to 0.1.
@@ -129,7 +127,7 @@ class Vary(BaseModel):
 
 
 class Budget(BaseModel):
-    """The most that each training gets of one resource."""
+    """The most of one resource for each training."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -148,13 +146,13 @@ class Budget(BaseModel):
 
 
 class EarlyStopping(BaseModel):
-    """Which trainings end before their budget is used up.
+    """Which trainings end early.
 
     Attributes:
         first_check: Share of the budget.
-        reduction_factor: One of so many goes on at each check; the amount grows by the same factor.
-        every: Share of the budget between checks of a population.
-        quantile: Share of a population that is replaced at each check; as many are copied.
+        reduction_factor: One of so many goes on at each check; amounts grow by it, too.
+        every: Share of the budget between a population's checks.
+        quantile: Share of a population that is replaced; as many are copied.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -210,8 +208,6 @@ EXAMPLES = {
 
 @dataclass(frozen=True)
 class SweepFile:
-    """The content of the file; `name` defaults to the file's."""
-
     name: str
     folder: Path
     file: JsonFile
@@ -222,12 +218,7 @@ class SweepFile:
 
 
 def read_sweep_file(path: Path) -> SweepFile:
-    """Read and check a file.
-
-    Raises:
-        SettingsError: There is no such file.
-        ProblemsError: It is not YAML, or a key or value is wrong.
-    """
+    """Raises SettingsError for a missing file, ProblemsError for wrong content."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -272,7 +263,6 @@ def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
 
 
 def _contradictions(found: SweepFile) -> Iterator[Problem]:
-    """Good values that do not fit together, or settings."""
     plan, problem = found.plan, found.problem
     given = [name for name, value in plan.budget if value is not None]
     if len(given) != 1:
@@ -301,7 +291,6 @@ def _contradictions(found: SweepFile) -> Iterator[Problem]:
 
 
 def _twice(found: SweepFile) -> Iterator[Problem]:
-    """Repeated values: the same training twice."""
     vary, problem = found.plan.vary, found.problem
     lists: dict[KeyPath, Choices] = {
         ("vary", "reward_function"): list(vary.reward_function),
@@ -322,7 +311,6 @@ def _twice(found: SweepFile) -> Iterator[Problem]:
 
 
 def _names(found: SweepFile) -> Iterator[Problem]:
-    """Unknown settings and hyperparameters, or those of the sweep."""
     plan, problem = found.plan, found.problem
     known_settings = set(catalogue())
     for path, names in ((("settings",), plan.settings), (("vary", "settings"), plan.vary.settings)):

@@ -1,4 +1,4 @@
-"""How far a sweep has come: its record in the bucket, and its experiments."""
+"""The record of a sweep's progress, and its experiments."""
 
 import time
 from collections.abc import Callable
@@ -21,9 +21,7 @@ from drcli.sweeps.trials import Trial
 
 
 class SweepProgress:
-    """The record of a sweep, written to the bucket after each change.
-
-    Begins a new one, with an experiment for each training, or continues an earlier one.
+    """The record of a sweep, new or continued, written to the bucket after each change.
 
     Raises:
         ProblemsError: An earlier start had other trainings.
@@ -70,7 +68,6 @@ class SweepProgress:
         self.put(replace(self.record, checks=number))
 
     def end(self) -> None:
-        """Note the end of all trainings, and mark the best model."""
         self.put(replace(self.record, ended_at=time.time()))
         if self.record.best:
             trial = self.trial(self.record.best)
@@ -78,14 +75,14 @@ class SweepProgress:
             write_description(self._bucket, trial.prefix, text)
 
     def put(self, record: SweepRecord) -> None:
-        """Replace the record, and work out the best training."""
+        """Also works out the best training."""
         record = replace(record, best=best_of(record.trials, record.metric))
         put_sweep(self._bucket, record)
         self.record = record
         self._on_change(record)
 
     def write_experiment(self, trial: TrialRecord) -> int:
-        """Write a training's present experiment; returns its DR_RUN_ID."""
+        """Returns its DR_RUN_ID."""
         return self._files.write(
             self.trials[trial.name],
             trial.prefix,
@@ -130,7 +127,6 @@ class SweepProgress:
 
 
 def text_of(trial: TrialRecord) -> str:
-    """What distinguishes a training now, in one line."""
     return ", ".join(f"{key}={value}" for key, value in varied_now(trial).items())
 
 

@@ -106,11 +106,7 @@ def report_of(record: SweepRecord, bucket: str) -> SweepReport:
 
 
 def list_sweeps(bucket: Bucket) -> SweepList:
-    """The newest first.
-
-    Raises:
-        StorageError: The bucket cannot be read.
-    """
+    """The newest first; raises StorageError."""
     found: list[SweepRecord] = []
     damaged: list[str] = []
     for info in bucket.list(sweep_keys.FOLDER):

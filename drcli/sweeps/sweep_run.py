@@ -1,8 +1,7 @@
-"""Runs the trainings of a sweep: so many at a time, compared at some amounts of their budget.
+"""Runs the trainings of a sweep, several at a time, compared at some amounts of their budget.
 
-All get to the same amount before they are compared, so they may have to take turns: one that has
-got there is interrupted and resumed later. It loses the episodes of the current iteration, and
-some seconds for the start of its processes.
+All get to the same amount before they are compared, so they may take turns. One that is
+interrupted for it loses its current episodes, and some seconds for a new start.
 """
 
 import random
@@ -36,10 +35,8 @@ MOST_STARTS = 3
 """For failures that may pass."""
 
 END_S = 60.0
-"""For saving checkpoints when the sweep ends."""
-
 ELSEWHERE_S = STALE_S + 60.0
-"""For taking over a training whose machine may be gone."""
+"""For taking over when a machine may be gone."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,7 @@ class Pace:
 
 
 class SweepRun:
-    """A sweep from the first start to the best training; `open_run` gives a training its processes."""
+    """A sweep from start to best training."""
 
     def __init__(
         self,
@@ -80,13 +77,13 @@ class SweepRun:
         self._runs: dict[str, Run] = {}
 
     def run(self) -> SweepRecord:
-        """Train until all trainings are over, and mark the best.
+        """Train all, and mark the best.
 
         Raises:
             StorageError: The bucket does not answer; nothing is lost.
             TrainedElsewhere: Another machine runs one of the trainings.
-            BudgetUsedUp: That of the day is.
-            Stopped: SIGTERM came, and all trainings are interrupted; or KeyboardInterrupt.
+            BudgetUsedUp: That of the day.
+            Stopped: SIGTERM came, and all are interrupted; or KeyboardInterrupt.
         """
         try:
             self._adopt()
@@ -102,7 +99,7 @@ class SweepRun:
         return self._progress.record
 
     def _adopt(self) -> None:
-        """Go on with trainings that a killed sweep has left running."""
+        """A killed sweep may have left trainings running."""
         for trial in self._all:
             if trial.state == "running":
                 self._progress.change(
@@ -218,7 +215,7 @@ class SweepRun:
         self._progress.note_check(number)
 
     def _changes_nothing(self) -> bool:
-        """Whether all would go on after a check: turns for it would cost time."""
+        """If all go on after a check, turns for it would cost time."""
         stopping = self._plan.early_stopping
         compared = [t for t in self._all if t.state not in ("failed", "stopped early")]
         is_last = self._checks + 1 >= len(self._levels)
@@ -226,7 +223,6 @@ class SweepRun:
         return stopping.halves and not is_last and kept >= len(compared)
 
     def _ranked(self, level: float) -> list[TrialRecord]:
-        """Those that may be the best, by their state at this level."""
         scores = {}
         for trial in self._all:
             if trial.state not in ("failed", "stopped early"):
@@ -270,7 +266,6 @@ class SweepRun:
             self._copy(number, each)
 
     def _copy(self, number: int, each: Replacement) -> None:
-        """Go on with another's weights, as a new model."""
         trial, source = self._progress.trial(each.name), self._progress.trial(each.source)
         self._interrupt(trial.name, wait=True)
         prefix = copy_of(trial, number)

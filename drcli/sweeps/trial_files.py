@@ -1,4 +1,4 @@
-"""Experiments for trainings of a sweep, as racers make them."""
+"""Writes trainings of a sweep as experiments."""
 
 from collections.abc import Mapping
 
@@ -22,13 +22,12 @@ _LIMITS = {
     "episodes": "DR_TRAIN_MAX_EPISODES",
     "iterations": "DR_TRAIN_MAX_ITERATIONS",
 }
-"""Settings that end a training with a used-up budget."""
 
 
 def settings_of_model(
     budget: Budget, prefix: str, *, used: float = 0.0, source: str = ""
 ) -> dict[str, str]:
-    """Settings of a model; in a population, earlier ones `used` budget and `source` gives weights."""
+    """Earlier models of a population `used` budget; `source` gives weights."""
     found = {
         "DR_LOCAL_S3_MODEL_PREFIX": prefix,
         "DR_LOCAL_S3_METRICS_PREFIX": f"{prefix}/metrics",
@@ -45,9 +44,7 @@ def settings_of_model(
 
 
 class TrialFiles:
-    """Writes experiments into the working folder.
-
-    `bucket` has the racer's three files if custom_files/ does not.
+    """Writes experiments; `bucket` has the racer's files if custom_files/ does not.
 
     Raises:
         ProblemsError: One of them is missing.
@@ -60,11 +57,7 @@ class TrialFiles:
         refuse(missing_files(self._own, settings.custom_files, bucket.name))
 
     def check(self, trials: list[Trial]) -> None:
-        """Check all trainings before any is written.
-
-        Raises:
-            ProblemsError: A file cannot be read, or a value is wrong.
-        """
+        """Check all before writing any; raises ProblemsError."""
         for trial in trials:
             self._plan(trial, {}, settings_of_model(self._sweep.plan.budget, trial.name))
 
@@ -77,9 +70,7 @@ class TrialFiles:
         hyperparameters: Mapping[str, float],
         source: str = "",
     ) -> int:
-        """Write the experiment of a training; returns its DR_RUN_ID.
-
-        Parameters as in `settings_of_model`; `hyperparameters` replace the training's own.
+        """Write an experiment; returns its DR_RUN_ID.
 
         Raises:
             ProblemsError: A value is wrong.
@@ -141,7 +132,6 @@ class TrialFiles:
         return files
 
     def _of_sweep(self, trial: Trial, error: ProblemsError) -> ProblemsError:
-        """Problems of hyperparameters, at their lines in the sweep file."""
         found = []
         for each in error.problems:
             key = each.key.split(".")[0].split("[")[0]
@@ -152,7 +142,6 @@ class TrialFiles:
         return ProblemsError(found)
 
     def _of_settings(self, trial: Trial, error: ProblemsError) -> ProblemsError:
-        """Problems of settings, at their lines in the sweep file."""
         found = []
         for each in error.problems:
             if each.key not in trial.settings:
@@ -165,7 +154,6 @@ class TrialFiles:
         return ProblemsError(found)
 
     def _read(self, section: str, name: str) -> bytes:
-        """Beside the sweep file, or in custom_files/."""
         for path in (self._sweep.folder / name, self._folder / "custom_files" / name):
             if path.is_file():
                 try:

@@ -1,4 +1,4 @@
-"""Starts, watches and interrupts a training as `dr-start-training` would."""
+"""Runs a training of a sweep as `dr-start-training` would."""
 
 import os
 import signal
@@ -28,12 +28,11 @@ _ALONE = {
     "DR_CONTINUE_ON_SPOT_INTERRUPTION": "True",  # a paused training goes on
     "DR_LAUNCHER": "local",  # with Ray, all of a training is on one node
 }
-"""For one of several trainings on this machine."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """When a training ends by itself: minutes, or evaluation laps within simulated seconds."""
+    """When a training ends; `lap_time_s` is simulated."""
 
     minutes: float | None = None
     laps: int | None = None
@@ -45,12 +44,10 @@ class Run(Protocol):
     """A training of a sweep, wherever it runs."""
 
     def start(self, limits: Limits) -> str:
-        """Start or resume it; says why if there is nothing to do."""
+        """Start or resume it; says why if nothing is to do."""
         ...
 
-    def record(self) -> RunRecord | None:
-        """Its newest start."""
-        ...
+    def record(self) -> RunRecord | None: ...
 
     @property
     def runs(self) -> bool:
@@ -62,17 +59,12 @@ class Run(Protocol):
         ...
 
     def interrupt(self) -> None:
-        """Let it save its checkpoint and end, without waiting."""
+        """Let it save and end, without waiting."""
         ...
 
 
 class TrialRun:
-    """A training of a sweep on this machine.
-
-    Args:
-        changes: DR_ settings that replace its experiment's.
-        ends_with_parent: Whether the end of this process interrupts it.
-    """
+    """A training of a sweep on this machine; `changes` are DR_ settings."""
 
     def __init__(
         self,
@@ -93,18 +85,14 @@ class TrialRun:
         self._ends_with = os.getpid() if ends_with_parent else 0
 
     def settings(self, threads: int = 0) -> Settings:
-        """Of its experiment, whatever the shell was activated for.
-
-        Raises:
-            ProblemsError: Something is wrong.
-        """
+        """Whatever the shell was activated for; raises ProblemsError."""
         flags = {EXPERIMENT: self._name, **self._changes, **_ALONE}
         if threads:
             flags["DR_THREADS"] = str(threads)
         return load_settings(self._directory, flags=flags)
 
     def start(self, limits: Limits) -> str:
-        """Start or resume it; says why if there is nothing to do.
+        """As `Run.start`.
 
         Raises:
             TrainedElsewhere: Another machine trains its model.
@@ -123,7 +111,6 @@ class TrialRun:
         return ""
 
     def record(self) -> RunRecord | None:
-        """Its newest start here."""
         found = RunRecord.read(self._folder)
         return found if found is not None and found.prefix == self._prefix else None
 
@@ -158,7 +145,6 @@ class Ended:
 
 
 def how_it_ended(record: RunRecord | None, *, asked: bool) -> Ended:
-    """By its newest start; `asked` if the sweep has interrupted it."""
     if record is None or record.state in ("interrupted", "lost", "starting", "running"):
         if asked or (record is not None and record.state == "interrupted"):
             return Ended("paused")
@@ -175,14 +161,12 @@ def refused_start(error: DrError) -> Ended:
 
 
 def nothing_to_do(bucket: Bucket, prefix: str, sentence: str) -> Ended:
-    """For a training that is complete at its start."""
     outcome = read_outcome(bucket, prefix)
     stopped = outcome is not None and outcome.stays_ended
     return Ended("stopped" if stopped else "finished", sentence)
 
 
 def _in_short(error: DrError) -> str:
-    """In one line, without a failed reward function's parameters."""
     if isinstance(error, ProblemsError):
         return " ".join(str(problem).splitlines()[0] for problem in error.errors)
     return str(error)

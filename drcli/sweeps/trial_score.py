@@ -1,4 +1,4 @@
-"""How well a training drives at an amount of its budget, and which is best."""
+"""Scores of trainings at an amount of their budget."""
 
 from collections.abc import Sequence
 from statistics import fmean
@@ -9,11 +9,9 @@ from drcli.exchange.sweep_record import Metric, Resource, TrialRecord, TrialScor
 from drcli.store.best_checkpoint import RELIABLE
 
 SMOOTH = 3
-"""Iterations averaged, as training episodes vary by chance."""
+"""Averaged iterations, as episodes vary by chance."""
 
 _FIRST = 1e6
-"""Weight of a rank's first value in `number_of`."""
-
 Rank = tuple[float, float, float]
 """Larger is better."""
 
@@ -29,7 +27,7 @@ def amount_of(records: Sequence[IterationRecord], resource: Resource) -> float:
 def until(
     records: Sequence[IterationRecord], resource: Resource, amount: float
 ) -> Sequence[IterationRecord]:
-    """The iterations within an amount, for comparisons at the same one; the first one always."""
+    """The iterations within an amount, and always the first."""
     episodes = 0
     for index, record in enumerate(records):
         episodes += record.episodes
@@ -39,7 +37,7 @@ def until(
 
 
 def score_of(records: Sequence[IterationRecord], metric: Metric) -> TrialScore | None:
-    """Their best evaluation; None without an iteration."""
+    """None without an iteration."""
     if not records:
         return None
     reward = max(_smoothed([record.mean_reward for record in records]))
@@ -54,9 +52,9 @@ def score_of(records: Sequence[IterationRecord], metric: Metric) -> TrialScore |
 def rank(score: TrialScore | None, metric: Metric) -> Rank:
     """What decides between two trainings.
 
-    By `lap_time` as between checkpoints: the lower bound of the share of clean laps, up to that of a
-    reliable checkpoint, then their median time, without any the progress. Without an evaluation, only
-    the progress of training episodes.
+    By `lap_time` as between checkpoints: the lower bound of the share of clean laps, up to that
+    of a reliable checkpoint, then their median time, or without any the progress. Without an
+    evaluation, only the progress of training episodes.
     """
     if score is None:
         return (-1.0, 0.0, 0.0)
@@ -72,13 +70,13 @@ def rank(score: TrialScore | None, metric: Metric) -> Rank:
 
 
 def number_of(score: TrialScore | None, metric: Metric) -> float:
-    """A rank as a number, without its third value."""
+    """Leaves out a rank's third value."""
     first, second, _ = rank(score, metric)
     return _FIRST * first + second
 
 
 def best_of(trials: Sequence[TrialRecord], metric: Metric) -> str:
-    """The best training by evaluations, or iterations where reward counts; empty without results."""
+    """Empty without evaluations, or iterations where reward counts."""
     scored = [
         trial
         for trial in trials
@@ -90,7 +88,6 @@ def best_of(trials: Sequence[TrialRecord], metric: Metric) -> str:
 
 
 def _used(record: IterationRecord, resource: Resource, count: int, episodes: int) -> float:
-    """At the end of an iteration, the `count`th of a training."""
     if resource == "minutes":
         return record.elapsed_s / 60.0
     return float({"steps": record.total_steps, "episodes": episodes, "iterations": count}[resource])

@@ -1,4 +1,4 @@
-"""The trainings of a sweep: all combinations, or some drawn at random."""
+"""The trainings of a sweep: all combinations, or a random choice."""
 
 import itertools
 import math
@@ -13,10 +13,10 @@ from drcli.sweeps.sweep_file import MOST_TRIALS, Choices, Span, SweepFile, Vary
 Value = str | int | float
 
 _ATTEMPTS = 100
-"""Draws for each training before combinations count as used up."""
+"""Draws before combinations count as used up."""
 
 _DIGITS = 4
-"""So that a table shows drawn numbers whole."""
+"""So that tables show drawn numbers whole."""
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,9 @@ class Trial:
 
     Attributes:
         reward_function: Path beside the sweep's file; empty for the racer's own.
-        hyperparameters: Those that differ from hyperparameters.json.
-        settings: Those that differ from run.env.
-        varied: What distinguishes it, by a short name.
+        hyperparameters: That differ from hyperparameters.json.
+        settings: That differ from run.env.
+        varied: By a short name.
     """
 
     name: str
@@ -46,7 +46,7 @@ def trials_of(sweep: SweepFile) -> list[Trial]:
     """Always in the same order.
 
     Raises:
-        ProblemsError: There are too many, or fewer than asked for.
+        ProblemsError: There are too many, or too few.
     """
     plan = sweep.plan
     axes = _axes(plan.vary)
@@ -68,7 +68,7 @@ def trials_of(sweep: SweepFile) -> list[Trial]:
 
 
 Axis = tuple[str, str]
-"""Section of the file, and the key in it if any."""
+"""Section and key of the file."""
 
 
 def _axes(vary: Vary) -> dict[Axis, Choices]:
@@ -85,7 +85,7 @@ def _axes(vary: Vary) -> dict[Axis, Choices]:
 
 
 def _drawn(sweep: SweepFile, axes: Sequence[Choices]) -> list[tuple[Value, ...]]:
-    """Different combinations, the same for the same seed."""
+    """The same for the same seed."""
     plan = sweep.plan
     wanted = plan.trials or 0
     chance = random.Random(plan.seed)
@@ -140,7 +140,6 @@ def _trial(
 def _described(
     axes: Mapping[Axis, Choices], chosen: Mapping[Axis, Value]
 ) -> Iterator[tuple[str, str]]:
-    """Short names and values of what varies."""
     for (section, key), choices in axes.items():
         value = chosen[section, key]
         if isinstance(choices, Span) or key or section == "seed":
@@ -153,5 +152,4 @@ def _described(
 
 
 def written(value: Value | bool) -> str:
-    """As in a settings file."""
     return str(value)

@@ -1,6 +1,6 @@
-"""Ray Tune's decisions which trainings end or copy another one.
+"""Schedulers of Ray Tune for sweeps.
 
-ASHA and population based training are Ray Tune's own. Imported only where Ray is installed.
+ASHA and population based training are Tune's own. Imported only where Ray is installed.
 """
 
 import random
@@ -29,7 +29,6 @@ def scheduler_of(
     copies: int,
     say: Callable[[str], None],
 ) -> TrialScheduler:
-    """The scheduler that a file asks for; `copies` counts earlier ones."""
     stopping = plan.early_stopping
     if stopping.method == "halving":
         return Halving(plan, levels, say)
@@ -57,9 +56,9 @@ def scheduler_of(
 
 
 class Unsaved:
-    """Saved without fields by Tune, which could continue its trials by itself.
+    """Tune saves it without fields, as it could continue trials by itself.
 
-    A sweep continues from its own record, and fields may hold threads and connections.
+    A sweep continues from its record, and fields may hold threads and connections.
     """
 
     def __getstate__(self) -> dict[str, Any]:
@@ -70,7 +69,7 @@ class Unsaved:
 
 
 class Explorer:
-    """Gives a copying training its number and new hyperparameters."""
+    """Numbers copies, and changes their hyperparameters."""
 
     def __init__(self, vary: Mapping[str, Choices], seed: int, copies: int) -> None:
         self._vary = vary
@@ -78,7 +77,6 @@ class Explorer:
         self._copies = copies
 
     def __call__(self, config: dict[str, Any]) -> dict[str, Any]:
-        """The copy's config, from that of the copied training."""
         self._copies += 1
         values = config["hyperparameters"]
         changed = {key: changed_value(values[key], self._vary[key], self._chance) for key in values}
@@ -86,10 +84,10 @@ class Explorer:
 
 
 class Halving(Unsaved, FIFOScheduler):
-    """Ends the worst trainings once all have reached a check, as without Ray.
+    """Ends the worst trainings at each check, as without Ray.
 
-    A training at a check gives its place back until the others are there, so all are compared at the
-    same amount, however many run at a time.
+    A training at a check gives its place back until the others are there, so that all are
+    compared at the same amount.
     """
 
     def __init__(
@@ -123,7 +121,7 @@ class Halving(Unsaved, FIFOScheduler):
         return str(TrialScheduler.NOOP)
 
     def on_trial_complete(self, tune_controller: Any, trial: Trial, result: dict[str, Any]) -> None:
-        """A finished training counts at all further checks, a failed one at none."""
+        """Finished trainings count at all further checks, failed ones at none."""
         state, name = result.get("state"), str(trial)
         if state in ("finished", "stopped"):
             self._final[name] = float(result[METRIC])
@@ -140,7 +138,6 @@ class Halving(Unsaved, FIFOScheduler):
         self._out.add(str(trial))
 
     def choose_trial_to_run(self, tune_controller: Any) -> Trial | None:
-        """One before the check; new ones first."""
         reached = self._scores.get(self._check, {})
         for status in (Trial.PENDING, Trial.PAUSED):
             for trial in tune_controller.get_trials():
@@ -150,7 +147,6 @@ class Halving(Unsaved, FIFOScheduler):
         return None
 
     def _compare(self, tune_controller: Any) -> None:
-        """Also at further checks that all have reached."""
         while self._check < len(self._levels):
             compared = self._scores.get(0, {}).keys() - self._out
             kept = kept_of(len(compared), self._factor)

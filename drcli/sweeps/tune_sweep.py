@@ -1,8 +1,8 @@
 """Runs the trainings of a sweep with Ray Tune, each on a node of the cluster.
 
-Tune places trainings, starts them again when a node is gone, and lets schedulers end or copy them.
-The sweep's record in the bucket is the truth: written here from Tune's reports, and given to Tune
-at another start. Imported only where Ray is installed.
+Tune places trainings, restarts them when a node is gone, and ends or copies them. The sweep's
+record in the bucket is the truth: it is written from Tune's reports, and given to Tune at
+another start. Imported only where Ray is installed.
 """
 
 import logging
@@ -48,7 +48,7 @@ from drcli.workers.ray_cluster import connect, keys_for_nodes
 
 LOOK_S = 1.0
 MOST_FAILURES = 20
-"""Vanished nodes of one training."""
+"""Vanished nodes of a training."""
 
 CORES = 2
 """One drives, one learns."""
@@ -56,12 +56,7 @@ CORES = 2
 
 @dataclass(frozen=True)
 class Place:
-    """What a training gets on its node.
-
-    Attributes:
-        gpus: May be a share of one.
-        parallel: At a time; 0 for as many as fit.
-    """
+    """What a training gets on its node; 0 `parallel` is as many as fit."""
 
     cpus: int
     gpus: float
@@ -69,7 +64,7 @@ class Place:
 
 
 class TuneSweep:
-    """The trainings of a sweep on a cluster of Ray; no address means this machine."""
+    """A sweep on a Ray cluster; no address means this machine."""
 
     def __init__(
         self,
@@ -100,14 +95,14 @@ class TuneSweep:
         self._over = threading.Event()
 
     def run(self) -> SweepRecord:
-        """Train until all trainings are over, and mark the best.
+        """Train all, and mark the best.
 
         Raises:
             SettingsError: The cluster does not answer.
             StorageError: The bucket does not answer; nothing is lost.
-            BudgetUsedUp: That of the day is.
+            BudgetUsedUp: That of the day.
             WorkerDied: Ray has ended.
-            Stopped: SIGTERM came, and all trainings are interrupted; or KeyboardInterrupt.
+            Stopped: SIGTERM came, and all are interrupted; or KeyboardInterrupt.
         """
         if self._progress.record.ended_at is not None:
             return self._progress.record
@@ -201,7 +196,7 @@ class TuneSweep:
         return {key: float(own[key]) for key in vary}
 
     def _outlive(self, servers: Sequence[psutil.Process]) -> None:
-        """End this process once Ray on this machine is gone: then the main thread waits for it.
+        """End this process once Ray here is gone: then the main thread waits for it.
 
         A job scheduler may send SIGTERM to all processes, and so to Ray's.
         """
@@ -247,7 +242,6 @@ class TuneSweep:
         )
 
     def _end_all(self) -> None:
-        """Wait for trainings here that still save checkpoints."""
         ends_s = time.monotonic() + END_S
         for trial in self._progress.record.trials:
             run = TrialRun(self._directory, trial, self._bucket)
@@ -258,12 +252,7 @@ class TuneSweep:
 
 
 class Watch(Unsaved, Callback):
-    """Updates the sweep's record, and ends Tune when the sweep is interrupted.
-
-    Attributes:
-        trials: As Tune has them.
-        error: What ends the sweep, or None.
-    """
+    """Updates the sweep's record, and ends Tune when the sweep is interrupted."""
 
     def __init__(
         self,
@@ -312,7 +301,6 @@ class Watch(Unsaved, Callback):
             self.error = self.error or error
 
     def _is_saved(self) -> bool:
-        """Whether an interrupted sweep's trainings are saved, so that Tune may end."""
         if self._stopping_since is None:
             return False
         late = time.monotonic() > self._stopping_since + END_S
@@ -413,8 +401,6 @@ class Watch(Unsaved, Callback):
 
 
 class WhenSaved(Unsaved, Stopper):
-    """Ends all trials once a condition holds."""
-
     def __init__(self, condition: Callable[[], bool]) -> None:
         self._condition = condition
 
@@ -426,7 +412,6 @@ class WhenSaved(Unsaved, Stopper):
 
 
 def varied_numbers(vary: Mapping[str, Choices]) -> dict[str, Choices]:
-    """Hyperparameters of a population: those with numbers."""
     return {
         key: choices
         for key, choices in vary.items()
@@ -435,7 +420,7 @@ def varied_numbers(vary: Mapping[str, Choices]) -> dict[str, Choices]:
 
 
 def place_for(nodes: Sequence[Mapping[str, float]], threads: int, parallel: int | None) -> Place:
-    """From the nodes as Ray counts them; an autoscaler may add others."""
+    """An autoscaler may add other nodes than these."""
     cores = sum(int(node.get("CPU", 0.0)) for node in nodes) or CORES
     largest = max((int(node.get("CPU", 0.0)) for node in nodes), default=0) or CORES
     share = max(1, cores // parallel) if parallel else cores
@@ -447,7 +432,7 @@ def place_for(nodes: Sequence[Mapping[str, float]], threads: int, parallel: int 
 
 @contextmanager
 def quiet_tune() -> Iterator[str]:
-    """Suppress Tune's warnings about needless files; gives it a folder."""
+    """Suppress needless warnings; gives Tune a folder."""
     logging.getLogger("ray").setLevel(logging.ERROR)
     with (
         warnings.catch_warnings(),
@@ -458,7 +443,7 @@ def quiet_tune() -> Iterator[str]:
 
 
 def processes_of_ray() -> list[psutil.Process]:
-    """Ray's servers that this process started."""
+    """Those that this process started."""
     return [
         child for child in psutil.Process().children() if child.name() in ("raylet", "gcs_server")
     ]
@@ -472,10 +457,7 @@ def is_alive(process: psutil.Process) -> bool:
 
 
 def storage_for_tune(storage: StorageConfig, method: str, folder: str, name: str) -> dict[str, Any]:
-    """Where Tune keeps its own records: in the bucket for a population, else in the folder.
-
-    A copy finds there, on any node, which model it copies.
-    """
+    """The bucket for a population, whose copies find there which model they copy; else the folder."""
     if storage.cloud == "local" or method != "population":
         return {"storage_path": folder}
     return {

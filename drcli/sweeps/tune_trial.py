@@ -13,11 +13,10 @@ from ray import tune
 from drcli.sweeps.node_trial import TrialTask, open_on_node
 
 ANSWER_S = 10.0
-"""For the sweep's command."""
 
 
 class StopFlag:
-    """Tells all actors that the sweep is being interrupted; an actor itself."""
+    """Tells all actors that the sweep is interrupted; an actor itself."""
 
     def __init__(self) -> None:
         self._stopping = False
@@ -30,7 +29,7 @@ class StopFlag:
 
 
 class TuneTrial(tune.Trainable):
-    """Its trial has the training's name."""
+    """Named as its trial."""
 
     def setup(
         self,
@@ -38,7 +37,7 @@ class TuneTrial(tune.Trainable):
         tasks: Mapping[str, TrialTask] | None = None,
         flag: Any = None,
     ) -> None:
-        """The config is a population's copy number and hyperparameters; `flag` an actor of `StopFlag`."""
+        """`config` is a population's; `flag` an actor of `StopFlag`."""
         assert tasks is not None
         self._flag = flag
         self._copy = int(config["copy"])
@@ -49,11 +48,10 @@ class TuneTrial(tune.Trainable):
         return asdict(self._node.step(self._is_stopping))
 
     def save_checkpoint(self, checkpoint_dir: str) -> dict[str, Any]:
-        """Names the model; its checkpoint is in the bucket."""
+        """The real checkpoint is in the bucket."""
         return self._node.state()
 
     def load_checkpoint(self, checkpoint: Any) -> None:
-        """Another training's model is copied."""
         self._node.restore(checkpoint, self._copy, self._hyperparameters)
 
     def cleanup(self) -> None:
