@@ -1,1 +1,1 @@
-"""Shows which pixels move a policy's action, how sure it is, and what its critic expects."""
+"""Which pixels move a policy's action, how sure it is, and what its critic expects."""

@@ -1,4 +1,4 @@
-"""Explains an episode of a model, and writes what was found."""
+"""Explains an episode of a model, and writes the findings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -108,10 +108,10 @@ def explain_checkpoint(
     choice: CheckpointChoice,
     question: Question,
 ) -> tuple[ExplainedEpisode, str]:
-    """Drive and explain an episode of a checkpoint; returns its name, too.
+    """Drive and explain an episode; returns the checkpoint's name, too.
 
     Raises:
-        SettingsError: The model or the checkpoint does not exist, or does not have what is asked.
+        SettingsError: The model, checkpoint, or what is asked does not exist.
         StorageError: The checkpoint is damaged, or the bucket cannot be read.
     """
     if not keys.is_valid_prefix(prefix):
@@ -131,27 +131,19 @@ def explain_file(
     """Drive and explain an episode of a policy's file.
 
     Raises:
-        SettingsError: The file cannot be used, or does not have what is asked.
+        SettingsError: The file cannot be used, or lacks what is asked.
         NotAvailable: Its engine is not installed.
     """
     return _explain(path.name, open_policy_file(path, metadata), settings, question)
 
 
 def write_page(path: Path, explained: ExplainedEpisode) -> None:
-    """Write an explained episode as an HTML file. Callers check whether it may replace one.
-
-    Raises:
-        SettingsError: The file cannot be written.
-    """
+    """Write HTML; callers check whether it may replace a file. Raises SettingsError."""
     rewrite(path, page(explained).encode())
 
 
 def write_stills(folder: Path, explained: ExplainedEpisode) -> list[str]:
-    """Write a PNG of each explained picture with its maps into a folder, which is made.
-
-    Raises:
-        SettingsError: They cannot be written.
-    """
+    """Write a PNG of each explained picture into a new or existing folder; raises SettingsError."""
     make_picture_folder(folder)
     written = []
     for number, step in enumerate(explained.chosen):
@@ -168,7 +160,7 @@ def report_of(
     html: Path | None,
     pictures: Sequence[str],
 ) -> SaliencyReport:
-    """An explained episode in numbers; `pictures` are the files of its pictures, or empty."""
+    """`pictures` are files, or empty."""
     episode = explained.episode
     return SaliencyReport(
         model=model,
@@ -216,11 +208,7 @@ def _explain(
 
 
 def _chosen(episode: RecordedEpisode, question: Question) -> list[int]:
-    """The steps to explain, counted from 0.
-
-    Raises:
-        SettingsError: The episode does not have them.
-    """
+    """From 0; raises SettingsError for steps that the episode does not have."""
     if not question.steps:
         return spread_steps(episode.steps, question.pictures)
     first, last = episode.rows[0].steps, episode.rows[-1].steps
@@ -260,7 +248,6 @@ def _step(explained: ExplainedEpisode, number: int, picture: str | None) -> Expl
 
 
 def _lap(explained: ExplainedEpisode) -> dict[str, list[object]]:
-    """Columns with a value for each step of the episode."""
     rows, outputs = explained.episode.rows, explained.outputs
     columns: dict[str, list[object]] = {
         "step": [row.steps for row in rows],

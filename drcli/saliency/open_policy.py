@@ -1,4 +1,4 @@
-"""Opens the policy of a checkpoint, or of a file, for its explanation."""
+"""Opens policies for explanation."""
 
 from pathlib import Path
 
@@ -15,12 +15,7 @@ from drcli.store.bucket import Bucket
 
 
 def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy:
-    """The policy of a checkpoint in the bucket.
-
-    Args:
-        bucket: With the model.
-        prefix: Of the model.
-        checkpoint: Name of the checkpoint, such as `5_Step-500`.
+    """The policy of a checkpoint, such as `5_Step-500`.
 
     Raises:
         ObjectMissing: A file of the model does not exist.
@@ -40,13 +35,13 @@ def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy
 
 
 def open_policy_file(path: Path, metadata: Path | None = None) -> ExplainedPolicy:
-    """The policy in a file: a frozen graph, ONNX, OpenVINO, TensorFlow Lite or a car's archive.
+    """From a frozen graph, ONNX, OpenVINO, TensorFlow Lite or a car's archive.
 
-    The weights of a frozen graph of the reference or of ours go into a network with gradients, but
-    without a critic. Every other file runs in its engine.
+    Frozen graphs of the reference and ours become networks with gradients, without a critic. Others
+    run in their engine.
 
     Raises:
-        SettingsError: The file or its metadata is missing, damaged, or does not fit.
+        SettingsError: File or metadata is missing, damaged, or does not fit.
         NotAvailable: The engine is not installed.
     """
     file = read_policy_file(path, metadata)
@@ -55,7 +50,7 @@ def open_policy_file(path: Path, metadata: Path | None = None) -> ExplainedPolic
 
 
 def _network(file: PolicyFile) -> ActorCritic | None:
-    """The network in a frozen graph; None where it is not one of ours or the reference's."""
+    """None for foreign graphs."""
     if file.form != "pb":
         return None
     try:

@@ -457,7 +457,7 @@ def is_alive(process: psutil.Process) -> bool:
 
 
 def storage_for_tune(storage: StorageConfig, method: str, folder: str, name: str) -> dict[str, Any]:
-    """The bucket for a population, whose copies find there which model they copy; else the folder."""
+    """The bucket for a population, whose copies find their models there; else the folder."""
     if storage.cloud == "local" or method != "population":
         return {"storage_path": folder}
     return {
