@@ -108,11 +108,11 @@ def explain_checkpoint(
     choice: CheckpointChoice,
     question: Question,
 ) -> tuple[ExplainedEpisode, str]:
-    """Drive and explain an episode; returns the checkpoint's name, too.
+    """Drive and explain an episode; also returns the checkpoint's name.
 
     Raises:
-        SettingsError: The model, checkpoint, or what is asked does not exist.
-        StorageError: The checkpoint is damaged, or the bucket cannot be read.
+        SettingsError: The model, checkpoint, or what is asked is missing.
+        StorageError: Damaged checkpoint, or unreadable bucket.
     """
     if not keys.is_valid_prefix(prefix):
         raise SettingsError(
@@ -128,22 +128,22 @@ def explain_checkpoint(
 def explain_file(
     settings: Settings, path: Path, metadata: Path | None, question: Question
 ) -> ExplainedEpisode:
-    """Drive and explain an episode of a policy's file.
+    """As `explain_checkpoint`, of a policy's file.
 
     Raises:
-        SettingsError: The file cannot be used, or lacks what is asked.
+        SettingsError: It cannot be used, or lacks what is asked.
         NotAvailable: Its engine is not installed.
     """
     return _explain(path.name, open_policy_file(path, metadata), settings, question)
 
 
 def write_page(path: Path, explained: ExplainedEpisode) -> None:
-    """Write HTML; callers check whether it may replace a file. Raises SettingsError."""
+    """Callers check whether it may replace a file; raises SettingsError."""
     rewrite(path, page(explained).encode())
 
 
 def write_stills(folder: Path, explained: ExplainedEpisode) -> list[str]:
-    """Write a PNG of each explained picture into a new or existing folder; raises SettingsError."""
+    """Write a PNG per picture into a new or existing folder; raises SettingsError."""
     make_picture_folder(folder)
     written = []
     for number, step in enumerate(explained.chosen):
@@ -160,7 +160,6 @@ def report_of(
     html: Path | None,
     pictures: Sequence[str],
 ) -> SaliencyReport:
-    """`pictures` are files, or empty."""
     episode = explained.episode
     return SaliencyReport(
         model=model,
@@ -208,7 +207,7 @@ def _explain(
 
 
 def _chosen(episode: RecordedEpisode, question: Question) -> list[int]:
-    """From 0; raises SettingsError for steps that the episode does not have."""
+    """From 0; raises SettingsError."""
     if not question.steps:
         return spread_steps(episode.steps, question.pictures)
     first, last = episode.rows[0].steps, episode.rows[-1].steps
@@ -266,5 +265,4 @@ def _lap(explained: ExplainedEpisode) -> dict[str, list[object]]:
 
 
 def _short(value: float) -> float:
-    """Six digits are more than a map is worth."""
     return float(f"{value:.6g}")

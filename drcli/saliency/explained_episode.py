@@ -25,9 +25,8 @@ class ExplainedEpisode:
     Attributes:
         title: Such as `model, checkpoint 12`.
         outputs: For every step.
-        chosen: Explained steps, counted from 0. Length k.
-        saliency: Of these steps.
-        notes: For readers, in sentences.
+        chosen: Explained steps, from 0. Length k.
+        saliency: Of these.
     """
 
     title: str
@@ -49,12 +48,7 @@ def explain_episode(
     target: Target = "action",
     spacing: int = FINE_SPACING,
 ) -> ExplainedEpisode:
-    """Explain an episode, and the pictures of the chosen steps.
-
-    Raises:
-        NotExplainable: As for `saliency_maps`.
-        ValueError: There is no such step.
-    """
+    """Raises NotExplainable as `saliency_maps`, ValueError for steps that do not exist."""
     wrong = [step for step in chosen if not 0 <= step < episode.steps]
     if wrong:
         raise ValueError(f"The episode has no step {wrong[0]}: it has {episode.steps}.")
@@ -74,12 +68,11 @@ def explain_episode(
 
 
 def spread_steps(steps: int, count: int) -> list[int]:
-    """Different steps evenly spread, with the last one."""
     return sorted({round(place) for place in np.linspace(0, steps - 1, min(count, steps))})
 
 
 def shares(values: np.ndarray) -> list[list[float]]:
-    """How much of a map, shape (rows, columns), lies in each ninth, from the top."""
+    """How much of a map lies in each ninth, from the top."""
     total = float(values.sum(dtype=np.float64))
     if not total > 0.0:
         return [[0.0] * 3 for _ in range(3)]
@@ -90,13 +83,12 @@ def shares(values: np.ndarray) -> list[list[float]]:
 
 
 def place_of(values: np.ndarray) -> tuple[int, int]:
-    """Row and column of the greatest value."""
     row, column = np.unravel_index(int(values.argmax()), values.shape)
     return int(row), int(column)
 
 
 def sector_bearings(subject: ExplainedPolicy) -> list[tuple[float, float]]:
-    """Limits of the sectors of `SaliencyMaps.lidar`, degrees to the left."""
+    """Of `SaliencyMaps.lidar`, degrees to the left."""
     bearings = np.degrees(subject.sensors.lidar_model.bearings_rad)
     half = (bearings[1] - bearings[0]) / 2.0
     return [

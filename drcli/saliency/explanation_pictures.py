@@ -28,10 +28,10 @@ _INK, _PAPER = (38, 42, 48), (255, 255, 255)
 
 
 def pictures_of(explained: ExplainedEpisode, number: int) -> dict[str, Picture]:
-    """What the car saw at an explained step, and each map over it, by title.
+    """What the car saw at a step, and each map over it, by title.
 
-    The newest frame of a stack; the right camera is below the left one. All pictures of the episode
-    share the scale of a map, except Grad-CAM and HiResCAM, whose values have no comparable unit.
+    Newest frame of a stack; right camera below the left. A map has one scale in the episode, except
+    Grad-CAM and HiResCAM, whose values have no comparable unit.
 
     Returns:
         RGB, each of shape (eyes * 120, 160, 3).
@@ -48,7 +48,7 @@ def pictures_of(explained: ExplainedEpisode, number: int) -> dict[str, Picture]:
 
 
 def still(explained: ExplainedEpisode, number: int) -> Picture:
-    """All pictures of a step side by side, threefold, with a caption."""
+    """All pictures of a step, threefold, with a caption."""
     pictures = pictures_of(explained, number)
     height = next(iter(pictures.values())).shape[0] * _ZOOM
     width = 160 * _ZOOM
@@ -91,7 +91,6 @@ def decision(explained: ExplainedEpisode, number: int) -> str:
 
 
 def finding(explained: ExplainedEpisode, number: int) -> str:
-    """Says where the map has its weight."""
     saliency = explained.saliency
     method, maps = next(iter(saliency.maps.items()))
     values = maps[number].max(axis=0)
@@ -108,7 +107,6 @@ def finding(explained: ExplainedEpisode, number: int) -> str:
 
 
 def lidar_finding(explained: ExplainedEpisode, number: int) -> str:
-    """Empty without a lidar."""
     lidar = explained.saliency.lidar
     if lidar is None:
         return ""
@@ -133,14 +131,14 @@ def quantity(value: float, unit: str) -> str:
 
 
 def png_of(picture: Picture) -> bytes:
-    """Not in the smallest form, which takes ten times as long."""
+    """The smallest form would take ten times as long."""
     data = io.BytesIO()
     Image.fromarray(picture).save(data, "PNG")
     return data.getvalue()
 
 
 def jpeg_bytes(picture: Picture) -> bytes:
-    """A quarter of a PNG's size at a camera's noise."""
+    """A quarter of a PNG's size."""
     data = io.BytesIO()
     Image.fromarray(picture).save(data, "JPEG", quality=88)
     return data.getvalue()

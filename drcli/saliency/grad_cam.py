@@ -1,8 +1,8 @@
-"""Grad-CAM and HiResCAM: where in the picture a network's convolutions see evidence.
+"""Grad-CAM and HiResCAM: where a network's convolutions see evidence.
 
 Sources: Selvaraju et al., 2017, "Grad-CAM: Visual explanations from deep networks via
 gradient-based localization"; Draelos and Carin, 2020, "Use HiResCAM instead of Grad-CAM for
-faithful explanations of convolutional neural networks". One pass forwards, one backwards.
+faithful explanations of convolutional neural networks".
 """
 
 from collections.abc import Sequence
@@ -25,27 +25,26 @@ from drcli.saliency.policy_outputs import (
 from drcli.saliency.question import Target
 
 LEAST_ROWS = 8
-"""The last convolution with this many rows is used. The deep network's last has 3 rows of 6 pixels,
-too few to tell a line from the grass beside it.
+"""Of the convolution that is used. The deep network's last has 3 rows of 6 pixels, too few to tell
+a line from the grass beside it.
 """
 
 
 def grad_cam(
     subject: ExplainedPolicy, seen: Observation, target: Target = "action", *, averaged: bool = True
 ) -> Float32s:
-    """Maps of n observations, not negative, shape (n, 120, 160), for all cameras and frames.
+    """Maps of n observations, not negative, shape (n, 120, 160).
 
-    Grad-CAM averages the slopes of each channel over the picture, and so forgets where a channel
-    matters. HiResCAM (`averaged=False`) is closer to our networks: blurring the twentieth of the
-    pixels that it marks most moved the actions of the three ready-made models two to five times as
-    far (docs/saliency.md).
+    Grad-CAM averages the slopes of each channel over the picture, and so forgets where it matters.
+    HiResCAM (`averaged=False`) suits our networks better: blurring the twentieth of the pixels
+    that it marks most moved the actions of the three ready-made models two to five times as far
+    (docs/saliency.md).
 
-    Discrete actions: the paper's evidence for the action, in units of its logit. Continuous actions,
-    steering, speed and value: the size of evidence in either direction, over both dimensions for the
-    action.
+    Discrete actions: evidence for the action, in units of its logit. Otherwise, the size of
+    evidence in either direction, over both dimensions for the action.
 
     Raises:
-        NotExplainable: The policy has no gradients, or no critic that sees the picture.
+        NotExplainable: No gradients, or no critic that sees the picture.
     """
     network = subject.network
     if network is None:
@@ -88,7 +87,6 @@ class _Kept:
         self._hook.remove()
 
     def features(self) -> Tensor:
-        """After the ReLU, which the body applies in place."""
         return self._found[-1]
 
 
@@ -103,9 +101,9 @@ def _layer(body: Encoder) -> int:
 
 
 def _over_picture(body: Encoder, evidence: Tensor) -> Tensor:
-    """Enlarge a map of a convolution, shape (n, rows, columns).
+    """Enlarge a convolution's map, shape (n, rows, columns).
 
-    Without padding it does not reach the border: each pixel stands for the middle of what it sees.
+    Without padding it does not reach the border: a pixel stands for the middle of what it sees.
     """
     weights = []
     for axis, pixels in enumerate((FRAME_HEIGHT, FRAME_WIDTH)):
@@ -122,7 +120,6 @@ def _over_picture(body: Encoder, evidence: Tensor) -> Tensor:
 
 
 def _scores(subject: ExplainedPolicy, heads: Heads, target: Target) -> Sequence[Tensor]:
-    """Shape (n,) each."""
     if target == "value":
         assert heads.value is not None
         return [heads.value]

@@ -11,20 +11,17 @@ _STOPS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 _COLOURS = np.array(
     [(70, 10, 105), (170, 30, 110), (225, 65, 60), (250, 140, 20), (255, 235, 90)], np.float32
 )
-"""Violet, red, orange, yellow: rising lightness, readable without telling colours apart."""
+"""Lightness rises, for colour-blind people."""
 
 _STRONGEST = 0.8
-"""Share of the colour where a map is greatest."""
-
 LEAST_FULL = 1e-6
 """Below this, a map is only rounding."""
 
 
 def full_of(maps: Float32s) -> float:
-    """The value drawn as most in all pictures of an episode.
+    """The value drawn as most in an episode.
 
-    The strongest place of nine pictures in ten does not exceed it, as single ones far above all others
-    would make all pictures pale.
+    Exceeded in one picture of ten at most; single peaks would make all pictures pale.
     """
     if not maps.size:
         return 0.0
@@ -32,11 +29,7 @@ def full_of(maps: Float32s) -> float:
 
 
 def overlay(frame: Picture, values: Float32s, full: float | None = None) -> Picture:
-    """A map over a grey or RGB picture; `full` is drawn as most (None: its maximum).
-
-    Returns:
-        RGB. Shape (rows, columns, 3).
-    """
+    """A map over a grey or RGB picture, as RGB; `full` (None: the maximum) is drawn as most."""
     full = float(values.max(initial=0.0)) if full is None else full
     ground = frame[..., None].repeat(3, axis=2) if frame.ndim == 2 else frame
     if not full > LEAST_FULL:

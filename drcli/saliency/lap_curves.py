@@ -1,4 +1,4 @@
-"""SVG curves of actions, steering, speed and value along an episode."""
+"""SVG curves along an episode."""
 
 from collections.abc import Sequence
 from html import escape
@@ -10,19 +10,17 @@ from drcli.saliency.policy_outputs import Float64s, action_table
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 960, 180, 80, 28
 _MOST_POINTS = 600
-"""As many as a screen shows."""
-
 _LEGEND = (
     "probability of each action: blue steers to the left, orange to the right, grey straight "
     "ahead; darker is slower"
 )
 
 _LEFT_HUE, _RIGHT_HUE = 210.0, 25.0
-"""Blue for left, orange for right, also for colour-blind people; straight ahead is grey."""
+"""Blue and orange, for colour-blind people."""
 
 
 def action_curves(explained: ExplainedEpisode) -> str:
-    """Stacked probabilities of discrete actions, or steering with its spread."""
+    """Probabilities, or steering with its spread."""
     outputs, seconds = explained.outputs, _seconds(explained)
     if outputs.probabilities is not None:
         table = action_table(explained.subject.actions)
@@ -39,7 +37,6 @@ def action_curves(explained: ExplainedEpisode) -> str:
 
 
 def speed_curve(explained: ExplainedEpisode) -> str:
-    """With its spread for continuous actions."""
     return _with_spread(explained, 1, "requested speed, m/s")
 
 
@@ -54,7 +51,7 @@ def value_curve(explained: ExplainedEpisode) -> str:
 
 
 def entropy_curve(explained: ExplainedEpisode) -> str:
-    """As a share of the greatest; empty without one."""
+    """Share of the greatest; empty without one."""
     outputs = explained.outputs
     if outputs.entropy is None or outputs.probabilities is None:
         return ""

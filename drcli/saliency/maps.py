@@ -28,12 +28,10 @@ class SaliencyMaps:
     """Explanations of n observations.
 
     Attributes:
-        maps: By method. "perturbation": how much the output changes if a pixel's surroundings are
-            blurred; others: evidence without unit. Not negative. All frames share a map, and for
-            others both cameras, too. Shape (n, eyes, 120, 160).
-        lidar: Change of the output if a sector of the lidar meets nothing; None without lidar or
-            perturbation. Shape (n, sectors).
-        unit: Of "perturbation" and `lidar`, as words after a number.
+        maps: "perturbation": change of the output if a pixel's surroundings are blurred; others:
+            evidence, for both cameras. Not negative. Shape (n, eyes, 120, 160).
+        lidar: Change if a sector meets nothing; may be None. Shape (n, sectors).
+        unit: Of "perturbation" and `lidar`.
     """
 
     target: Target
@@ -57,17 +55,17 @@ def saliency_maps(
 
     Args:
         subject: As from `open_policy`.
-        frames: Oldest frame of a stack first, the left camera before the right one. Shape (n,
-            stack * eyes, 120, 160).
-        scans: Of the lidar. Shape (n, scan_dims).
-        states: What only the critic sees, for its value. Shape (n, state_dims).
-        methods: Perturbation takes hundreds of passes for each observation, the others three.
+        frames: Oldest frame of a stack first, left camera before right. Shape (n, stack * eyes,
+            120, 160).
+        scans: Shape (n, scan_dims).
+        states: For the critic. Shape (n, state_dims).
+        methods: Perturbation takes hundreds of passes for each observation, others three.
         target: What is explained.
         spacing: As in `perturbation_maps`.
 
     Raises:
-        NotExplainable: The policy lacks gradients (without perturbation), or a seeing critic.
-        ValueError: The arrays do not fit the policy.
+        NotExplainable: Gradients (without perturbation) or a seeing critic are missing.
+        ValueError: The arrays do not fit.
     """
     seen = _observation(subject, frames, scans, states)
     by_slopes = [method for method in methods if method != "perturbation"]
@@ -105,7 +103,6 @@ def _observation(
     scans: Float32s | None,
     states: Float32s | None,
 ) -> Observation:
-    """Raises ValueError for arrays that do not fit."""
     spec, count = subject.policy.spec, len(frames)
     shape = (spec.channels, FRAME_HEIGHT, FRAME_WIDTH)
     if frames.dtype != np.uint8 or frames.shape[1:] != shape:

@@ -18,10 +18,10 @@ def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy
     """The policy of a checkpoint, such as `5_Step-500`.
 
     Raises:
-        ObjectMissing: A file of the model does not exist.
-        ObjectDamaged: The checkpoint is damaged.
+        ObjectMissing: A file of the model.
+        ObjectDamaged: The checkpoint.
         ProblemsError: A parameter file is wrong.
-        SettingsError: The weights do not fit the parameter files.
+        SettingsError: Weights and parameter files do not fit.
     """
     graph = driving_graph(bucket, prefix, checkpoint)
     if graph is not None:
@@ -37,11 +37,10 @@ def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy
 def open_policy_file(path: Path, metadata: Path | None = None) -> ExplainedPolicy:
     """From a frozen graph, ONNX, OpenVINO, TensorFlow Lite or a car's archive.
 
-    Frozen graphs of the reference and ours become networks with gradients, without a critic. Others
-    run in their engine.
+    Frozen graphs of the reference and ours get gradients, but no critic. Others run in engines.
 
     Raises:
-        SettingsError: File or metadata is missing, damaged, or does not fit.
+        SettingsError: File or metadata is missing, damaged, or unfit.
         NotAvailable: The engine is not installed.
     """
     file = read_policy_file(path, metadata)
@@ -50,7 +49,6 @@ def open_policy_file(path: Path, metadata: Path | None = None) -> ExplainedPolic
 
 
 def _network(file: PolicyFile) -> ActorCritic | None:
-    """None for foreign graphs."""
     if file.form != "pb":
         return None
     try:

@@ -1,7 +1,7 @@
-"""Perturbation maps: how much the action changes when a part of the picture is blurred.
+"""Perturbation maps: how much blurring a place changes the action.
 
-Idea: Greydanus et al., 2018, "Visualizing and understanding Atari agents". It needs only the
-policy's answers, so it works for every engine, and its numbers have a meaning.
+Idea: Greydanus et al., 2018, "Visualizing and understanding Atari agents". It works for every
+engine.
 """
 
 import numpy as np
@@ -21,25 +21,24 @@ from drcli.saliency.policy_outputs import (
 from drcli.saliency.question import SPACINGS, Target
 
 BLUR_PX = 8.0
-"""Standard deviation. Lines beside the car are about 15 pixels wide, and disappear in it."""
+"""Standard deviation; hides lines, which are about 15 pixels wide beside the car."""
 
 _PATCH = 0.75
-"""Standard deviation of a patch over their distance: they cover the picture evenly."""
+"""Standard deviation over distance, for even cover."""
 
 _ROWS_AT_A_TIME = 128
 """Their activations stay in the cache."""
 
 _LIDAR_GROUP = 4
-"""Rays hidden together; one of 64 matters little."""
+"""One ray of 64 matters little."""
 
 
 def perturbation_maps(
     subject: ExplainedPolicy, seen: Observation, target: Target = "action", spacing: int = 8
 ) -> Float32s:
-    """How much blurring around each pixel changes the output, in `unit_of(target)`.
+    """How much blurring around pixels changes the output, in `unit_of(target)`.
 
-    All frames of a stack are blurred at the same place. One of SPACINGS takes (120 / spacing) *
-    (160 / spacing) passes for each camera.
+    A spacing of SPACINGS takes (120 / spacing) * (160 / spacing) passes for each camera.
 
     Returns:
         Shape (n, eyes, 120, 160).
@@ -74,10 +73,7 @@ def perturbation_maps(
 def lidar_maps(
     subject: ExplainedPolicy, seen: Observation, target: Target = "action"
 ) -> Float32s | None:
-    """How much the output changes when a lidar sector meets nothing; None without a lidar.
-
-    Returns:
-        Counter-clockwise. Shape (n, sectors).
+    """Change of the output when a sector meets nothing, counter-clockwise, shape (n, sectors).
 
     Raises:
         NotExplainable: No critic sees the lidar.
@@ -122,7 +118,7 @@ def _check(subject: ExplainedPolicy, target: Target) -> None:
 
 
 def _masks(spacing: int) -> Float32s:
-    """Soft patches, row by row. Shape (patches, 120, 160)."""
+    """Shape (patches, 120, 160)."""
     row, column = (
         np.exp(
             -0.5
@@ -136,7 +132,6 @@ def _masks(spacing: int) -> Float32s:
 
 
 def _blurred(frames: NDArray[np.uint8]) -> Float32s:
-    """Pictures go on beyond borders as they end."""
     reach = int(3 * BLUR_PX)
     weights = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / BLUR_PX) ** 2)
     kernel = (weights / weights.sum()).view(1, 1, 1, -1)
@@ -150,7 +145,7 @@ def _blurred(frames: NDArray[np.uint8]) -> Float32s:
 def _hidden(
     frames: NDArray[np.uint8], blurred: Float32s, masks: Float32s, eye: int, eyes: int
 ) -> Tensor:
-    """One patch of one camera blurred in each. Shape (patches, ...)."""
+    """Shape (patches, ...)."""
     several = np.repeat(frames[None], len(masks), axis=0)
     own = slice(eye, None, eyes)  # all frames of a stack, in each of which the left eye is first
     sharp = frames[own].astype(np.float32)
@@ -167,9 +162,9 @@ def _change(
     frames: Tensor,
     scans: Tensor | None = None,
 ) -> Float32s:
-    """Distance of outputs for changed inputs from the step's. Shape (changes,).
+    """Shape (changes,).
 
-    The step is in the same batch, as rounding depends on the number of rows.
+    The step itself is in the same batch, as rounding depends on the number of rows.
     """
     count = len(frames) + 1
     scans = seen.scan[step].expand(count - 1, -1) if scans is None else scans

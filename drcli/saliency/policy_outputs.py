@@ -23,9 +23,7 @@ Float32s = NDArray[np.float32]
 Float64s = NDArray[np.float64]
 
 _DRAWS = tuple(NormalDist().inv_cdf((draw + 0.5) / 15) for draw in range(15))
-"""Normal quantiles that stand for draws of continuous actions: these are cut off at their range, so
-the mean is not enough.
-"""
+"""Normal quantiles for draws of continuous actions, which are cut off at their range."""
 
 
 @runtime_checkable
@@ -37,7 +35,7 @@ class GraphPolicy(Protocol):
 
 
 class NotExplainable(ValueError):
-    """The policy lacks what was asked for; holds a sentence."""
+    """The policy lacks what was asked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +43,7 @@ class ExplainedPolicy:
     """A policy with its metadata.
 
     Attributes:
-        is_complete: Whether it has what only training needs: critic, and spread of continuous
-            actions.
+        is_complete: Has critic, and spread of continuous actions.
     """
 
     policy: Policy
@@ -68,21 +65,20 @@ class ExplainedPolicy:
 
     @property
     def sees_value(self) -> bool:
-        """Whether a critic judges the picture."""
         has_critic = self.network is not None and self.is_complete
         return has_critic and not self.policy.spec.state_dims
 
 
 @dataclass(frozen=True, eq=False)
 class Heads:
-    """Outputs of a policy's heads, with gradients.
+    """Outputs with gradients; None where missing.
 
     Attributes:
-        logits: Discrete actions. Shape (n, num_actions).
-        mean: Continuous actions, -1 to 1; PPO's may be outside. Shape (n, 2).
-        std: Of `raw_mean`; None if unknown. Shape (n, 2).
-        raw_mean: Of the Gaussian, before the tanh of SAC. Shape (n, 2).
-        value: In reward; None without a critic. Shape (n,).
+        logits: Discrete. Shape (n, num_actions).
+        mean: Continuous, -1 to 1; PPO's may exceed it. Shape (n, 2).
+        std: Of `raw_mean`. Shape (n, 2).
+        raw_mean: Before the tanh of SAC. Shape (n, 2).
+        value: In reward. Shape (n,).
     """
 
     logits: Tensor | None
@@ -94,19 +90,18 @@ class Heads:
 
 @dataclass(frozen=True, eq=False)
 class PolicyOutputs:
-    """What a policy makes of n observations.
+    """What a policy makes of n observations; None where missing.
 
     Attributes:
-        probabilities: Discrete actions. Shape (n, num_actions).
-        chosen: Index of the likeliest discrete action. Shape (n,).
-        steering_deg: As in an evaluation: of the likeliest action or the mean. Left positive. Shape
-            (n,).
-        speed_mps: The same. Shape (n,).
-        expected: Mean steering and speed of a training's draws. Shape (n, 2).
-        low: 16 % of continuous draws are below; None if unknown. Shape (n, 2).
-        high: 84 % are below. Shape (n, 2).
-        entropy: Discrete actions, nats. Shape (n,).
-        value: Discounted reward; None without a critic. Shape (n,).
+        probabilities: Discrete. Shape (n, num_actions).
+        chosen: Likeliest. Shape (n,).
+        steering_deg: In an evaluation, left positive. Shape (n,).
+        speed_mps: Shape (n,).
+        expected: Mean of a training's draws of both. Shape (n, 2).
+        low: Above 16 % of continuous draws. Shape (n, 2).
+        high: Above 84 %. Shape (n, 2).
+        entropy: Discrete, nats. Shape (n,).
+        value: Discounted reward. Shape (n,).
     """
 
     probabilities: Float64s | None
@@ -129,10 +124,7 @@ class PolicyOutputs:
 
 
 def heads_of(subject: ExplainedPolicy, seen: Observation) -> Heads:
-    """Evaluate a policy, with gradients where torch keeps them.
-
-    The value is None where its state is not in `seen`.
-    """
+    """Without a value where `seen` lacks the state."""
     policy = subject.policy
     continuous = policy.spec.continuous
     judges = subject.is_complete and (not policy.spec.state_dims or seen.state.shape[1] > 0)
@@ -155,7 +147,7 @@ def heads_of(subject: ExplainedPolicy, seen: Observation) -> Heads:
 
 
 def _of_ppo(policy: ActorCritic, seen: Observation, *, judges: bool, spreads: bool) -> Heads:
-    """`judges`: ask the critic; `spreads`: the deviation is known."""
+    """`spreads`: the deviation is known."""
     features = policy.body(seen).to(policy.policy_head.weight.dtype)
     value = None
     if judges:
@@ -210,7 +202,7 @@ def action_table(actions: Actions) -> Float64s:
 
 
 def range_widths(actions: Actions) -> Float64s:
-    """Degrees and m/s for 1 on the scale from -1 to 1."""
+    """Degrees and m/s per unit."""
     assert not isinstance(actions, DiscreteActions)
     ranges: Any = (actions.steering_deg, actions.speed_mps)
     return np.array([(high - low) / 2.0 for low, high in ranges])

@@ -1,27 +1,24 @@
-"""What can be asked about a policy; light to import."""
+"""Questions about a policy; light to import."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 Target = Literal["action", "steering", "speed", "value"]
-"""What a map explains: action, requested steering or speed, or expected reward."""
-
 TARGETS: tuple[Target, ...] = ("action", "steering", "speed", "value")
 
 Method = Literal["perturbation", "hires-cam", "grad-cam"]
-"""See `drcli.saliency.grad_cam`; HiResCAM is more faithful for our networks than Grad-CAM."""
+"""See `drcli.saliency.grad_cam`."""
 
 METHODS: tuple[Method, ...] = ("perturbation", "hires-cam", "grad-cam")
 
 SPACINGS = (4, 5, 8, 10, 20)
-"""Pixels; they divide the picture's height and width."""
+"""Divide the picture's height and width."""
 
 FAST_SPACING, FINE_SPACING = 10, 8
 """For films and stills."""
 
 MOST_PICTURES = 200
-"""Limit for browsers and readers."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +26,8 @@ class Question:
     """What is asked about a policy.
 
     Attributes:
-        pictures: Evenly spread over the episode.
-        steps: Instead, from 1 as in a trace.
+        pictures: Evenly spread.
+        steps: Instead, from 1.
         spacing: As in `perturbation_maps`.
     """
 

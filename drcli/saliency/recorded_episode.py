@@ -32,11 +32,10 @@ class RecordedEpisode:
     Attributes:
         track: In the driving direction.
         frames: Shape (n, stack * eyes, 120, 160).
-        scans: Of the lidar. Shape (n, scan_dims).
-        states: What only the critic sees. Shape (n, state_dims).
-        rows: Where the car was then. Length n.
+        scans: Shape (n, scan_dims).
+        states: For the critic. Shape (n, state_dims).
+        rows: Length n.
         last: After the last choice.
-        notes: What differed from the settings.
     """
 
     world: str
@@ -66,13 +65,13 @@ def record_episode(
     threads: int = 1,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> RecordedEpisode:
-    """Drive one episode from the evaluation's start, alone, with the likeliest actions.
+    """Drive from the evaluation's start, alone, with the likeliest actions.
 
-    It ends off the track or with a crash, as in a training: the last pictures led there.
+    It ends off the track or with a crash, as in training, to show what led there.
 
     Raises:
-        ProblemsError: The track is not installed, or has no room for the race's objects.
-        SettingsError: The episode ended before the first choice.
+        ProblemsError: The track is not installed, or too small for the objects.
+        SettingsError: It ended before the first choice.
         StopRequested: `should_stop` returned True.
     """
     race, notes = config.race(), list[str]()
@@ -121,8 +120,6 @@ def record_episode(
 
 @dataclass(eq=False)
 class _Eyes:
-    """A policy that keeps what it sees; one car calls it once a step."""
-
     subject: ExplainedPolicy
     frames: list[NDArray[np.uint8]] = field(default_factory=list)
     scans: list[Float32s] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""An explained episode as HTML: a file without scripts, or a section."""
+"""An explained episode as HTML."""
 
 from base64 import b64encode
 from html import escape
@@ -77,7 +77,6 @@ def page(explained: ExplainedEpisode) -> str:
 
 
 def section(explained: ExplainedEpisode) -> str:
-    """For another page that has `STYLE`."""
     episode = explained.episode
     ended = f"{episode.outcome} after {episode.last.time_s:.1f} s, {episode.last.progress:.1f} %"
     notes = "".join(f"<p>{escape(note)}</p>" for note in explained.notes)
