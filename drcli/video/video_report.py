@@ -1,4 +1,4 @@
-"""What a video holds, for people and programs."""
+"""What a video holds."""
 
 from dataclasses import dataclass, field
 
