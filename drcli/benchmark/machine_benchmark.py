@@ -1,4 +1,4 @@
-"""Measures this machine: simulation, learner, bucket, memory; and what else it is busy with."""
+"""Measures this machine's training speed, and its other load."""
 
 import json
 import os
@@ -34,13 +34,13 @@ MOST_S = 58.0
 
 BUCKET_S = 5.0
 MEASURED_S = 12.0
-"""For simulation, driving and learning together; half of it for each of two trainings."""
+"""For all measurements; half for each of two trainings."""
 
 LEAST_PROCESS_S = 12.0
-"""Time that a measuring process gets even if everything before it took too long."""
+"""Even if everything before took too long."""
 
 BUSY_SHARE = 0.1
-"""Other programs that use more of the processor than this make the numbers too low."""
+"""Above this, other programs make the numbers too low."""
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,8 @@ class BenchReport:
         bucket: The bucket; null if it was left out.
         first_lap_s: Seconds from the start of the standard training to its first evaluation lap:
             least, median and most.
-        busy_share: How much of the processor other programs used meanwhile, 0 to 1.
-        stolen_share: How much of it the host of this virtual machine gave to others, 0 to 1.
+        busy_share: Share of the processor that other programs used meanwhile, 0 to 1.
+        stolen_share: Share that the host of this virtual machine gave to others, 0 to 1.
         warnings: What makes the numbers uncertain, in sentences.
         seconds: How long the measurement took.
     """
@@ -132,12 +132,7 @@ class BenchReport:
 def measure_machine(
     folder: Path, *, with_bucket: bool, on_step: Callable[[str], None] = lambda text: None
 ) -> BenchReport:
-    """Measure in about a minute at most, and leave nothing behind.
-
-    Args:
-        folder: The working folder. It need not have a run.env.
-        with_bucket: Whether to measure the bucket.
-        on_step: Shows what is measured now.
+    """Measure for at most about a minute, and leave nothing behind; run.env may be missing.
 
     Raises:
         SettingsError: A setting is wrong.
@@ -219,11 +214,11 @@ def _warnings(report: BenchReport) -> Iterator[str]:
 def _measured(
     order: WorkOrder, seconds: float, most_s: float, bucket: BucketSpeed | None
 ) -> WorkSpeed:
-    """Measure for so many seconds in a process like those of a training.
+    """In a process as of a training.
 
     Raises:
         WorkerDied: It failed, or was not ready in time.
-        SettingsError: The track or the reward function cannot be used.
+        SettingsError: The track or reward function cannot be used.
     """
     metadata = ModelMetadata.from_bytes(order.metadata.encode())
     ready, rates = _ask(replace(order, seconds=seconds, most_seconds=most_s), most_s)

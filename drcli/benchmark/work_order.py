@@ -1,4 +1,4 @@
-"""What the measuring process is asked to do, and what it answers."""
+"""Messages to and from the measuring process."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,8 @@ class WorkOrder:
     """A training to measure.
 
     Attributes:
-        race: Track, race and disturbances.
-        train: Cores, priority and number format.
-        hyperparameters: Content of hyperparameters.json.
-        metadata: Content of model_metadata.json.
-        reward_file: The reward function.
-        seconds: For all measurements together.
-        most_seconds: For preparation and measurements. If preparation takes long, less is left.
+        seconds: For measurements.
+        most_seconds: With preparation; a long one leaves less.
     """
 
     race: RaceConfig
