@@ -1,4 +1,4 @@
-"""The facts that `dr tracks` shows."""
+"""What `dr tracks` shows."""
 
 from dataclasses import dataclass
 
