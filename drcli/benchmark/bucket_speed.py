@@ -34,9 +34,9 @@ class BucketSpeed:
         get_mb_per_s: Read.
         requests_per_s: Small objects written and read one after the other.
         request_ms: Median time of one of them, milliseconds.
-        requests: How many requests were sent in all.
-        sent_bytes: What was written.
-        received_bytes: What was read.
+        requests: All that were sent.
+        sent_bytes: Bytes written.
+        received_bytes: Bytes read.
     """
 
     put_mb_per_s: float

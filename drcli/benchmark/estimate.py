@@ -29,15 +29,15 @@ EVALUATION_SHARE = 1.1
 
 @dataclass(frozen=True)
 class TrainingEstimate:
-    """What a training with these rates would do, if nothing else runs on the machine.
+    """What a training would do with nothing else on the machine.
 
     Attributes:
-        training_steps_per_s: Steps driven, sent and learned from per second of wall time.
+        training_steps_per_s: Steps driven, sent and learned from per second.
         driving_s: Time of driving an iteration of `ITERATION_STEPS` steps.
         learning_s: Time of its update.
-        bucket_s: Time that its exchange through the bucket adds; 0 without a measured bucket.
-        limited_by: The part that takes longest: driving, learning or bucket.
-        limiting_share: Its share of the time of an iteration.
+        bucket_s: Time that its exchange through the bucket adds; 0 if unmeasured.
+        limited_by: What takes longest: driving, learning or bucket.
+        limiting_share: Its share of an iteration.
     """
 
     training_steps_per_s: float

@@ -87,24 +87,24 @@ class BenchReport:
         number: Steps per second of the standard training: to compare with the page.
         folder: The working folder; null without run.env.
         processor: Its name.
-        cores: Cores of the machine.
-        usable_cores: Cores that a training may use here.
+        cores: Of the machine.
+        usable_cores: Cores for a training here.
         threads: DR_THREADS; 0 for all cores.
         priority: DR_PRIORITY.
-        memory_bytes: Memory of the machine or of its container, swap included.
-        free_memory_bytes: What of it was free before the measurement.
-        needed_memory_bytes: What a training with DR_WORKERS needs, about.
+        memory_bytes: Memory of machine or container, swap included.
+        free_memory_bytes: Free before the measurement.
+        needed_memory_bytes: Estimate for a training with DR_WORKERS.
         versions: Of drcli, Python and the libraries that compute.
-        standard: The shipped files on reinvent_base, measured with every call.
+        standard: The shipped files on reinvent_base, always measured.
         own: The files and track of the working folder, if they differ.
-        own_left_out: Why they were not measured; empty otherwise.
-        bucket: The bucket; null if it was left out.
+        own_left_out: Why they were not measured, or empty.
+        bucket: Null if it was left out.
         first_lap_s: Seconds from the start of the standard training to its first evaluation lap:
             least, median and most.
-        busy_share: Share of the processor that other programs used meanwhile, 0 to 1.
+        busy_share: Share of the processor that other programs used, 0 to 1.
         stolen_share: Share that the host of this virtual machine gave to others, 0 to 1.
-        warnings: What makes the numbers uncertain, in sentences.
-        seconds: How long the measurement took.
+        warnings: What makes the numbers uncertain.
+        seconds: Length of the measurement.
     """
 
     number: float

@@ -158,7 +158,7 @@ def main() -> None:
 
 
 class _Rounds:
-    """Iterations as a simulation worker drives them; `newest` has `LEAST_SAMPLES` steps if possible."""
+    """Iterations as a simulation worker drives them."""
 
     def __init__(self, driver: Driver, count: int) -> None:
         self._driver, self._count, self._number = driver, count, 0
@@ -219,15 +219,12 @@ def _repeated(step: Callable[[], int], seconds: float) -> float:
 def _learn(
     learner: Learner, rollout: Rollout, threads: int, seconds: float
 ) -> tuple[int, "_Clock"]:
-    """Returns gradient steps and time.
-
-    Whole updates may take a minute with a large network on a slow processor.
-    """
+    """Returns gradient steps and time, as whole updates may take a minute."""
     torch.set_num_threads(threads)
     calls, clock = 0, _Clock()
 
     def should_stop() -> bool:
-        """The first minibatch does not count: it takes fresh memory."""
+        """The first minibatch, which takes fresh memory, does not count."""
         nonlocal calls, clock
         calls += 1
         if calls == 1:

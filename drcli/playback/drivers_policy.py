@@ -24,9 +24,9 @@ class DrivingPolicy:
     """The policy of a trace.
 
     Attributes:
-        checkpoint: That drove; null if unknown.
+        checkpoint: Null if unknown.
         available: Checkpoints that can be opened.
-        sentence: Why the one that drove cannot be shown, or empty.
+        sentence: Why it cannot be shown, or empty.
     """
 
     checkpoint: int | None
@@ -59,10 +59,10 @@ def policy_of(
 def open_checkpoint(
     bucket: Bucket, config: ModelConfig, prefix: str, number: int
 ) -> "ExplainedPolicy":
-    """A checkpoint's network, or its frozen graph where only that is left.
+    """The network, or the frozen graph where only that is left.
 
     Raises:
-        SettingsError: It is not there, or cannot be used.
+        SettingsError: It cannot be found or used.
         StorageError: It is damaged, or the bucket cannot be read.
     """
     from drcli.saliency.open_policy import open_policy, open_policy_file  # torch takes seconds

@@ -102,11 +102,11 @@ class EpisodePlayer:
     def answer(self, request: dict[str, Any]) -> bytes:
         """The answer in the form of `packed_answer`.
 
-        `do` is `open`, `lap`, `steps`, `policy` or `explain`; `model` and `trace` name the trace; all but
-        `open` take `episode`, and the last three `first` and `count`.
+        `do` is `open`, `lap`, `steps`, `policy` or `explain`; `model` and `trace` name the trace; all
+        but `open` take `episode`, and the last three `first` and `count`.
 
         Raises:
-            SettingsError: Something that is asked for does not exist.
+            SettingsError: Something does not exist.
             StorageError: The bucket cannot be read.
             NotAvailable: A library is missing.
         """

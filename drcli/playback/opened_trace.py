@@ -96,8 +96,8 @@ def open_trace(bucket: Bucket, defaults: Defaults, prefix: str, name: str) -> Op
     """Read a trace with everything known about it.
 
     Raises:
-        SettingsError: The names are wrong, or it is not a simtrace.
-        StorageError: It is not there, or the bucket cannot be read.
+        SettingsError: Wrong names, or not a simtrace.
+        StorageError: It is missing, or the bucket cannot be read.
     """
     key = trace_key(prefix, name)
     trace = parse_name(name)

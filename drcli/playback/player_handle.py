@@ -1,7 +1,6 @@
 """Starts the player's process when needed, and ends it when idle.
 
-torch, mujoco and numba take seconds to load and hundreds of megabytes; the console's server must
-have neither.
+torch, mujoco and numba load slowly and take hundreds of megabytes, too much for the server.
 """
 
 import json
@@ -30,8 +29,6 @@ PATIENCE_S = 120.0
 """For an answer while all cores train."""
 
 MOST_WAITING = 8
-"""Answered one after the other."""
-
 _LENGTH_BYTES = 8
 
 _TUNING = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
@@ -41,7 +38,7 @@ _REMEDY = "Try again: it is started anew. The details are in data/logs/viewer.lo
 
 
 class PlayerBusy(SettingsError):
-    """Too many requests wait for the player."""
+    """Too many requests wait."""
 
 
 class PlayerEnded(StorageError):
@@ -69,11 +66,7 @@ class PlayerHandle:
         return process.pid if process is not None and process.poll() is None else None
 
     def ask(self, request: dict[str, Any]) -> bytes:
-        """An answer of `EpisodePlayer.answer`.
-
-        Raises:
-            DrError: From the player, or because it cannot answer.
-        """
+        """Raises DrError from the player, or because it cannot answer."""
         with self._count:
             if self._waiting >= MOST_WAITING:
                 raise PlayerBusy(

@@ -1,7 +1,7 @@
 """The player's process: `python -m drcli.playback.player_process FOLDER`.
 
-Requests are lines of JSON on its input; an answer is eight bytes of length (big endian) and a packed
-answer. It ends with its input.
+Requests are lines of JSON on its input, which ends it; an answer is eight bytes of length
+(big endian) and a packed answer.
 """
 
 import json

@@ -62,12 +62,10 @@ class StoredTrace:
         name: Key below the model.
         iteration: Of a training, else the file's number.
         stamp: Of an evaluation: fourteen digits, or its folder's name.
-        modified: Unix seconds.
-        mean_reward: Of all workers' episodes.
+        mean_reward: Of all workers.
         mean_progress: Likewise, percent.
-        full_laps: Episodes with a completed lap.
-        best_lap_s: Fastest clean lap.
-        clean_laps: Of an evaluation: without reset and penalty.
+        best_lap_s: Of clean laps.
+        clean_laps: Of an evaluation.
     """
 
     name: str

@@ -20,14 +20,14 @@ from drcli.store.bucket import Bucket
 
 @dataclass(frozen=True)
 class DeletedRace:
-    """A race that was deleted.
+    """A deleted race.
 
     Attributes:
         bucket: Where it was.
         race: Its id.
-        objects: How many objects it had.
+        objects: How many it had.
         size_bytes: Their size.
-        dry_run: Whether nothing was deleted.
+        dry_run: Nothing was deleted.
     """
 
     bucket: str

@@ -30,9 +30,9 @@ class QueueStarted:
     """A queue that is driven in the background.
 
     Attributes:
-        race: Id of the race.
-        pid: The process that drives it.
-        log: Its log on this machine.
+        race: Its id.
+        pid: The process.
+        log: On this machine.
     """
 
     race: str
@@ -45,8 +45,8 @@ class QueueStopped:
     """A queue that was stopped.
 
     Attributes:
-        race: Id of the race.
-        pid: The process that drove it.
+        race: Its id.
+        pid: The process.
     """
 
     race: str

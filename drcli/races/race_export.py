@@ -20,10 +20,10 @@ class ExportedRace:
 
     Attributes:
         race: Its id.
-        csv: Path of the table; None without one.
-        html: Path of the page; None without one.
+        csv: Path of the table, or None.
+        html: Path of the page, or None.
         size_bytes: Size of the page.
-        videos: How many videos it contains.
+        videos: How many it contains.
     """
 
     race: str

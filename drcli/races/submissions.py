@@ -46,8 +46,8 @@ class SubmissionReport:
         submission: Its id.
         racer: Who submitted it.
         model: Prefix of the model.
-        checkpoint: Name of the checkpoint.
-        waiting: How many runs are driven before it, and with it.
+        checkpoint: Its name.
+        waiting: Runs up to and with it.
         left: How many more the racer may submit; None for any number.
         queue: Whether a process drives the queue now.
     """

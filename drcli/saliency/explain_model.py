@@ -43,13 +43,13 @@ class ExplainedStep:
         x: Where the car was, metres.
         y: The same.
         action: Index of the most likely action, null for continuous ones.
-        steering_deg: What was asked for, left positive.
-        speed_mps: The same.
-        strongest: For each method, row and column of the greatest value of the map.
+        steering_deg: Requested, left positive.
+        speed_mps: Requested.
+        strongest: For each method, row and column of the map's greatest value.
         greatest: For each method, this value.
-        ninths: For each method, the share of the map in each ninth of the picture, from the top.
-        lidar: How much each sector of the lidar matters; null without one.
-        picture: File with the maps; null if none was written.
+        ninths: For each method, shares of the picture's ninths, from the top.
+        lidar: How much each sector of the lidar matters, or null.
+        picture: File with the maps, or null.
     """
 
     step: int
@@ -73,17 +73,17 @@ class SaliencyReport:
 
     Attributes:
         model: Prefix of the model, or path of the file.
-        checkpoint: Name of the checkpoint; null for a file.
+        checkpoint: Its name; null for a file.
         world: The track.
         target: What the maps explain.
         unit: What the perturbation map counts.
         outcome: How the episode ended.
         progress: Percent of the lap.
-        seconds: Simulated seconds.
-        html: File of the page; null if none was written.
+        seconds: Simulated.
+        html: File of the page, or null.
         steps: The explained pictures.
-        lap: For all steps of the episode: step, time_s, progress, steering_deg, speed_mps, and
-            value, entropy and probabilities where the policy has them.
+        lap: For all steps: step, time_s, progress, steering_deg, speed_mps, and value, entropy and
+            probabilities where the policy has them.
         notes: What a reader should know.
     """
 

@@ -70,15 +70,15 @@ class CreatedStack:
     """What was started.
 
     Attributes:
-        stack: Name of the stack.
+        stack: Its name.
         region: AWS region.
-        bucket: Name of the bucket.
-        model: Prefix of the model in the bucket.
-        types: Types that may be used.
+        bucket: Its name.
+        model: Prefix in the bucket.
+        types: That may be used.
         market: `spot`, `on-demand` or `spot-or-on-demand`.
-        usd_per_hour: Price of the cheapest machine now; None if unknown.
-        most_usd: Highest cost until the end; None if unknown or without a time limit.
-        ends: When its machines end, in Unix seconds; 0 for never.
+        usd_per_hour: Cheapest machine now; None if unknown.
+        most_usd: Highest cost until the end; None if unknown or unlimited.
+        ends: Of its machines, in Unix seconds; 0 for never.
         topic: ARN of the topic for messages.
     """
 

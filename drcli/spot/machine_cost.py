@@ -19,11 +19,11 @@ class MachineCost:
     Attributes:
         instance: Its ID at Amazon.
         type: Type of machine.
-        zone: Zone of the region.
+        zone: Of the region.
         market: `spot` or `on-demand`.
         hours: How long it has run.
-        usd_per_hour: Average price; None if no price is known.
-        usd: What it has cost; None if no price is known.
+        usd_per_hour: Average price; None if unknown.
+        usd: Its cost; None if unknown.
     """
 
     instance: str
@@ -40,9 +40,9 @@ class StackCost:
     """What a stack has cost so far.
 
     Attributes:
-        stack: Name of the stack.
+        stack: Its name.
         machines: The oldest first.
-        extra_usd: Cost of addresses; disks and requests cost less and are left out.
+        extra_usd: Addresses; disks and requests cost less and are left out.
         notes: What is not known, as sentences.
     """
 

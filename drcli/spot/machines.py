@@ -22,11 +22,11 @@ class Machine:
     Attributes:
         instance: Its ID at Amazon.
         type: Type of machine.
-        zone: Zone of the region.
+        zone: Of the region.
         market: `spot` or `on-demand`.
         state: Amazon's word; `gone` if Amazon no longer knows it.
-        said: State that it last wrote into the bucket; empty without one.
-        reason: Why, as a sentence; may be empty.
+        said: Its last state in the bucket, or empty.
+        reason: Why, as a sentence, or empty.
         started: Unix seconds; 0 if unknown.
         ended: Unix seconds; 0 while it is there.
         usd_per_hour: The price that it knew; 0 if unknown.

@@ -35,10 +35,10 @@ class Offer:
     Attributes:
         type: Type of machine.
         region: AWS region.
-        zone: Zone of the region.
+        zone: Of the region.
         usd_per_hour: Spot price now.
         workers: Simulation workers that it has processor threads for.
-        interruptions: One of the advisor's classes; empty if unknown.
+        interruptions: One of the advisor's classes, or empty.
     """
 
     type: str
@@ -60,7 +60,7 @@ class Offers:
 
     Attributes:
         offers: In the wanted order.
-        missing: What could not be found out, as sentences.
+        missing: What is unknown, as sentences.
     """
 
     offers: list[Offer]

@@ -33,12 +33,12 @@ class StoppedStack:
     """What was stopped and removed.
 
     Attributes:
-        stack: Name of the stack.
-        model: Prefix of the model in the bucket.
-        checkpoint: Newest one in the bucket; empty without one.
-        whole: Whether its files were found whole.
-        machines: Machines that ran.
-        objects: Objects of the machines removed from the bucket; models stay.
+        stack: Its name.
+        model: Prefix in the bucket.
+        checkpoint: Newest one in the bucket, or empty.
+        whole: Whether its files are whole.
+        machines: That ran.
+        objects: Removed from the bucket; models stay.
     """
 
     stack: str

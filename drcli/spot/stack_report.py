@@ -19,18 +19,18 @@ class StackReport:
     """A stack, its machines and its training.
 
     Attributes:
-        stack: Name of the stack.
+        stack: Its name.
         kind: `training` or `base`.
         status: CloudFormation's word.
         state: In a word: `training`, `booting`, `failed`, ...
-        reason: Why, as a sentence; may be empty.
-        model: Prefix of the model in the bucket.
-        bucket: Name of the bucket.
-        checkpoint: Newest one; empty without one.
+        reason: Why, as a sentence, or empty.
+        model: Prefix in the bucket.
+        bucket: Its name.
+        checkpoint: Newest one, or empty.
         machines: The oldest first.
         usd: Cost so far; None if unknown or not asked for.
-        created: When the stack was made, in Unix seconds.
-        ends: When the machines end, in Unix seconds; 0 for never.
+        created: Unix seconds.
+        ends: Of the machines, in Unix seconds; 0 for never.
     """
 
     stack: str
@@ -53,7 +53,7 @@ class StackReports:
 
     Attributes:
         region: AWS region.
-        stacks: Each stack, by name.
+        stacks: By name.
     """
 
     region: str

@@ -24,10 +24,8 @@ _VERSION = "brain.Event:2"
 class EventFile:
     """The file of one start of a training; TensorBoard joins those of a folder.
 
-    Args:
-        facts: What earlier files have of later steps is dropped.
-        earlier: Points of iterations before, for a folder without a file. Then nothing of earlier
-            files counts: the bucket may have another machine's.
+    Earlier files' figures of later steps are dropped. `earlier` points are for a folder without a
+    file: then nothing of earlier files counts, as the bucket may have another machine's.
 
     Raises:
         OSError: The file cannot be written.
@@ -95,9 +93,9 @@ class EventFile:
 
     @contextmanager
     def _complete(self) -> Iterator[None]:
-        """Write all that the block adds, or close the file: behind half a record nothing is readable.
+        """Write all of the block, or close the file: behind half a record nothing is readable.
 
-        An otherwise empty file is deleted, so that a full disk gets no more of them.
+        An empty file is deleted, so that a full disk gets no more of them.
         """
         try:
             if not self._is_begun:

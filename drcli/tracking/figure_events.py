@@ -10,7 +10,6 @@ class TrainingFacts:
     """What identifies a training.
 
     Attributes:
-        run_id: DR_RUN_ID.
         first_step: Steps learned before; figures of later ones were given up.
         texts: For people, by name.
     """
@@ -27,7 +26,6 @@ class Point:
 
     Attributes:
         step: Steps learned from, CleanRL's x-axis.
-        time_s: Unix time.
         values: Finite, by CleanRL's names.
     """
 
@@ -39,16 +37,13 @@ class Point:
 
 @dataclass(frozen=True)
 class EpisodePoint:
-    """A driven episode.
+    """A driven episode, in the words of the metrics files.
 
     Attributes:
-        time_s: Unix time.
-        phase: training or evaluation.
-        status: As in the metrics files.
-        reward: Sum, rounded as in the metrics files.
-        progress: Percent, rounded down likewise.
+        reward: Sum, rounded.
+        progress: Percent, rounded down.
         elapsed_ms: Simulated.
-        resets: Of a stand-alone evaluation; None in a training.
+        resets: None in a training.
     """
 
     time_s: float

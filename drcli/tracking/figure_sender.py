@@ -16,7 +16,7 @@ MOST_WAITING = 10_000
 """Beyond this, the newest events are dropped, which bounds memory."""
 
 PAUSE_S = 60.0
-"""For a failed sink: an absent host costs milliseconds a minute, not a timeout for each event."""
+"""An absent host costs milliseconds a minute, not a timeout for each event."""
 
 CLOSING_S = 5.0
 """What a worker's end waits at most."""
@@ -31,11 +31,9 @@ class _Watched:
     """A sink, opened when possible and left alone after failures.
 
     Attributes:
-        resumes_s: Next attempt, on the sender's clock.
-        causes: Empty while it works.
+        resumes_s: On the sender's clock.
         missed: Events before it was opened.
         lost: Events that it will not get.
-        given_up: It can never be opened.
     """
 
     opener: Callable[[], Sink]
@@ -54,11 +52,9 @@ class _Watched:
 
 
 class FigureSender:
-    """A queue and a thread that feeds sinks; without sinks it does nothing.
+    """A queue and a thread that feeds sinks, if there are any.
 
-    Args:
-        open_sinks: Makes sinks, in the thread, as their libraries load slowly. Failures are retried.
-        clock: Monotonic.
+    `open_sinks` runs in the thread, as libraries load slowly; failures are retried.
     """
 
     def __init__(

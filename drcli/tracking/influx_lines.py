@@ -1,6 +1,6 @@
 """InfluxDB's line protocol over UDP, for DeepRacer-for-Cloud's Grafana board.
 
-Sources: the reference simulator (`dr_training_episodes`, `dr_eval_episodes`) and the board
+Sources: reference simulator (`dr_training_episodes`, `dr_eval_episodes`), board
 (`dr_sagemaker_epochs`).
 """
 
@@ -15,8 +15,8 @@ _NAME = str.maketrans({",": r"\,", " ": r"\ ", "=": r"\=", "\n": " ", "\r": " "}
 class InfluxLines:
     """Sends each event to Telegraf as a datagram, without confirmation.
 
-    Lines have their time, unlike the reference's: our episodes of an iteration end together, and the
-    server keeps one line of equal tags per second.
+    Lines have a time: our episodes of an iteration end together, and the server keeps one line of
+    equal tags per second.
     """
 
     takes = (EpisodePoint, EpochPoint)

@@ -30,8 +30,8 @@ _MODEL, _START = "drcli.model", "drcli.start"
 class MlflowRun(RetriedSink):
     """A training's run, which a continued training continues.
 
-    MLflow takes the highest step for the latest. So a training that goes on from before given-up
-    numbers gets a new run, with those up to there, from `earlier`.
+    MLflow takes the highest step for the latest. So going on from before given-up numbers makes a
+    new run, with those of `earlier`.
     """
 
     takes = (Point, Ended)

@@ -22,7 +22,7 @@ class ServerError(Exception):
 
 
 class ServerRequests:
-    """A connection to a server of this kind, such as `MLflow`; empty headers are left out."""
+    """To a server of a kind such as `MLflow`; empty headers are left out."""
 
     def __init__(self, base: str, kind: str, headers: dict[str, str]) -> None:
         self._base, self._kind = base, kind

@@ -40,13 +40,11 @@ _LISTED = re.compile(r"([A-Za-z0-9_][A-Za-z0-9_-]*)\.npy\b")
 def fetch_track(
     name: str, url: str, folder: Path, *, called: str | None = None, replace: bool = False
 ) -> TrackFacts:
-    """Download NAME.npy from a web folder, check it and put it into the racer's folder.
-
-    `called` is the new track's name; None keeps it.
+    """Download NAME.npy from a web folder, check it and keep it.
 
     Raises:
-        SettingsError: The name is wrong or taken, or the address or file unusable.
-        StorageError: The server lacks the file, cannot be reached, is too slow or sends too much.
+        SettingsError: The name is wrong or taken, or address or file unusable.
+        StorageError: The server fails, is too slow or sends too much.
     """
     name = name.removesuffix(".npy")
     called = called or name
@@ -124,7 +122,6 @@ def _reason(error: Exception) -> str:
 
 
 def _similar(name: str, url: str) -> str:
-    """The remedy for an unknown name."""
     listing = url + "/"
     if match := _GITHUB.fullmatch(url):
         repository, version, path = match.groups()

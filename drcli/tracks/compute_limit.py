@@ -23,16 +23,11 @@ def compute_limit(
 ) -> StoredLimit:
     """The limit of a car on a route file or one of our definitions.
 
-    Args:
-        file: The route file, or the definition.
-        route: Its fingerprint.
-        reverse: Drive against its rows.
-        car: Name of its set.
-        seeds: Drives, each only if those before were too slow; empty to only compute.
+    `reverse` is against the rows; further `seeds` drive if earlier ones were too slow.
 
     Raises:
         NotAvailable: The solver is not installed.
-        SettingsError: There is no such track, or the solver finds no lap.
+        SettingsError: No such track, or the solver finds no lap.
     """
     try:
         track = track_of(file, reverse=reverse)
@@ -78,6 +73,6 @@ def track_of(file: Path, *, reverse: bool) -> Track:
 
 
 def line_points(track: Track, limit: StoredLimit) -> list[tuple[float, float, float]]:
-    """x and y in metres, speed in m/s; `track` in the limit's direction."""
+    """Metres and m/s; `track` in the limit's direction."""
     xy = points_of(track, np.array(limit.offset_mm) / 1000).round(3).tolist()
     return [(x, y, speed / 1000) for (x, y), speed in zip(xy, limit.speed_mmps, strict=True)]

@@ -1,7 +1,7 @@
-"""Files with fastest lines of cars on tracks.
+"""Fastest lines of cars on tracks.
 
-A fingerprint of its content joins a route file to its limit, so a changed file has none. Limits
-hold no point of the track: only offsets, speeds and times at stations along the centre line.
+A fingerprint of its content joins a route file to its limit. Limits hold no point of the track:
+only offsets, speeds and times at stations along the centre line.
 """
 
 import hashlib
@@ -37,11 +37,9 @@ class StoredLimit:
 
     Attributes:
         reverse: Against the rows of the route file.
-        computed_s: Flying lap.
-        driven_s: Flying lap of the predictive driver, or None.
+        driven_s: By the predictive driver, or None.
         standing_s: Its lap from rest, as in an episode.
         offset_mm: Left of the centre line, at each station.
-        clock_ms: Since the first station.
         length_m: Of the centre line.
     """
 

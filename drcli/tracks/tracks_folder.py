@@ -27,10 +27,10 @@ class TrackView:
     """A track and its map.
 
     Attributes:
-        facts: The facts about the track.
+        facts: About the track.
         map_lines: A map in letters for a terminal, top line first.
-        picture: File of the picture, if one was requested.
-        limit: A sentence about the fastest lap of the car; empty if none is known.
+        picture: Its file, if requested.
+        limit: A sentence about the fastest lap of the car, or empty.
     """
 
     facts: TrackFacts
@@ -57,12 +57,10 @@ def show_track(
     columns: int = MAP_COLUMNS,
     line: Sequence[tuple[float, float, float]] | None = None,
 ) -> TrackView:
-    """Facts and map of a track or route file.
-
-    `line` is for the picture: x, y in metres and speed in m/s, in driving order.
+    """Facts and map; `line` is for the picture: x, y in metres and speed in m/s.
 
     Raises:
-        SettingsError: The track does not exist, or the picture cannot be written.
+        SettingsError: No such track, or the picture cannot be written.
     """
     try:
         facts = _facts(describe(name, folder))
@@ -84,9 +82,9 @@ def add_track(
     length_m: float | None = None,
     replace: bool = False,
 ) -> TrackFacts:
-    """Check a .npy, .csv or .svg file and put it into the folder, where it hides a built-in track.
+    """Check a .npy, .csv or .svg file and put it into the folder.
 
-    `width_m` is for files with only a centre line; the lap is scaled to `length_m`.
+    `width_m` is for centre lines; the lap is scaled to `length_m`.
 
     Raises:
         SettingsError: The file is not a track, or the name is taken.
@@ -157,7 +155,7 @@ def _refused(
 ) -> SettingsError:
     """The simulation's error, whose last sentence is the remedy.
 
-    `options` maps its parameters to the command's; the name of `file` stays as it is.
+    `options` maps its parameters to the command's.
     """
     text = str(error).strip()
     start = f"{file}: " if file is not None and text.startswith(f"{file}: ") else ""
