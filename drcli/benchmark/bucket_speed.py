@@ -78,7 +78,6 @@ _PLACE = f"{keys.TEST_FOLDER}-bench/"
 
 
 def _small(bucket: Bucket, folder: str, seconds: float) -> list[float]:
-    """Seconds of each."""
     times: list[float] = []
     data = os.urandom(SMALL_BYTES)
     key = f"{folder}small"
@@ -104,7 +103,6 @@ class _Large:
 
 
 def _large(bucket: Bucket, folder: str, seconds: float) -> _Large:
-    """At least one object."""
     total = count = 0
     put_s = get_s = 0.0
     began_s = time.perf_counter()

@@ -65,7 +65,6 @@ def estimate(ready: Ready, rates: Rates, bucket: BucketSpeed | None) -> Training
 def first_lap_s(
     ready: Ready, rates: Rates, bucket: BucketSpeed | None
 ) -> tuple[float, float, float]:
-    """Least, median and most seconds to the first evaluation lap."""
     parts = _parts(FIRST_ITERATION_STEPS, ready, rates, bucket)
     iteration_s = _total_s(parts, overlaps=ready.overlaps)
     least, median, most = (
@@ -88,7 +87,6 @@ def _parts(steps: int, ready: Ready, rates: Rates, bucket: BucketSpeed | None) -
 
 
 def _total_s(parts: dict[Part, float], *, overlaps: bool) -> float:
-    """The longer counts where driving and learning overlap."""
     if overlaps:
         return max(parts["driving"], parts["learning"]) + parts["bucket"]
     return sum(parts.values())

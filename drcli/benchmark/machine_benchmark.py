@@ -30,15 +30,11 @@ from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.models.run_metadata import processor_name
 
 MOST_S = 58.0
-"""Of the whole command."""
-
 BUCKET_S = 5.0
 MEASURED_S = 12.0
 """For all measurements; half for each of two trainings."""
 
 LEAST_PROCESS_S = 12.0
-"""Even if everything before took too long."""
-
 BUSY_SHARE = 0.1
 """Above this, other programs make the numbers too low."""
 

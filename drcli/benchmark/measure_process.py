@@ -47,8 +47,6 @@ SHARES = (0.15, 0.4, 0.45)
 """For bare simulation, driving and learning."""
 
 LEAST_S = 3.0
-"""However long the preparation took."""
-
 LEAST_SAMPLES = 1024
 """Steps for measuring learning; fewer are repeated."""
 
@@ -158,15 +156,12 @@ def main() -> None:
 
 
 class _Rounds:
-    """Iterations as a simulation worker drives them."""
-
     def __init__(self, driver: Driver, count: int) -> None:
         self._driver, self._count, self._number = driver, count, 0
         self.newest: list[Driven] = []
         self.steps = 0
 
     def drive(self) -> int:
-        """Returns the steps of an iteration."""
         numbers = range(self._number, self._number + self._count)
         driven: list[Driven] = []
         plans = [Plan(n, "training", (0.05 * n) % 1.0) for n in numbers]
@@ -181,8 +176,6 @@ class _Rounds:
 
 
 class _DrawnActions:
-    """The simulation without a policy."""
-
     def __init__(self, simulation: Simulation, actions: Actions) -> None:
         self._simulation = simulation
         self._random = np.random.default_rng(0)
@@ -209,7 +202,6 @@ class _DrawnActions:
 
 
 def _repeated(step: Callable[[], int], seconds: float) -> float:
-    """Steps per second of wall time."""
     clock, done = _Clock(), 0
     while clock.wall_s < seconds:
         done += step()

@@ -77,8 +77,6 @@ def own_order(settings: Settings, standard: WorkOrder) -> tuple[WorkOrder | None
 
 
 def _same_work(one: WorkOrder, other: WorkOrder) -> bool:
-    """Even with differently written files."""
-
     def facts(order: WorkOrder) -> tuple[object, ...]:
         race = {k: v for k, v in order.race.to_json().items() if k not in ("directory", "sources")}
         return race, json.loads(order.hyperparameters), json.loads(order.metadata)

@@ -37,7 +37,6 @@ class DrivingPolicy:
 def policy_of(
     bucket: Bucket, config: ModelConfig, prefix: str, trace: StoredTrace, found: FoundTrace
 ) -> DrivingPolicy:
-    """Raises StorageError for an unreadable bucket."""
     available = _available(bucket, config, prefix)
     number = _recorded(found)
     if trace.kind == "training":

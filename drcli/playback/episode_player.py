@@ -44,8 +44,6 @@ V = TypeVar("V")
 
 
 class Kept(Generic[V]):
-    """The values last used."""
-
     def __init__(self, most: int) -> None:
         self._most = most
         self._values: OrderedDict[Any, V] = OrderedDict()
@@ -64,8 +62,6 @@ class Kept(Generic[V]):
 
 
 class KeptPictures:
-    """Picture files last used, within a number of bytes."""
-
     def __init__(self, most_bytes: int) -> None:
         self._most_bytes = most_bytes
         self._files: OrderedDict[Any, bytes] = OrderedDict()
@@ -102,8 +98,8 @@ class EpisodePlayer:
     def answer(self, request: dict[str, Any]) -> bytes:
         """The answer in the form of `packed_answer`.
 
-        `do` is `open`, `lap`, `steps`, `policy` or `explain`; `model` and `trace` name the trace; all
-        but `open` take `episode`, and the last three `first` and `count`.
+        `do` is `open`, `lap`, `steps`, `policy` or `explain`; `model` and `trace` name the trace;
+        all but `open` take `episode`, and the last three `first` and `count`.
 
         Raises:
             SettingsError: Something does not exist.
@@ -238,7 +234,6 @@ class EpisodePlayer:
     def _strongest(
         self, opened: OpenedTrace, subject: "ExplainedPolicy", lap: RecordedLap
     ) -> float:
-        """What is drawn as most in all maps of a lap."""
         from drcli.saliency.heat_picture import full_of
 
         rows = sorted({round(at) for at in np.linspace(0, len(lap.time_s) - 1, _SAMPLES)})
@@ -263,7 +258,6 @@ class EpisodePlayer:
         lap: RecordedLap,
         rows: Iterable[int],
     ) -> tuple[Picture, NDArray[np.float32], NDArray[np.float32]]:
-        """Stacked pictures, lidar, and no state."""
         eye, spec, chosen = self._eye(opened), subject.policy.spec, list(rows)
         needed = sorted({max(row - back, 0) for row in chosen for back in range(spec.stack)})
         frames = eye.frames(lap.poses[needed], _objects(lap, opened, needed), spec.eyes)
@@ -354,7 +348,6 @@ def _rows(first: int, count: int) -> list[int]:
 
 
 def _range(request: dict[str, Any], lap: RecordedLap) -> tuple[int, int]:
-    """First row and number within the lap; raises SettingsError."""
     first, count = int(request["first"]), int(request["count"])
     rows = len(lap.time_s)
     if not (0 <= first < rows and 1 <= count <= MOST_STEPS):

@@ -111,7 +111,6 @@ def lap_parameters(
 def _objects(
     track: Track, lap: RecordedLap, race: KnownRace, rows: slice
 ) -> tuple[Objects | None, dict[str, str]]:
-    """With the reasons for parameters that cannot be known."""
     poses = lap.objects[rows]
     if not race.shapes:
         if race.race_type == "TIME_TRIAL":

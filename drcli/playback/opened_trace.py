@@ -57,7 +57,6 @@ class OpenedTrace:
         return self.found.laps[index]
 
     def facts(self) -> dict[str, Any]:
-        """For the page."""
         laps = self.found.laps
         best = chosen_laps(laps, "best", self.found.origin)[0]
         worst = max(laps, key=rank_of)
@@ -179,7 +178,6 @@ def _race(trace: StoredTrace, found: FoundTrace, told: str) -> KnownRace:
 
 
 def _track(found: FoundTrace, defaults: Defaults, told: str, notes: list[str]) -> Track | None:
-    """None and a note if it is not installed, or none fits."""
     folder = defaults.tracks_folder
     try:
         if found.recording is not None:

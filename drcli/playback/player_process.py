@@ -1,6 +1,6 @@
 """The player's process: `python -m drcli.playback.player_process FOLDER`.
 
-Requests are lines of JSON on its input, which ends it; an answer is eight bytes of length
+Requests are lines of JSON on its input, until that ends; an answer is eight bytes of length
 (big endian) and a packed answer.
 """
 

@@ -79,7 +79,6 @@ def round_robin(names: Sequence[str]) -> list[Meeting]:
 
 
 def tally(names: Sequence[str], winners: Mapping[str, str | None]) -> list[PairTally]:
-    """Points, from the winners by pair (None: nobody)."""
     wins, draws, losses = (dict.fromkeys(names, 0) for _ in range(3))
     for one, other in combinations(names, 2):
         name = pair_name(one, other)
@@ -157,7 +156,6 @@ def reached(
 
 
 def _places(size: int) -> list[int]:
-    """The first two seeds can only meet in the final."""
     order = [0]
     while len(order) < size:
         count = 2 * len(order)

@@ -101,7 +101,6 @@ def run_queue(
 
 
 def _no_video(video: bool | None) -> str:
-    """Why a wanted video is impossible; raises NotAvailable if the caller insists."""
     if video is False:
         return ""
     from drcli.video.encode import require_encoder

@@ -6,7 +6,7 @@ from typing import Literal
 from drcli.exchange.race_rules import RaceRules
 
 RaceState = Literal["scheduled", "open", "closed", "finished"]
-"""Before opening; takes submissions; takes no more; and everything was driven."""
+"""Before opening, taking submissions, taking no more, and completely driven."""
 
 SubmissionState = Literal["queued", "running", "done", "failed", "over the limit"]
 

@@ -47,7 +47,6 @@ def run_state(result: RaceResult | None, runner: Runner) -> SubmissionState:
 
 
 def ids_of(run: tuple[str, ...]) -> str:
-    """Joined by a plus sign."""
     return "+".join(map(submission_id, run))
 
 
@@ -65,7 +64,6 @@ def cars_of(stored: StoredRace) -> dict[str, list[DrivenCar]]:
 
 
 def row_of(stored: StoredRace, name: str, rank: int | None, figures: LapFigures) -> LeaderboardRow:
-    """Without what depends on the kind of race."""
     submission = stored.submissions[name]
     return LeaderboardRow(
         rank=rank,

@@ -25,8 +25,6 @@ _ALWAYS = (
     "DR_EVAL_START_",
     "DR_EVAL_RESET_BEHIND_DIST",
 )
-"""Prefixes of settings of the laps."""
-
 _OBJECTS = {"OBJECT_AVOIDANCE": ("DR_OA_",), "HEAD_TO_BOT": ("DR_H2B_",)}
 
 
@@ -96,7 +94,6 @@ def check_track(settings: Settings) -> None:
 
 
 def settings_of_run(settings: Settings, stored: StoredRace, run: Iterable[str]) -> Settings:
-    """Of one evaluation."""
     changes: dict[str, Any] = {"eval_save_mp4": False}
     for name, prefixes in zip(run, (_OWN, _OPPONENT), strict=False):
         submission = stored.submissions[name]

@@ -28,7 +28,6 @@ class RaceWish:
         max_submissions: Of one racer; 0 for any number; None for 1 in pairs, else any number.
         opens_at: Unix seconds; None for at once.
         closes_at: Unix seconds; None for never.
-        seed: None draws one.
         sensors: Allowed ones; empty for any.
         settings: DR_ names and texts.
     """

@@ -85,12 +85,10 @@ class StoredRace:
 
 
 def submission_id(name: str) -> str:
-    """The end of its name."""
     return name.rpartition("-")[2]
 
 
 def stamp_of(name: str) -> int:
-    """Microseconds."""
     found = _NAME.fullmatch(name)
     return int(found[1]) if found is not None else 0
 

@@ -34,7 +34,6 @@ from drcli.store.model_kind import what_helps
 from drcli.store.repair import Model
 
 _PARTS = (*OUR_PARTS, *keys.TENSORFLOW_PARTS)
-"""Files that drive, in either form."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +181,6 @@ def _waiting(stored: StoredRace, bucket: Bucket) -> list[str]:
 
 
 def _places(stored: StoredRace, before: list[str], after: list[str]) -> dict[str, int]:
-    """Changed places only; the same numbers as before."""
     numbers = sorted(stored.place(name) for name in before)
     for index in range(1, len(numbers)):
         numbers[index] = max(numbers[index], numbers[index - 1] + 1)

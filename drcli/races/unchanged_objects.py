@@ -102,7 +102,6 @@ class SeenBucket:
         return [info for key, info in self._listed.items() if key.startswith(folder)]
 
     def _known(self, key: str) -> _Kept | None:
-        """None if it must be read; raises ObjectMissing."""
         info = self._listed.get(key)
         if info is None:
             if key.startswith(self._folder):

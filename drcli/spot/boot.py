@@ -108,7 +108,6 @@ def pause(seconds: float) -> None:
 
 
 def log(text: str) -> None:
-    """Write to the boot log, which cloud-init shows too."""
     line = time.strftime("%Y-%m-%dT%H:%M:%SZ ", time.gmtime()) + text
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
@@ -173,7 +172,6 @@ class Machine:
         self.price = 0.0
 
     def going(self) -> str:
-        """Why this machine goes away, or empty."""
         if metadata("meta-data/spot/instance-action", patience=2):
             return "spot notice"
         if metadata("meta-data/autoscaling/target-lifecycle-state", patience=2) == "Terminated":
@@ -324,7 +322,6 @@ class Machine:
 
 
 def read_plan(machine: Machine) -> dict[str, Any]:
-    """The machine learns its price on the way."""
     plan: dict[str, Any] = json.loads(machine.get(f"spot/{machine.stack}/install.json"))
     try:
         machine.price = machine.hourly_price(plan["on_demand_usd"])
@@ -449,7 +446,6 @@ def failed_end_work() -> str:
 
 
 def failures() -> list[float]:
-    """Times within the last hour, this one included."""
     now = time.time()
     before = at(FAILURES).read_text().split() if at(FAILURES).exists() else []
     recent = [float(when) for when in before if now - float(when) < FAILURE_WINDOW_S] + [now]

@@ -205,7 +205,6 @@ def carry_out(account: Account, plan: StackPlan, pause: Pause = time.sleep) -> C
 
 
 def forget_files(bucket: S3Bucket, stack: str) -> int:
-    """Delete the files of the stack's machines; returns how many."""
     found = [info.key for info in bucket.list(stack_folder(stack))]
     bucket.delete(found)
     return len(found)

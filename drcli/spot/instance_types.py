@@ -37,10 +37,7 @@ ARM_TYPES = (
 )
 
 LEAST_MEMORY_MB = 3_500
-"""One simulation worker, trainer and system."""
-
 THREADS_PER_WORKER = 2
-"""For the price per worker."""
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,6 @@ def _moment(reason: str) -> float:
 
 
 def _ends(account: Account, stack: Stack) -> dict[str, float]:
-    """Amazon remembers six weeks."""
     found: dict[str, float] = {}
     for group in stack.groups:
         for entry in _activities(account, group):

@@ -34,8 +34,6 @@ _logger = get_logger(__name__)
 
 @dataclass(frozen=True)
 class Announced:
-    """`read_s` is monotonic time."""
-
     notice: Notice
     read_s: float
 
@@ -46,8 +44,6 @@ class Announced:
 
 
 class NoticeWatch:
-    """Results are read without waiting."""
-
     def __init__(
         self,
         source: NoticeSource | None,
@@ -141,7 +137,6 @@ class NoticeWatch:
             self._stopped.wait(self._pause_s)
 
     def _run_once(self, *, say: bool) -> tuple[int | None, bytes]:
-        """Exit code (None if it cannot be started) and output."""
         try:
             with self._lock:
                 if self._stopped.is_set():

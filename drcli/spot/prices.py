@@ -102,7 +102,6 @@ def offers_of(account: Account, types: Sequence[InstanceType], advisor: Advisor)
 def arranged(
     offers: Iterable[Offer], order: SortKey, allowed: Collection[str] | None
 ) -> list[Offer]:
-    """The offers of allowed interruption classes, sorted."""
     kept = [each for each in offers if allowed is None or each.interruptions in allowed]
     unknown = len(CLASSES)
     ranks = {name: rank for rank, name in enumerate(CLASSES)}

@@ -125,7 +125,6 @@ def _filled(resource: str) -> Any:
 
 
 def _session_manager() -> list[Permission]:
-    """For shells without an open port."""
     channels = ("CreateControlChannel", "CreateDataChannel", "OpenControlChannel")
     talks = "carries shells of `dr-spot ssh` without an open port"
     commands = ("AcknowledgeMessage", "DeleteMessage", "FailMessage", "GetEndpoint")

@@ -49,7 +49,6 @@ def own_spot_price(profile: str | None = None) -> SpotPrice:
 
 
 def _instance() -> tuple[str, str, str]:
-    """Type, zone and region."""
     names = (
         "instance-type",
         "placement/availability-zone",

@@ -51,7 +51,6 @@ class Stack:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Possible names."""
         return (self.name, f"{self.name}-on-demand")
 
 

@@ -110,7 +110,6 @@ class EventFile:
         self._is_begun = True
 
     def _named(self, error: OSError) -> OSError:
-        """The error with the folder, as file names are always new."""
         return OSError(error.errno, error.strerror, str(self._folder))
 
     def _add(self, point: Point) -> None:

@@ -135,7 +135,6 @@ class MlflowRun(RetriedSink):
             return str(answer["experiment_id"])
 
     def _newest_run(self, experiment: str, tag: str, value: str) -> tuple[str, int]:
-        """With its highest step; empty without one."""
         quoted = value.replace("'", "")
         answer = self._post(
             "runs/search",
@@ -167,7 +166,6 @@ def _numbers(point: Point) -> list[dict[str, Any]]:
 
 
 def _authorization() -> str:
-    """From MLflow's own variables."""
     token = variable("MLFLOW_TRACKING_TOKEN")
     if token:
         return f"Bearer {token}"

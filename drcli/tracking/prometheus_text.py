@@ -33,8 +33,6 @@ _MEANINGS = {
 
 
 class NewestFigures:
-    """Newest values as text, for any thread."""
-
     def __init__(self, facts: TrainingFacts) -> None:
         self._labels = f'{{model="{_escaped(facts.model)}",run_id="{facts.run_id}"}}'
         self._learned: Mapping[str, float] = {}
@@ -98,7 +96,6 @@ class FigureFile:
         self._save()
 
     def miss(self, event: Event) -> bool:
-        """Kept for the next file."""
         self._figures.add(event)
         self._is_saved = False
         return True

@@ -24,7 +24,6 @@ class RetriedSink(ABC):
         self._flush()
 
     def miss(self, event: Event) -> bool:
-        """Keep it, unless `send` has."""
         if event is not self._newest:
             self._newest = event
             self._keep(event)

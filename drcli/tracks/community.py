@@ -15,8 +15,6 @@ from drcli.tracks.track_facts import TrackFacts
 from drcli.tracks.tracks_folder import add_track, target_of
 
 PATIENCE_S = 20.0
-"""For a file, and for each answer."""
-
 _MOST_BYTES = 1_000_000
 _PIECE = 65_536
 
@@ -32,8 +30,6 @@ _HANDLERS = (
 """Redirects must not lead to ftp, file or data addresses."""
 
 _GITHUB = re.compile(r"https://raw\.githubusercontent\.com/([^/]+/[^/]+)/([^/]+)/(.+)")
-"""Lists its files at another address."""
-
 _LISTED = re.compile(r"([A-Za-z0-9_][A-Za-z0-9_-]*)\.npy\b")
 
 
@@ -86,7 +82,6 @@ def fetch_track(
 
 
 def _address(url: str) -> str:
-    """Raises SettingsError for other than web addresses."""
     try:
         parts = urlsplit(url)
         good = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
@@ -101,7 +96,6 @@ def _address(url: str) -> str:
 
 
 def _download(address: str) -> bytes:
-    """One byte more than allowed if it is too large."""
     deadline = time.monotonic() + PATIENCE_S
     pieces, size = [], 0
     opener = urllib.request.OpenerDirector()

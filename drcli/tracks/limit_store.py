@@ -16,8 +16,6 @@ SHIPPED = Path(__file__).with_name("limits.npz")
 """From `scripts/compute_limits.py`."""
 
 SOLVER_VERSION = 1
-"""Changes with computed laps."""
-
 WITHIN = 1.03
 """A computed lap is the limit once driven within this factor."""
 
@@ -63,7 +61,6 @@ class StoredLimit:
 
     @property
     def validated(self) -> bool:
-        """Driven nearly as fast as computed, and not faster."""
         if self.driven_s is None:
             return False
         return self.computed_s <= self.driven_s <= WITHIN * self.computed_s

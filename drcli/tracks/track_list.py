@@ -34,7 +34,6 @@ def list_tracks(folder: Path, memory: Path) -> TrackList:
 
 
 def _state(folder: Path) -> list[list[str | int]]:
-    """Versions, and names, sizes and times of files."""
     spec = find_spec("drsim")
     packages = (spec.submodule_search_locations or ()) if spec is not None else ()
     folders = [folder, *(Path(package) / "track" / "definitions" for package in packages)]

@@ -170,7 +170,6 @@ class Form:
 
 
 def form_of(path: Path, film: Form) -> Form:
-    """A GIF is smaller than its film, and has fewer frames."""
     if path.suffix.lower() != ".gif":
         return film
     fps = min(film.fps, GIF_FPS)
@@ -179,8 +178,6 @@ def form_of(path: Path, film: Form) -> Form:
 
 
 class _Gif:
-    """Keeps small pictures until it can choose common colours."""
-
     def __init__(self, fps: int) -> None:
         self._step = fps / min(fps, GIF_FPS)
         self._fps = min(fps, GIF_FPS)
@@ -224,7 +221,6 @@ class _Gif:
 
 @contextmanager
 def _whole(path: Path) -> Iterator[Path]:
-    """A file that takes its name when complete; raises SettingsError."""
     try:
         number, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
         os.close(number)

@@ -23,8 +23,6 @@ Floats = NDArray[np.float64]
 View = Literal["film", "chase", "top"]
 
 SIZES: dict[str, tuple[int, int]] = {"640x480": (480, 640), "1280x720": (720, 1280)}
-"""Rows and columns."""
-
 GHOST_COLORS: tuple[RGB, ...] = ((70, 205, 255), (190, 120, 255), (120, 235, 120), (255, 210, 90))
 
 _WIDE_FIELD_OF_VIEW_RAD, _FIELD_OF_VIEW_RAD = 1.32, 1.13
@@ -82,8 +80,6 @@ class Scene:
 
 
 class Film:
-    """Frames of episodes on one track."""
-
     def __init__(self, track: Track, renderer: Renderer, fps: int = 15) -> None:
         self._track = track
         self._renderer = renderer
@@ -215,7 +211,6 @@ def _events(lap: RecordedLap) -> list[tuple[float, str]]:
 def _status(
     lap: RecordedLap, events: Sequence[tuple[float, str]], row: int, now_s: float
 ) -> tuple[str, bool]:
-    """A text, and whether it is good news."""
     if lap.status[row] == "pause":
         return "Penalty", False
     ahead_s = 1.0 if events and events[-1][0] >= lap.duration_s - 1e-6 else 0.0
@@ -230,8 +225,6 @@ def _status(
 
 
 class _Choice(NamedTuple):
-    """As in `Readings`."""
-
     probabilities: Floats | None
     asked: tuple[float, float]
     spread: tuple[tuple[float, float], tuple[float, float]] | None

@@ -33,7 +33,6 @@ RendererName = Literal["raycast", "mujoco"]
 ENDINGS = (".mp4", ".gif")
 
 USUAL_SECONDS = 300
-"""Limit where somebody waits; laps with many resets take longer."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +183,6 @@ def refuse_file(path: Path, *, force: bool = False) -> None:
 
 
 def rank_of(lap: RecordedLap) -> tuple[bool, int, float]:
-    """Completed laps first, then by resets, then by time."""
     if lap.completed:
         return False, int(lap.resets[-1]), lap.duration_s
     return True, 0, -float(lap.progress[-1])
@@ -220,7 +218,6 @@ def _ghosts(
     count: int,
     others: Sequence[tuple[str, RecordedLap]],
 ) -> list[tuple[str, RecordedLap]]:
-    """Named laps, then the best ones of the trace."""
     rest = sorted((other for other in trace.laps if other is not lap), key=rank_of)[:count]
     named = [*others, *((f"episode {other.number}", other) for other in rest)]
     return [(f"{name}  {_ghost_time(other)}", other) for name, other in named[: len(GHOST_COLORS)]]

@@ -46,13 +46,11 @@ class Readings:
     Attributes:
         speed_mps: Measured.
         steering_deg: Requested, left positive.
-        progress: Percent.
         reward: Sum so far.
         good: Whether `status` is good news.
         camera: Grey or RGB.
-        asked: Degrees and m/s of the action.
+        asked: Degrees and m/s.
         spread: The same, above 16 % and 84 % of a training's draws.
-        fastest_mps: End of the scale.
     """
 
     time_s: float
@@ -82,7 +80,6 @@ class Overlay:
         self._s = self.rows / _HEIGHT
 
     def px(self, length: float) -> int:
-        """A length in this film's pixels."""
         return max(1, round(length * self._s))
 
     def draw(self, frame: Frame, now: Readings, track_map: Image.Image | None) -> Frame:
@@ -262,7 +259,6 @@ class Overlay:
 
 
 def clock(seconds: float) -> str:
-    """0:16.066, or 1:02:03.5 beyond an hour."""
     thousandths = round(max(seconds, 0.0) * 1000)
     minutes, rest = divmod(thousandths, 60_000)
     if minutes >= 60:
@@ -277,7 +273,6 @@ def _short(number: float) -> str:
 def _bar_order(
     probabilities: NDArray[np.float64], actions: Sequence[tuple[float, float]]
 ) -> list[int]:
-    """By steering from left to right, then by speed."""
     shown = list(range(len(probabilities)))
     if len(shown) > MOST_BARS:
         shown = np.argsort(-probabilities)[:MOST_BARS].tolist()
@@ -306,7 +301,6 @@ def _paste_camera(
 
 @cache
 def _font(size: int) -> Any:
-    """Pillow's own, or its small one in builds without others."""
     return ImageFont.load_default(size)
 
 

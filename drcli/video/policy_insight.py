@@ -89,7 +89,6 @@ def _explained(
     scans: NDArray[np.float32],
     states: NDArray[np.float32],
 ) -> NDArray[np.uint8]:
-    """RGB of the first eye."""
     with torch.inference_mode(False):
         maps = np.concatenate(
             [

@@ -34,12 +34,11 @@ class RecordedLap:
         poses: x and y of the car's origin in metres, yaw in radians without jumps. Shape (t, 3).
         steering_deg: Requested, left positive.
         speed_mps: Requested.
-        progress: Percent.
         action: An index, or "[steering speed]".
         track_length_m: NaN if unknown.
         objects: Poses. Shape (t, k, 3).
-        clock_s: As in the trace, from an unknown beginning.
-        on_track: All wheels on the road; None if unknown.
+        clock_s: From an unknown beginning.
+        on_track: All wheels; None if unknown.
         pause_s: Rest of a penalty.
     """
 
@@ -85,7 +84,6 @@ class RecordedLap:
 
     @property
     def clean(self) -> bool:
-        """Without reset and penalty."""
         return is_clean_lap(self.completed, self.resets[-1], self.penalty_s)
 
     @property
@@ -189,7 +187,6 @@ def _begins(before: TraceRow, row: TraceRow) -> bool:
 
 
 def _pose(row: TraceRow) -> tuple[float, float, float]:
-    """The car's origin, in metres and radians."""
     yaw = math.radians(row.yaw_deg)
     ahead = REFERENCE_POINT_AHEAD_M
     return row.x - ahead * math.cos(yaw), row.y - ahead * math.sin(yaw), yaw
@@ -204,7 +201,6 @@ def _in_order(rows: list[TraceRow]) -> list[TraceRow]:
 
 
 def _lap(rows: list[TraceRow], before_s: float) -> RecordedLap:
-    """`before_s` is the time of the row before it."""
     status = [row.status for row in rows]
     if rows[-1].progress >= 100.0 and status[-1] == "in_progress":
         status[-1] = "lap_complete"  # simulators of 2022 leave it in_progress

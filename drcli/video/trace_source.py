@@ -18,7 +18,6 @@ OPPONENT = "opponent"
 """A model's last race as an opponent, instead of an evaluation's stamp."""
 
 MOST_BYTES = 512 * 2**20
-"""Of a trace on disk."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +25,8 @@ class FoundTrace:
     """A trace, read.
 
     Attributes:
-        model: Prefix of the driver; empty if unknown.
-        recording: None for traces of other programs and versions.
+        model: Prefix of the driver, or empty.
+        recording: None for other programs and versions.
         stem: For file names, and titles without a model.
     """
 
@@ -62,7 +61,7 @@ def trace_of_file(path: Path) -> FoundTrace:
 
 
 def trace_of_evaluation(bucket: Bucket, prefix: str, stamp: str | None) -> FoundTrace:
-    """A stand-alone evaluation's trace by stamp or `OPPONENT`; None for the newest, or `OPPONENT`.
+    """The trace of a stamp or `OPPONENT`; None for the newest, without any for `OPPONENT`.
 
     Raises:
         SettingsError: There is none.
@@ -149,7 +148,6 @@ def decode_recording(data: bytes, origin: str) -> tuple[RaceRecording | None, li
 
 
 def _file(path: Path) -> Path:
-    """The path, or the only trace in a folder; raises SettingsError."""
     if not path.exists():
         raise SettingsError(f"{path} does not exist.", remedy="Correct the path.")
     if not path.is_dir():

@@ -17,11 +17,9 @@ _FINE = 3
 """Drawn larger and shrunk, for smooth edges."""
 
 _SPEEDS = ((58, 82, 230), (38, 176, 212), (80, 200, 96), (250, 196, 40), (236, 72, 48))
-"""Slowest to fastest."""
 
 
 def speed_color(share: float) -> RGB:
-    """Of a share of the fastest."""
     place = min(max(share, 0.0), 1.0) * (len(_SPEEDS) - 1)
     first = min(int(place), len(_SPEEDS) - 2)
     part = place - first
@@ -32,8 +30,6 @@ def speed_color(share: float) -> RGB:
 
 
 class TrackInset:
-    """A map of a track, and the car's trail."""
-
     def __init__(self, track: Track, box_px: tuple[int, int]) -> None:
         """`box_px` is the greatest width and height."""
         low_x, low_y, high_x, high_y = track.bounds

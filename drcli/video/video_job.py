@@ -1,4 +1,4 @@
-"""Makes a video with everything that bucket and settings tell about a trace."""
+"""Makes a video with all that bucket and settings tell."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -45,8 +45,6 @@ class PolicyWish:
 
 @dataclass(frozen=True)
 class Defaults:
-    """Used where nothing was recorded."""
-
     model: ModelConfig
     tracks_folder: Path
     world: str
@@ -127,7 +125,6 @@ def _policy(
     trace: FoundTrace,
     wish: PolicyWish,
 ) -> tuple["ExplainedPolicy | None", str, list[str]]:
-    """With its title and notes; raises SettingsError for a missing named one."""
     if wish.name == NO_POLICY:
         return None, "", []
     if wish.name is not None and _is_file(wish.name):
@@ -178,7 +175,6 @@ def _is_file(name: str) -> bool:
 
 
 def _ghost(bucket: Callable[[], Bucket], trace: FoundTrace, name: str) -> tuple[str, RecordedLap]:
-    """The best lap of a trace, and its title; raises SettingsError."""
     from drcli.video.make_video import chosen_laps
 
     path = Path(name).expanduser()
