@@ -18,13 +18,13 @@ Source: docs/benchmarks.md.
 
 FIRST_ITERATION_STEPS = 750
 REQUESTS = 14
-"""Of an iteration that somebody waits for: manifests, weights, records, pointers."""
+"""Those that somebody waits for in an iteration."""
 
 POLL_S = 0.1
-"""How late trainer and worker notice pointers, per iteration."""
+"""How late pointers are noticed, per iteration."""
 
 EVALUATION_SHARE = 1.1
-"""Evaluations take a twentieth of all time (DR_TRAIN_EVAL_SHARE)."""
+"""For DR_TRAIN_EVAL_SHARE, a twentieth of all time."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Measures this machine's training speed, and its other load."""
+"""Measures this machine's training speed."""
 
 import json
 import os
@@ -32,7 +32,7 @@ from drcli.models.run_metadata import processor_name
 MOST_S = 58.0
 BUCKET_S = 5.0
 MEASURED_S = 12.0
-"""For all measurements; half for each of two trainings."""
+"""Half for each of two trainings."""
 
 LEAST_PROCESS_S = 12.0
 BUSY_SHARE = 0.1
@@ -83,7 +83,7 @@ class BenchReport:
         number: Steps per second of the standard training: to compare with the page.
         folder: The working folder; null without run.env.
         processor: Its name.
-        cores: Of the machine.
+        cores: Cores of the machine.
         usable_cores: Cores for a training here.
         threads: DR_THREADS; 0 for all cores.
         priority: DR_PRIORITY.
@@ -128,7 +128,7 @@ class BenchReport:
 def measure_machine(
     folder: Path, *, with_bucket: bool, on_step: Callable[[str], None] = lambda text: None
 ) -> BenchReport:
-    """Measure for at most about a minute, and leave nothing behind; run.env may be missing.
+    """Measure for about a minute, and leave nothing behind; run.env may be missing.
 
     Raises:
         SettingsError: A setting is wrong.
@@ -210,12 +210,6 @@ def _warnings(report: BenchReport) -> Iterator[str]:
 def _measured(
     order: WorkOrder, seconds: float, most_s: float, bucket: BucketSpeed | None
 ) -> WorkSpeed:
-    """In a process as of a training.
-
-    Raises:
-        WorkerDied: It failed, or was not ready in time.
-        SettingsError: The track or reward function cannot be used.
-    """
     metadata = ModelMetadata.from_bytes(order.metadata.encode())
     ready, rates = _ask(replace(order, seconds=seconds, most_seconds=most_s), most_s)
     return WorkSpeed(

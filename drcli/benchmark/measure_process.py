@@ -1,4 +1,4 @@
-"""Measures driving and learning in a process of its own, without a bucket.
+"""Measures driving and learning in a process without a bucket.
 
 `python -m drcli.benchmark.measure_process` reads a `WorkOrder` from standard input, and writes
 `Ready` and `Rates` to standard output, a line of JSON each.
@@ -191,7 +191,7 @@ class _DrawnActions:
         self._simulation.reset(everybody, self._random.random(len(everybody)))
 
     def step(self) -> int:
-        """All cars; those off the track start again. Returns the steps."""
+        """Cars off the track start again."""
         simulation, random = self._simulation, self._random
         drawn = random.uniform(self._least, self._most, (simulation.num_cars, 2))
         row = simulation.step(drawn[:, 0], drawn[:, 1])
@@ -211,7 +211,6 @@ def _repeated(step: Callable[[], int], seconds: float) -> float:
 def _learn(
     learner: Learner, rollout: Rollout, threads: int, seconds: float
 ) -> tuple[int, "_Clock"]:
-    """Returns gradient steps and time, as whole updates may take a minute."""
     torch.set_num_threads(threads)
     calls, clock = 0, _Clock()
 

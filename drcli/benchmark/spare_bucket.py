@@ -21,10 +21,7 @@ _FOLDER = ".dr-bench-"
 
 @contextmanager
 def bucket_to_measure(settings: Settings, *, temporary: bool) -> Iterator[tuple[str, Bucket]]:
-    """Name and bucket.
-
-    On this machine, a spare server with other files on the same disk, removed afterwards.
-    """
+    """Name and bucket; on this machine a spare server with files on the same disk."""
     storage = settings.storage
     if storage.cloud != "local":
         bucket = open_bucket(storage, patience_s=COMMAND_PATIENCE_S)

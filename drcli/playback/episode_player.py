@@ -36,8 +36,6 @@ _TRACES, _EYES, _POLICIES = 4, 2, 2
 _QUALITY = 88
 
 _SAMPLES = 9
-"""Pictures that set the scale of a lap's maps."""
-
 Picture = NDArray[np.uint8]
 
 V = TypeVar("V")
@@ -334,12 +332,10 @@ def jpeg(picture: Picture) -> bytes:
 
 
 def _stands(lap: RecordedLap) -> bool:
-    """No object moves."""
     return bool((lap.objects == lap.objects[:1]).all())
 
 
 def _objects(lap: RecordedLap, opened: OpenedTrace, rows: list[int]) -> NDArray[np.float64]:
-    """Empty where shapes are unknown."""
     return lap.objects[rows] if opened.race.shapes else np.empty((len(rows), 0, 3))
 
 

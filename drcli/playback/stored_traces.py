@@ -209,7 +209,6 @@ def _known(value: float) -> float | None:
 def _evaluation_numbers(
     bucket: Bucket, metrics_prefix: str, stamps: Iterable[str], notes: list[str]
 ) -> dict[str, dict[str, Any]]:
-    """From metrics; a damaged file is noted and left out."""
     folder = keys.evaluation_metrics_folder(metrics_prefix)
     there = {info.key for info in bucket.list(folder)}
     found: dict[str, dict[str, Any]] = {}

@@ -119,7 +119,7 @@ def open_race(
     """Take submissions until a Unix time, or for ever.
 
     Raises:
-        SettingsError: No such race, or it would be closed already.
+        SettingsError: No such race, or the time is past.
     """
     now = time.time() if now_s is None else now_s
     rules = read_rules(bucket, race)
@@ -135,7 +135,7 @@ def open_race(
 
 
 def delete_race(bucket: Bucket, race: str, *, dry_run: bool = False) -> DeletedRace:
-    """Delete a race; the racers' models stay.
+    """The racers' models stay.
 
     Raises:
         SettingsError: No such race, or its queue is being driven.

@@ -58,7 +58,7 @@ def winner_of(laps: Sequence[Sequence[DrivenLap]]) -> int | None:
 def round_robin(names: Sequence[str]) -> list[Meeting]:
     """Everybody meets everybody once, on both sides about equally often.
 
-    At most once per round (circle method), against long waits.
+    At most once per round (circle method).
     """
     circle: list[str | None] = list(names)
     if len(circle) % 2:
@@ -102,7 +102,7 @@ def tally(names: Sequence[str], winners: Mapping[str, str | None]) -> list[PairT
 def bracket(seeds: Sequence[str | None], winner: Callable[[str, str], str | None]) -> list[Meeting]:
     """The known pairs, round by round; the first seed meets the last.
 
-    The opponent of None (withdrawn) goes on without racing, as does the first of too few.
+    The opponent of None goes on without racing, as does the first of too few.
     """
     if len(seeds) < 2:
         return []

@@ -12,10 +12,7 @@ from drcli.store.bucket import Bucket
 def film_car(
     plan: EvaluationPlan, bucket: Bucket, report: EvaluationReport, key: str
 ) -> tuple[str, list[str]]:
-    """Film all laps of a car; returns the key (or "") and notes.
-
-    Failures are notes: the laps were driven.
-    """
+    """Film a car; returns the key (or "") and notes, also on failures."""
     try:
         with tempfile.TemporaryDirectory(prefix="drcli-race-") as temporary:
             path = Path(temporary) / "race.mp4"

@@ -26,7 +26,7 @@ class RunCar:
 
 @dataclass(frozen=True)
 class RaceRun:
-    """A submission or pair; `key` is unique in the race, state running, done or failed."""
+    """A submission or pair; `key` is unique, state running, done or failed."""
 
     key: str
     state: str

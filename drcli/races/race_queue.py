@@ -29,11 +29,7 @@ Say = Callable[[str], None]
 
 
 def race_conditions(settings: Settings, bucket: Bucket, race: str) -> Settings:
-    """This machine's settings with a race's rules.
-
-    Raises:
-        SettingsError: No such race, or its rules do not fit this version.
-    """
+    """Raises SettingsError without such a race, or for rules of other versions."""
     return settings_of_rules(settings, read_rules(bucket, race))
 
 
@@ -64,8 +60,8 @@ def run_queue(
 ) -> RaceReport:
     """Drive everything in the queue, and what is submitted meanwhile.
 
-    Killed runs are driven again; failed ones only after `restart`. A `limit` of 0 is none; `video`
-    of None films if the encoder is installed.
+    Killed runs are driven again, failed ones only after `restart`. A `limit` of 0 is none; `video`
+    of None films if it can.
 
     Raises:
         SettingsError: As for `check_queue`.

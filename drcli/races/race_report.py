@@ -19,7 +19,7 @@ class LeaderboardRow:
         rank: From 1; None if not qualified.
         racer: Who submitted it.
         model: Prefix of the model.
-        checkpoint: Its name.
+        checkpoint: Name of the checkpoint.
         submission: Its id.
         score_s: The time that decides; None if not qualified, and in pairs.
         gap_s: Behind the first; None without a time.
@@ -31,7 +31,7 @@ class LeaderboardRow:
         off_track: How often the car left the track.
         crashes: How often it crashed.
         resets: How often it was put back on the track.
-        video: Key, or empty.
+        video: Key of the video, or empty.
         clean_laps: Completed without reset and penalty.
         score_text: The time that decides with penalties and resets, for people.
         best_lap_text: The best lap likewise.
@@ -82,8 +82,8 @@ class SubmissionEntry:
         submission: Its id.
         racer: Who submitted it.
         model: Prefix of the model.
-        checkpoint: Its name.
-        submitted_at: ISO 8601.
+        checkpoint: Name of the checkpoint.
+        submitted_at: When it came, ISO 8601.
         state: queued, running, done, failed, or over the limit of submissions that count.
         place: In the queue, from 1; None if it does not wait.
         message: Why it failed.
@@ -127,7 +127,7 @@ class PairEntry:
         second_racer: Who submitted the second.
         state: waiting for earlier pairs, queued, running, done, failed, or alone: goes on without
             racing.
-        winner: Its id; empty for nobody.
+        winner: Id of the winner; empty for nobody.
         first_laps: Completed by the first.
         second_laps: Completed by the second.
         first_s: Time of these laps of the first, simulated seconds, or None.
@@ -208,7 +208,7 @@ class RaceEntry:
         leader_s: The time that decided, or None.
         leader_text: The same with penalties and resets, for people.
         runner: The process that drives its queue now, or empty.
-        created_at: ISO 8601.
+        created_at: When it was made, ISO 8601.
     """
 
     race: str
@@ -230,7 +230,7 @@ class RaceList:
     """The races of a bucket.
 
     Attributes:
-        bucket: Its name.
+        bucket: Name of the bucket.
         races: The newest first.
         damaged: Sentences about races that cannot be read.
     """

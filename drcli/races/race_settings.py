@@ -83,7 +83,7 @@ def settings_of_rules(settings: Settings, rules: RaceRules) -> Settings:
 
 
 def check_track(settings: Settings) -> None:
-    """Raises ProblemsError for a missing track, or one without room for objects."""
+    """Raises ProblemsError without the track, or room for objects."""
     problem = track_problem(settings.race)
     if problem is not None:  # also one that could be fetched: a race needs it now
         raise ProblemsError([replace(problem, severity="error")])

@@ -16,7 +16,7 @@ from drcli.store.bucket import Bucket
 
 
 def wish_of(rules: RaceRules) -> RaceWish:
-    """Without derived rules, and without settings, which `change_rules` keeps."""
+    """Without derived rules, and settings, which `change_rules` keeps."""
     average = usual_average(rules.max_laps)
     least = least_laps(rules.ranking, rules.max_laps, rules.average_laps)
     return RaceWish(

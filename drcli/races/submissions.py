@@ -45,7 +45,7 @@ class SubmissionReport:
         submission: Its id.
         racer: Who submitted it.
         model: Prefix of the model.
-        checkpoint: Its name.
+        checkpoint: Name of the checkpoint.
         waiting: Runs up to and with it.
         left: How many more the racer may submit; None for any number.
         queue: Whether a process drives the queue now.

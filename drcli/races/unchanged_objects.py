@@ -16,12 +16,7 @@ _Version = tuple[str, int, datetime]
 
 @dataclass(frozen=True)
 class _Kept:
-    """An object as read.
-
-    Attributes:
-        version: Listed before reading; never newer than the data.
-        read_s: Monotonic time.
-    """
+    """`version` was listed before reading, so it is never newer than the data."""
 
     version: _Version
     data: bytes

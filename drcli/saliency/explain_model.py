@@ -73,13 +73,13 @@ class SaliencyReport:
 
     Attributes:
         model: Prefix of the model, or path of the file.
-        checkpoint: Its name; null for a file.
+        checkpoint: Name of the checkpoint; null for a file.
         world: The track.
         target: What the maps explain.
         unit: What the perturbation map counts.
         outcome: How the episode ended.
         progress: Percent of the lap.
-        seconds: Simulated.
+        seconds: Simulated seconds.
         html: File of the page, or null.
         steps: The explained pictures.
         lap: For all steps: step, time_s, progress, steering_deg, speed_mps, and value, entropy and
@@ -207,7 +207,6 @@ def _explain(
 
 
 def _chosen(episode: RecordedEpisode, question: Question) -> list[int]:
-    """From 0; raises SettingsError."""
     if not question.steps:
         return spread_steps(episode.steps, question.pictures)
     first, last = episode.rows[0].steps, episode.rows[-1].steps

@@ -147,7 +147,6 @@ def heads_of(subject: ExplainedPolicy, seen: Observation) -> Heads:
 
 
 def _of_ppo(policy: ActorCritic, seen: Observation, *, judges: bool, spreads: bool) -> Heads:
-    """`spreads`: the deviation is known."""
     features = policy.body(seen).to(policy.policy_head.weight.dtype)
     value = None
     if judges:

@@ -70,15 +70,15 @@ class CreatedStack:
     """What was started.
 
     Attributes:
-        stack: Its name.
+        stack: Name of the stack.
         region: AWS region.
-        bucket: Its name.
+        bucket: Name of the bucket.
         model: Prefix in the bucket.
-        types: That may be used.
+        types: Types that may be used.
         market: `spot`, `on-demand` or `spot-or-on-demand`.
         usd_per_hour: Cheapest machine now; None if unknown.
         most_usd: Highest cost until the end; None if unknown or unlimited.
-        ends: Of its machines, in Unix seconds; 0 for never.
+        ends: When its machines end, in Unix seconds; 0 for never.
         topic: ARN of the topic for messages.
     """
 
@@ -160,7 +160,7 @@ def prepare(
 
 
 def carry_out(account: Account, plan: StackPlan, pause: Pause = time.sleep) -> CreatedStack:
-    """Send the files, and make the stack; a failure removes the files.
+    """Send the files, and make the stack; a failure removes them.
 
     Raises:
         StorageError: The bucket or Amazon failed.

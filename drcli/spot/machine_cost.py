@@ -19,7 +19,7 @@ class MachineCost:
     Attributes:
         instance: Its ID at Amazon.
         type: Type of machine.
-        zone: Of the region.
+        zone: Zone of the region.
         market: `spot` or `on-demand`.
         hours: How long it has run.
         usd_per_hour: Average price; None if unknown.
@@ -40,7 +40,7 @@ class StackCost:
     """What a stack has cost so far.
 
     Attributes:
-        stack: Its name.
+        stack: Name of the stack.
         machines: The oldest first.
         extra_usd: Addresses; disks and requests cost less and are left out.
         notes: What is not known, as sentences.

@@ -22,7 +22,7 @@ class Machine:
     Attributes:
         instance: Its ID at Amazon.
         type: Type of machine.
-        zone: Of the region.
+        zone: Zone of the region.
         market: `spot` or `on-demand`.
         state: Amazon's word; `gone` if Amazon no longer knows it.
         said: Its last state in the bucket, or empty.

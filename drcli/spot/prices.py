@@ -35,7 +35,7 @@ class Offer:
     Attributes:
         type: Type of machine.
         region: AWS region.
-        zone: Of the region.
+        zone: Zone of the region.
         usd_per_hour: Spot price now.
         workers: Simulation workers that it has processor threads for.
         interruptions: One of the advisor's classes, or empty.

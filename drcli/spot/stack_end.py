@@ -33,12 +33,12 @@ class StoppedStack:
     """What was stopped and removed.
 
     Attributes:
-        stack: Its name.
+        stack: Name of the stack.
         model: Prefix in the bucket.
         checkpoint: Newest one in the bucket, or empty.
         whole: Whether its files are whole.
-        machines: That ran.
-        objects: Removed from the bucket; models stay.
+        machines: Machines that ran.
+        objects: Objects removed from the bucket; models stay.
     """
 
     stack: str

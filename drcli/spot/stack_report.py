@@ -19,18 +19,18 @@ class StackReport:
     """A stack, its machines and its training.
 
     Attributes:
-        stack: Its name.
+        stack: Name of the stack.
         kind: `training` or `base`.
         status: CloudFormation's word.
         state: In a word: `training`, `booting`, `failed`, ...
         reason: Why, as a sentence, or empty.
         model: Prefix in the bucket.
-        bucket: Its name.
+        bucket: Name of the bucket.
         checkpoint: Newest one, or empty.
         machines: The oldest first.
         usd: Cost so far; None if unknown or not asked for.
-        created: Unix seconds.
-        ends: Of the machines, in Unix seconds; 0 for never.
+        created: When the stack was made, in Unix seconds.
+        ends: When the machines end, in Unix seconds; 0 for never.
     """
 
     stack: str

@@ -211,7 +211,6 @@ class NodeTrial:
         )
 
     def _keep_going(self) -> Ended | None:
-        """Start the training if it does not run; says how it has ended."""
         trial, run = self._task.trial, self._run
         if trial.is_over:  # only its checks are told again
             return Ended(trial.state, trial.message, trial.remedy)

@@ -18,7 +18,7 @@ class TrialReport:
         model: Prefix in the bucket.
         varied: What distinguishes it from the others, by name.
         state: waiting, running, paused, finished, stopped early, stopped or failed.
-        amount: Used budget.
+        amount: How much of its budget it has used.
         laps: Completed laps of its best evaluation.
         episodes: Episodes of that; 0 without one.
         progress: Mean progress of that, percent; null before the first iteration.
@@ -52,7 +52,7 @@ class SweepReport:
 
     Attributes:
         name: Of the sweep.
-        bucket: Its name.
+        bucket: Name of the bucket.
         metric: What decides: lap_time, progress or reward.
         resource: What the budget counts: minutes, steps, episodes or iterations.
         most: How much each training gets.
@@ -80,7 +80,7 @@ class SweepList:
     """The sweeps of a bucket.
 
     Attributes:
-        bucket: Its name.
+        bucket: Name of the bucket.
         sweeps: The newest first.
         damaged: A sentence about each unreadable record.
     """

@@ -85,7 +85,6 @@ def _axes(vary: Vary) -> dict[Axis, Choices]:
 
 
 def _drawn(sweep: SweepFile, axes: Sequence[Choices]) -> list[tuple[Value, ...]]:
-    """The same for the same seed."""
     plan = sweep.plan
     wanted = plan.trials or 0
     chance = random.Random(plan.seed)

@@ -28,13 +28,7 @@ MOST_CAUSES = 5
 
 @dataclass
 class _Watched:
-    """A sink, opened when possible and left alone after failures.
-
-    Attributes:
-        resumes_s: On the sender's clock.
-        missed: Events before it was opened.
-        lost: Events that it will not get.
-    """
+    """A sink, opened when possible and left alone after failures."""
 
     opener: Callable[[], Sink]
     sink: Sink | None = None
@@ -170,7 +164,6 @@ class FigureSender:
             )
 
     def _failed(self, item: _Watched, error: Exception) -> None:
-        """Warn once, and log other causes."""
         item.resumes_s = self._clock() + PAUSE_S
         text = _words(error)
         name = f"{item.sink.name}: " if item.sink is not None else ""

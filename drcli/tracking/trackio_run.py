@@ -12,8 +12,6 @@ from drcli.tracking.retried_sink import RetriedSink
 from drcli.tracking.server_requests import ServerError, ServerRequests, variable
 
 _MOST_KEPT = 5_000
-"""While the server is away."""
-
 _AT_A_TIME = 200
 
 

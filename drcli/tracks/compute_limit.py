@@ -23,11 +23,11 @@ def compute_limit(
 ) -> StoredLimit:
     """The limit of a car on a route file or one of our definitions.
 
-    `reverse` is against the rows; further `seeds` drive if earlier ones were too slow.
+    `reverse` is against the rows; more `seeds` drive if earlier ones were too slow.
 
     Raises:
         NotAvailable: The solver is not installed.
-        SettingsError: No such track, or the solver finds no lap.
+        SettingsError: No track, or no lap found.
     """
     try:
         track = track_of(file, reverse=reverse)

@@ -9,7 +9,7 @@ class TrackFacts:
 
     Attributes:
         name: Its name.
-        length_m: Of the centre line.
+        length_m: Length of the centre line.
         width_m: Mean width.
         least_width_m: At the narrowest point.
         greatest_width_m: At the widest point.

@@ -57,7 +57,7 @@ def show_track(
     columns: int = MAP_COLUMNS,
     line: Sequence[tuple[float, float, float]] | None = None,
 ) -> TrackView:
-    """Facts and map; `line` is for the picture: x, y in metres and speed in m/s.
+    """`line` is for the picture: x, y in metres and speed in m/s.
 
     Raises:
         SettingsError: No such track, or the picture cannot be written.

@@ -137,7 +137,6 @@ class _Mp4:
             self._file.mux(packet)
 
     def close(self) -> None:
-        """Drops the rest of an unfinished film."""
         if self._thread.is_alive():
             self._error = self._error or RuntimeError("dropped")
             with suppress(Exception):

@@ -232,7 +232,6 @@ class _Choice(NamedTuple):
 
 
 def _choice(scene: Scene, row: int) -> _Choice:
-    """Without a policy, what the trace says."""
     insight, lap = scene.insight, scene.lap
     if insight is None:
         asked = (float(lap.steering_deg[row]), float(lap.speed_mps[row]))

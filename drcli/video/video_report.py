@@ -9,7 +9,7 @@ class FilmedEpisode:
 
     Attributes:
         episode: Its number in the trace.
-        seconds: Simulated.
+        seconds: Simulated seconds.
         progress: Percent of the lap.
         status: How it ended, such as "Lap complete".
         resets: How often the car left the track or crashed before its end.
