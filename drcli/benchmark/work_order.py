@@ -66,7 +66,7 @@ class Rates:
         learning_samples_per_core_s: Per second of processor time; of no use with a GPU.
         gradient_steps_per_s: Minibatches.
         core_s: Processor time of the process.
-        memory_bytes: Its most memory.
+        memory_bytes: Most memory of the process.
         step_bytes: A packed step, as in the bucket.
     """
 

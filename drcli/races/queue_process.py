@@ -30,7 +30,7 @@ class QueueStarted:
     """A queue that is driven in the background.
 
     Attributes:
-        race: Its id.
+        race: Id of the race.
         pid: The process.
         log: On this machine.
     """
@@ -45,7 +45,7 @@ class QueueStopped:
     """A queue that was stopped.
 
     Attributes:
-        race: Its id.
+        race: Id of the race.
         pid: The process.
     """
 

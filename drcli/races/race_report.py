@@ -20,7 +20,7 @@ class LeaderboardRow:
         racer: Who submitted it.
         model: Prefix of the model.
         checkpoint: Name of the checkpoint.
-        submission: Its id.
+        submission: Id of the submission.
         score_s: The time that decides; None if not qualified, and in pairs.
         gap_s: Behind the first; None without a time.
         best_lap_s: Fastest complete lap, or None.
@@ -79,7 +79,7 @@ class SubmissionEntry:
     """A submission, whatever became of it.
 
     Attributes:
-        submission: Its id.
+        submission: Id of the submission.
         racer: Who submitted it.
         model: Prefix of the model.
         checkpoint: Name of the checkpoint.
