@@ -1,4 +1,4 @@
-"""Measures requests and transfers of a bucket, with little traffic, and removes every trace."""
+"""Measures a bucket with little traffic, without traces."""
 
 import os
 import statistics
@@ -10,19 +10,18 @@ from datetime import UTC, datetime, timedelta
 from drcli.store.bucket import TEST_FOLDER, Bucket
 
 SMALL_BYTES = 1024
-"""About the size of a pointer, record or lease."""
+"""As a pointer, record or lease."""
 
 LARGE_BYTES = (1 << 18, 1 << 20, 1 << 22)
-"""Sizes that are tried one after the other; a slow network gets no further than the first."""
+"""Tried in order; a slow network ends with the first."""
 
 MOST_REQUESTS = 120
 MOST_BYTES = 32 << 20
-"""In each direction, so that a remote bucket costs nothing worth mentioning."""
+"""In each direction, as remote traffic costs."""
 
 _LEFTOVER_AGE = timedelta(hours=1)
 
 _SHORTEST_S = 1e-6
-"""What clocks can tell apart."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +33,9 @@ class BucketSpeed:
         get_mb_per_s: Read.
         requests_per_s: Small objects written and read one after the other.
         request_ms: Median time of one of them, milliseconds.
-        requests: How many requests were sent in all.
-        sent_bytes: What was written.
-        received_bytes: What was read.
+        requests: All that were sent.
+        sent_bytes: Bytes written.
+        received_bytes: Bytes read.
     """
 
     put_mb_per_s: float
@@ -51,8 +50,7 @@ class BucketSpeed:
 def measure_bucket(bucket: Bucket, seconds: float) -> BucketSpeed:
     """Write, read and delete objects for about so many seconds.
 
-    A measurement that was killed leaves its objects behind; the next one deletes those of the
-    same bucket that are older than an hour.
+    Objects of a killed measurement, older than an hour, are deleted, too.
 
     Raises:
         StorageError: The bucket cannot be written or read.
@@ -79,7 +77,6 @@ _PLACE = f"{TEST_FOLDER}-bench/"
 
 
 def _small(bucket: Bucket, folder: str, seconds: float) -> list[float]:
-    """Times of requests for small objects, one after the other, seconds."""
     times: list[float] = []
     data = os.urandom(SMALL_BYTES)
     key = f"{folder}small"
@@ -98,8 +95,6 @@ def _small(bucket: Bucket, folder: str, seconds: float) -> list[float]:
 
 @dataclass(frozen=True)
 class _Large:
-    """Large objects that were written and read: how many bytes in each direction, and how long."""
-
     objects: int
     total_bytes: int
     put_s: float
@@ -107,7 +102,6 @@ class _Large:
 
 
 def _large(bucket: Bucket, folder: str, seconds: float) -> _Large:
-    """Write and read large objects for about so many seconds, one at least."""
     total = count = 0
     put_s = get_s = 0.0
     began_s = time.perf_counter()

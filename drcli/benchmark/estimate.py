@@ -1,4 +1,4 @@
-"""Estimates a training from measured rates: its speed, what limits it, and the first lap."""
+"""Estimates a training from measured rates."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -9,38 +9,35 @@ from drcli.benchmark.work_order import Rates, Ready
 Part = Literal["driving", "learning", "bucket"]
 
 ITERATION_STEPS = 2000
-"""Steps of an iteration in the number to compare: 20 episodes of a car that gets a third of the way
-around `reinvent_base`."""
+"""20 episodes over a third of `reinvent_base`."""
 
 FIRST_LAP_STEPS = (418, 1878, 4266)
-"""Least, median and most steps until a checkpoint completed one of its evaluation laps, with the
-shipped files and 20 seeds. Source: docs/benchmarks.md."""
+"""Least, median and most until a checkpoint completed an evaluation lap, shipped files, 20 seeds.
+Source: docs/benchmarks.md.
+"""
 
 FIRST_ITERATION_STEPS = 750
-"""Steps of the first iterations of such a training."""
-
 REQUESTS = 14
-"""Requests of an iteration that somebody waits for, one after the other: manifests, weights,
-records, pointers. The others are sent meanwhile."""
+"""Those that somebody waits for in an iteration."""
 
 POLL_S = 0.1
-"""How long trainer and worker notice each other's pointers late, in an iteration."""
+"""How late pointers are noticed, per iteration."""
 
 EVALUATION_SHARE = 1.1
-"""Evaluations add about a tenth to driving: a twentieth of all time (DR_TRAIN_EVAL_SHARE)."""
+"""For DR_TRAIN_EVAL_SHARE, a twentieth of all time."""
 
 
 @dataclass(frozen=True)
 class TrainingEstimate:
-    """What a training with these rates would do, if nothing else runs on the machine.
+    """What a training would do with nothing else on the machine.
 
     Attributes:
-        training_steps_per_s: Steps driven, sent and learned from per second of wall time.
+        training_steps_per_s: Steps driven, sent and learned from per second.
         driving_s: Time of driving an iteration of `ITERATION_STEPS` steps.
         learning_s: Time of its update.
-        bucket_s: Time that its exchange through the bucket adds; 0 without a measured bucket.
-        limited_by: The part that takes longest: driving, learning or bucket.
-        limiting_share: Its share of the time of an iteration.
+        bucket_s: Time that its exchange through the bucket adds; 0 if unmeasured.
+        limited_by: What takes longest: driving, learning or bucket.
+        limiting_share: Its share of an iteration.
     """
 
     training_steps_per_s: float
@@ -52,7 +49,6 @@ class TrainingEstimate:
 
 
 def estimate(ready: Ready, rates: Rates, bucket: BucketSpeed | None) -> TrainingEstimate:
-    """A training in which iterations have `ITERATION_STEPS` steps."""
     parts = _parts(ITERATION_STEPS, ready, rates, bucket)
     total_s = _total_s(parts, overlaps=ready.overlaps)
     limit = max(parts, key=lambda part: parts[part])
@@ -69,7 +65,6 @@ def estimate(ready: Ready, rates: Rates, bucket: BucketSpeed | None) -> Training
 def first_lap_s(
     ready: Ready, rates: Rates, bucket: BucketSpeed | None
 ) -> tuple[float, float, float]:
-    """Least, median and most seconds from the start of a training to its first evaluation lap."""
     parts = _parts(FIRST_ITERATION_STEPS, ready, rates, bucket)
     iteration_s = _total_s(parts, overlaps=ready.overlaps)
     least, median, most = (
@@ -79,7 +74,6 @@ def first_lap_s(
 
 
 def _parts(steps: int, ready: Ready, rates: Rates, bucket: BucketSpeed | None) -> dict[Part, float]:
-    """Seconds of each part of an iteration."""
     exchange_s = 0.0
     if bucket is not None:
         megabytes = (steps * rates.step_bytes + ready.weight_bytes) / 1e6
@@ -93,7 +87,6 @@ def _parts(steps: int, ready: Ready, rates: Rates, bucket: BucketSpeed | None) -
 
 
 def _total_s(parts: dict[Part, float], *, overlaps: bool) -> float:
-    """Time of an iteration. Where driving and learning overlap, the longer of them counts."""
     if overlaps:
         return max(parts["driving"], parts["learning"]) + parts["bucket"]
     return sum(parts.values())

@@ -1,4 +1,4 @@
-"""Measures this machine: simulation, learner, bucket, memory; and what else it is busy with."""
+"""Measures this machine's training speed."""
 
 import json
 import os
@@ -30,17 +30,13 @@ from drcli.modelfiles.model_metadata import ModelMetadata
 from drcli.models.run_metadata import processor_name
 
 MOST_S = 58.0
-"""Of the whole command."""
-
 BUCKET_S = 5.0
 MEASURED_S = 12.0
-"""For simulation, driving and learning together; half of it for each of two trainings."""
+"""Half for each of two trainings."""
 
 LEAST_PROCESS_S = 12.0
-"""Time that a measuring process gets even if everything before it took too long."""
-
 BUSY_SHARE = 0.1
-"""Other programs that use more of the processor than this make the numbers too low."""
+"""Above this, other programs make the numbers too low."""
 
 
 @dataclass(frozen=True)
@@ -88,23 +84,23 @@ class BenchReport:
         folder: The working folder; null without run.env.
         processor: Its name.
         cores: Cores of the machine.
-        usable_cores: Cores that a training may use here.
+        usable_cores: Cores for a training here.
         threads: DR_THREADS; 0 for all cores.
         priority: DR_PRIORITY.
-        memory_bytes: Memory of the machine or of its container, swap included.
-        free_memory_bytes: What of it was free before the measurement.
-        needed_memory_bytes: What a training with DR_WORKERS needs, about.
+        memory_bytes: Memory of machine or container, swap included.
+        free_memory_bytes: Free before the measurement.
+        needed_memory_bytes: Estimate for a training with DR_WORKERS.
         versions: Of drcli, Python and the libraries that compute.
-        standard: The shipped files on reinvent_base, measured with every call.
+        standard: The shipped files on reinvent_base, always measured.
         own: The files and track of the working folder, if they differ.
-        own_left_out: Why they were not measured; empty otherwise.
-        bucket: The bucket; null if it was left out.
+        own_left_out: Why they were not measured, or empty.
+        bucket: Null if it was left out.
         first_lap_s: Seconds from the start of the standard training to its first evaluation lap:
             least, median and most.
-        busy_share: How much of the processor other programs used meanwhile, 0 to 1.
-        stolen_share: How much of it the host of this virtual machine gave to others, 0 to 1.
-        warnings: What makes the numbers uncertain, in sentences.
-        seconds: How long the measurement took.
+        busy_share: Share of the processor that other programs used, 0 to 1.
+        stolen_share: Share that the host of this virtual machine gave to others, 0 to 1.
+        warnings: What makes the numbers uncertain.
+        seconds: Length of the measurement.
     """
 
     number: float
@@ -132,12 +128,7 @@ class BenchReport:
 def measure_machine(
     folder: Path, *, with_bucket: bool, on_step: Callable[[str], None] = lambda text: None
 ) -> BenchReport:
-    """Measure in about a minute at most, and leave nothing behind.
-
-    Args:
-        folder: The working folder. It need not have a run.env.
-        with_bucket: Whether to measure the bucket.
-        on_step: Shows what is measured now.
+    """Measure for about a minute, and leave nothing behind; run.env may be missing.
 
     Raises:
         SettingsError: A setting is wrong.
@@ -219,12 +210,6 @@ def _warnings(report: BenchReport) -> Iterator[str]:
 def _measured(
     order: WorkOrder, seconds: float, most_s: float, bucket: BucketSpeed | None
 ) -> WorkSpeed:
-    """Measure for so many seconds in a process like those of a training.
-
-    Raises:
-        WorkerDied: It failed, or was not ready in time.
-        SettingsError: The track or the reward function cannot be used.
-    """
     metadata = ModelMetadata.from_bytes(order.metadata.encode())
     ready, rates = _ask(replace(order, seconds=seconds, most_seconds=most_s), most_s)
     return WorkSpeed(

@@ -1,8 +1,7 @@
-"""Measures driving and learning in a process of its own, with the workers' own pieces.
+"""Measures driving and learning in a process without a bucket.
 
-Run by `dr-bench` as `python -m drcli.benchmark.measure_process`. It reads a `WorkOrder` from
-standard input, and writes `Ready` and `Rates` to standard output, a line of JSON each. It needs no
-bucket.
+`python -m drcli.benchmark.measure_process` reads a `WorkOrder` from standard input, and writes
+`Ready` and `Rates` to standard output, a line of JSON each.
 """
 
 import itertools
@@ -45,18 +44,14 @@ from drsim.episode.load_reward import load_reward_function
 from drsim.episode.simulation import Simulation
 
 SHARES = (0.15, 0.4, 0.45)
-"""Of the time, for the bare simulation, for driving and for learning."""
+"""For bare simulation, driving and learning."""
 
 LEAST_S = 3.0
-"""Measured in any case, however long the preparation took."""
-
 LEAST_SAMPLES = 1024
-"""Steps to drive before learning can be measured; fewer are repeated."""
+"""Steps for measuring learning; fewer are repeated."""
 
 
 class _Clock:
-    """Wall and processor time since it was made."""
-
     def __init__(self) -> None:
         self._wall_s, self._core_s = time.perf_counter(), time.process_time()
 
@@ -70,7 +65,6 @@ class _Clock:
 
 
 def main() -> None:
-    """Prepare, say so, measure, and answer."""
     flush_denormals()
     order = from_json(WorkOrder, parse_json(sys.stdin.buffer.read()))
     if order.train.priority == "low":
@@ -162,20 +156,12 @@ def main() -> None:
 
 
 class _Rounds:
-    """Iterations of driving, one after the other, as a simulation worker drives them.
-
-    Attributes:
-        newest: The episodes of the last rounds, at least `LEAST_SAMPLES` steps if there were.
-        steps: Their steps.
-    """
-
     def __init__(self, driver: Driver, count: int) -> None:
         self._driver, self._count, self._number = driver, count, 0
         self.newest: list[Driven] = []
         self.steps = 0
 
     def drive(self) -> int:
-        """Drive the episodes of an iteration; returns their steps."""
         numbers = range(self._number, self._number + self._count)
         driven: list[Driven] = []
         plans = [Plan(n, "training", (0.05 * n) % 1.0) for n in numbers]
@@ -190,8 +176,6 @@ class _Rounds:
 
 
 class _DrawnActions:
-    """The simulation without a policy: all cars take drawn actions."""
-
     def __init__(self, simulation: Simulation, actions: Actions) -> None:
         self._simulation = simulation
         self._random = np.random.default_rng(0)
@@ -203,12 +187,11 @@ class _DrawnActions:
         self._least, self._most = (low, slow), (high, fast)
 
     def begin(self) -> None:
-        """Put all cars somewhere on the track."""
         everybody = np.arange(self._simulation.num_cars)
         self._simulation.reset(everybody, self._random.random(len(everybody)))
 
     def step(self) -> int:
-        """One step of all cars; those that have left the track start again. Returns the steps."""
+        """Cars off the track start again."""
         simulation, random = self._simulation, self._random
         drawn = random.uniform(self._least, self._most, (simulation.num_cars, 2))
         row = simulation.step(drawn[:, 0], drawn[:, 1])
@@ -219,7 +202,6 @@ class _DrawnActions:
 
 
 def _repeated(step: Callable[[], int], seconds: float) -> float:
-    """How much is done per second of wall time when a step is repeated for some seconds."""
     clock, done = _Clock(), 0
     while clock.wall_s < seconds:
         done += step()
@@ -229,16 +211,11 @@ def _repeated(step: Callable[[], int], seconds: float) -> float:
 def _learn(
     learner: Learner, rollout: Rollout, threads: int, seconds: float
 ) -> tuple[int, "_Clock"]:
-    """Learn for some seconds from the same rollout; returns the gradient steps and the time.
-
-    The count does not depend on whole updates, which take a minute with a large network on a slow
-    processor.
-    """
     torch.set_num_threads(threads)
     calls, clock = 0, _Clock()
 
     def should_stop() -> bool:
-        """Asked after each minibatch; the first one, which takes fresh memory, does not count."""
+        """The first minibatch, which takes fresh memory, does not count."""
         nonlocal calls, clock
         calls += 1
         if calls == 1:
@@ -252,7 +229,6 @@ def _learn(
 
 
 def _say(answers: IO[str], answer: Ready | Rates) -> None:
-    """Write an answer as a line."""
     answers.write(json.dumps({type(answer).__name__: asdict(answer)}) + "\n")
     answers.flush()
 

@@ -1,4 +1,4 @@
-"""Which trainings `dr-bench` measures: that of the shipped files, and the racer's own."""
+"""Trainings that `dr-bench` measures."""
 
 import json
 from dataclasses import replace
@@ -19,10 +19,7 @@ _FILES = (keys.HYPERPARAMETERS_FILE, keys.MODEL_METADATA_FILE)
 
 
 def standard_order(settings: Settings, folder: Path) -> WorkOrder:
-    """The shipped files and settings, with the processor settings of the working folder.
-
-    How long to measure is left to the caller.
-    """
+    """Shipped files, with the processor settings of the folder; the caller sets the times."""
     flags = {"DR_EXPERIMENT_NAME": ""}
     shipped = load_settings(folder, environ={}, flags=flags, contents=shipped_settings()).run
     own = settings.run.train
@@ -46,12 +43,11 @@ def standard_order(settings: Settings, folder: Path) -> WorkOrder:
 
 
 def shipped_settings() -> dict[str, bytes]:
-    """The settings files of a new working folder, by name."""
     return {name: settings_file(name).read_bytes() for name in ("run.env", "system.env")}
 
 
 def own_order(settings: Settings, standard: WorkOrder) -> tuple[WorkOrder | None, str]:
-    """The racer's own training if it differs from the standard one; else why it is left out."""
+    """If it differs from the standard one; else why it is left out."""
     folder = settings.custom_files_dir
     texts = dict(zip(_FILES, (standard.hyperparameters, standard.metadata), strict=True))
     reward = Path(standard.reward_file)
@@ -81,8 +77,6 @@ def own_order(settings: Settings, standard: WorkOrder) -> tuple[WorkOrder | None
 
 
 def _same_work(one: WorkOrder, other: WorkOrder) -> bool:
-    """Whether two orders take the same work, however their files are written."""
-
     def facts(order: WorkOrder) -> tuple[object, ...]:
         race = {k: v for k, v in order.race.to_json().items() if k not in ("directory", "sources")}
         return race, json.loads(order.hyperparameters), json.loads(order.metadata)

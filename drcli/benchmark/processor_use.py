@@ -1,4 +1,4 @@
-"""What else uses the processor while something is measured."""
+"""Other use of the processor during a measurement."""
 
 import os
 from collections.abc import Mapping
@@ -7,13 +7,11 @@ import psutil
 
 
 class ProcessorUse:
-    """Use of the processor since this object was made."""
-
     def __init__(self) -> None:
         self._all, self._own_s = self._read()
 
     def of_others(self) -> tuple[float, float]:
-        """Shares of all cores that other programs used, and that the host took away."""
+        """Shares of other programs, and of what the host took."""
         now, own_s = self._read()
         passed = {name: now[name] - self._all[name] for name in now}
         total_s = max(1e-9, sum(passed.values()))

@@ -1,4 +1,4 @@
-"""The bucket that `dr bench` measures; on this machine, a spare one that is removed again."""
+"""The bucket that `dr bench` measures."""
 
 import os
 import shutil
@@ -21,11 +21,7 @@ _FOLDER = ".dr-bench-"
 
 @contextmanager
 def bucket_to_measure(settings: Settings, *, temporary: bool) -> Iterator[tuple[str, Bucket]]:
-    """What to call the bucket to measure, and the bucket.
-
-    For a bucket on this machine, this is another server with other files on the same disk: the
-    racer's own server and objects are not touched.
-    """
+    """Name and bucket; on this machine a spare server with files on the same disk."""
     storage = settings.storage
     if storage.cloud != "local":
         bucket = open_bucket(storage, patience_s=COMMAND_PATIENCE_S)
@@ -48,7 +44,7 @@ def bucket_to_measure(settings: Settings, *, temporary: bool) -> Iterator[tuple[
 
 
 def sweep(above: Path) -> None:
-    """Remove what measurements that were killed have left behind."""
+    """Remove what killed measurements left."""
     for folder in above.glob(f"{_FOLDER}*"):
         number = folder.name.removeprefix(_FOLDER)
         if number.isdigit() and not psutil.pid_exists(int(number)):

@@ -1,4 +1,4 @@
-"""What the measuring process is asked to do, and what it answers."""
+"""Messages to and from the measuring process."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,8 @@ class WorkOrder:
     """A training to measure.
 
     Attributes:
-        race: Track, race and disturbances.
-        train: Cores, priority and number format.
-        hyperparameters: Content of hyperparameters.json.
-        metadata: Content of model_metadata.json.
-        reward_file: The reward function.
-        seconds: For all measurements together.
-        most_seconds: For preparation and measurements. If preparation takes long, less is left.
+        seconds: For measurements.
+        most_seconds: With preparation; a long one leaves less.
     """
 
     race: RaceConfig
@@ -33,17 +28,17 @@ class Ready:
     """The measuring process is ready: what it will use.
 
     Attributes:
-        prepared_s: Time from the start of the process until it had driven the first iteration.
-        device: "cpu" or the name of the GPU on which it learns.
+        prepared_s: From its start until it had driven the first iteration.
+        device: "cpu" or the GPU on which it learns.
         number_format: In which it learns.
         driving_threads: Cores of the simulation.
         learning_threads: Cores of the learner.
-        overlaps: Whether driving and learning take place at the same time in a training.
-        cars: Cars that it drives at a time.
-        episodes: Episodes of an iteration.
+        overlaps: Whether a training drives and learns at the same time.
+        cars: Driven at a time.
+        episodes: Per iteration.
         epochs: Passes of an update over the steps.
         batch_size: Steps in a minibatch.
-        weight_bytes: Size of a checkpoint's weights.
+        weight_bytes: Weights of a checkpoint.
     """
 
     prepared_s: float
@@ -61,18 +56,18 @@ class Ready:
 
 @dataclass(frozen=True)
 class Rates:
-    """What was measured; the second number of each pair counts seconds of one core's time.
+    """What was measured; the second of each pair is per second of one core's time.
 
     Attributes:
         simulation_steps_per_s: Motion, camera, reward and rules, with drawn actions.
-        driving_steps_per_s: The same with the policy, as a simulation worker drives.
-        driving_steps_per_core_s: For a second of processor time, all cores added.
-        learning_samples_per_s: Samples that the learner takes: each step once for each epoch.
-        learning_samples_per_core_s: For a second of processor time; of no use with a GPU.
+        driving_steps_per_s: The same with the policy, as in a simulation worker.
+        driving_steps_per_core_s: Per second of processor time.
+        learning_samples_per_s: Samples learned: each step once per epoch.
+        learning_samples_per_core_s: Per second of processor time; of no use with a GPU.
         gradient_steps_per_s: Minibatches.
-        core_s: Processor time of the whole process.
-        memory_bytes: Most memory of the process, in bytes.
-        step_bytes: Size of a packed step, as it travels through the bucket.
+        core_s: Processor time of the process.
+        memory_bytes: Most memory of the process.
+        step_bytes: A packed step, as in the bucket.
     """
 
     simulation_steps_per_s: float

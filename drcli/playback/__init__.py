@@ -1,1 +1,1 @@
-"""Stored episodes step by step: pictures, choices of the policy, reward parameters, maps."""
+"""Stored episodes step by step."""

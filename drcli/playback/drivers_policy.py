@@ -1,4 +1,4 @@
-"""Which policy drove a trace, whether its checkpoint is still there, and how it is opened."""
+"""Which policy drove a trace, and how it is opened."""
 
 import tempfile
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ class DrivingPolicy:
     """The policy of a trace.
 
     Attributes:
-        checkpoint: Number of the checkpoint that drove; null if nobody recorded it.
-        available: Numbers of the checkpoints of the model that can be opened.
-        sentence: Why the one that drove cannot be shown; empty if it can.
+        checkpoint: Null if unknown.
+        available: Checkpoints that can be opened.
+        sentence: Why it cannot be shown, or empty.
     """
 
     checkpoint: int | None
@@ -37,11 +37,6 @@ class DrivingPolicy:
 def policy_of(
     bucket: Bucket, config: ModelConfig, prefix: str, trace: StoredTrace, found: FoundTrace
 ) -> DrivingPolicy:
-    """Which checkpoint drove a trace, and whether it is still there.
-
-    Raises:
-        StorageError: The bucket cannot be read.
-    """
     available = _available(bucket, config, prefix)
     number = _recorded(found)
     if trace.kind == "training":
@@ -63,10 +58,10 @@ def policy_of(
 def open_checkpoint(
     bucket: Bucket, config: ModelConfig, prefix: str, number: int
 ) -> "ExplainedPolicy":
-    """The policy of a checkpoint: its network, or its frozen graph where only that is left.
+    """The network, or the frozen graph where only that is left.
 
     Raises:
-        SettingsError: It is not there, or cannot be used.
+        SettingsError: It cannot be found or used.
         StorageError: It is damaged, or the bucket cannot be read.
     """
     from drcli.saliency.open_policy import open_policy, open_policy_file  # torch takes seconds
@@ -97,14 +92,13 @@ def _available(bucket: Bucket, config: ModelConfig, prefix: str) -> list[int]:
 
 
 def _recorded(found: FoundTrace) -> int | None:
-    """The checkpoint that the recording of an evaluation names."""
     recorded = "" if found.recording is None else found.recording.checkpoint
     name = CHECKPOINT_NAME.fullmatch(recorded)
     return None if name is None else int(name[1])
 
 
 def _of_iteration(bucket: Bucket, config: ModelConfig, prefix: str, iteration: int) -> int:
-    """The checkpoint that drove an iteration: where driving and learning overlap, an older one."""
+    """Where driving and learning overlap, an older checkpoint drove."""
     try:
         records, _ = readable_history(Model.of(config, bucket, prefix))
     except DrError:

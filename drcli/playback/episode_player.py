@@ -1,4 +1,4 @@
-"""Answers everything that a viewer of a stored episode asks; the heavy part of the player."""
+"""Answers a viewer's requests about stored episodes; heavy to import."""
 
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
@@ -24,36 +24,29 @@ if TYPE_CHECKING:
     from drcli.saliency.policy_outputs import ExplainedPolicy, PolicyOutputs
 
 MOST_STEPS = 128
-"""In one request: pictures of a step take about 3 kB."""
+"""Per request; pictures of a step take about 3 kB."""
 
 MOST_EXPLAINED = 32
-"""Maps in one request: each takes a few passes through the network."""
+"""Maps per request, at a few network passes each."""
 
 CACHE_BYTES = 48 << 20
-"""Of pictures that are kept."""
-
 _TRACES, _EYES, _POLICIES = 4, 2, 2
-"""How many of each are kept: a trace takes some MB, a painted world up to 55, a policy up to 20."""
+"""A trace takes some MB, a painted world up to 55, a policy up to 20."""
 
 _QUALITY = 88
 
 _SAMPLES = 9
-"""Pictures of a lap whose maps decide what is drawn as most."""
-
 Picture = NDArray[np.uint8]
 
 V = TypeVar("V")
 
 
 class Kept(Generic[V]):
-    """The values that were used last, by key."""
-
     def __init__(self, most: int) -> None:
         self._most = most
         self._values: OrderedDict[Any, V] = OrderedDict()
 
     def get(self, key: Any, make: Callable[[], V]) -> V:
-        """The value of a key, made if it is not there."""
         if key not in self._values:
             self._values[key] = make()
         self._values.move_to_end(key)
@@ -62,45 +55,35 @@ class Kept(Generic[V]):
         return self._values[key]
 
     def drop(self, of: Callable[[Any], bool]) -> None:
-        """Forget the values of some keys."""
         for key in [key for key in self._values if of(key)]:
             del self._values[key]
 
 
 class KeptPictures:
-    """Pictures as files, those that were used last, within a number of bytes."""
-
     def __init__(self, most_bytes: int) -> None:
         self._most_bytes = most_bytes
         self._files: OrderedDict[Any, bytes] = OrderedDict()
         self.size_bytes = 0
 
     def find(self, key: Any) -> bytes | None:
-        """A picture, if it is there."""
         file = self._files.get(key)
         if file is not None:
             self._files.move_to_end(key)
         return file
 
     def keep(self, key: Any, file: bytes) -> None:
-        """Keep a picture, and give up old ones."""
         self.size_bytes += len(file) - len(self._files.pop(key, b""))
         self._files[key] = file
         while self.size_bytes > self._most_bytes:
             self.size_bytes -= len(self._files.popitem(last=False)[1])
 
     def drop(self, of: Callable[[Any], bool]) -> None:
-        """Forget some pictures."""
         for key in [key for key in self._files if of(key)]:
             self.size_bytes -= len(self._files.pop(key))
 
 
 class EpisodePlayer:
-    """Plays stored episodes.
-
-    Args:
-        connect: Opens the bucket and reads the settings, anew for each trace.
-    """
+    """Plays stored episodes; `connect` is called anew for each trace."""
 
     def __init__(self, connect: Callable[[], tuple[Bucket, Defaults]]) -> None:
         self._connect = connect
@@ -111,14 +94,13 @@ class EpisodePlayer:
         self.pictures = KeptPictures(CACHE_BYTES)
 
     def answer(self, request: dict[str, Any]) -> bytes:
-        """The packed answer to a request; see `packed_answer`.
+        """The answer in the form of `packed_answer`.
 
-        Args:
-            request: `do` is `open`, `lap`, `steps`, `policy` or `explain`; `model` and `trace` say
-                of which trace; the others take `episode`, and the last three `first` and `count`.
+        `do` is `open`, `lap`, `steps`, `policy` or `explain`; `model` and `trace` name the trace;
+        all but `open` take `episode`, and the last three `first` and `count`.
 
         Raises:
-            SettingsError: Something that is asked for does not exist.
+            SettingsError: Something does not exist.
             StorageError: The bucket cannot be read.
             NotAvailable: A library is missing.
         """
@@ -162,7 +144,6 @@ class EpisodePlayer:
         return self._eyes.get((track.name, names), lambda: CarEye(track, shapes))
 
     def _steps(self, opened: OpenedTrace, model: str, index: int, first: int, count: int) -> bytes:
-        """Pictures and parameters of some steps."""
         lap = opened.lap(index)
         facts: dict[str, Any] = {"first": first, "count": count, "parameters": None}
         files: list[bytes] = []
@@ -206,7 +187,6 @@ class EpisodePlayer:
         count: int,
         checkpoint: int,
     ) -> bytes:
-        """What a policy makes of the pictures of some steps."""
         subject = self._policy(model, checkpoint)
         seen = self._seen(opened, subject, lap, range(first, first + count))
         from drcli.learn.policy import Observation
@@ -230,7 +210,6 @@ class EpisodePlayer:
         count: int,
         checkpoint: int,
     ) -> bytes:
-        """The pictures of some steps with a map over each of which pixels moved the action."""
         from drcli.saliency.heat_picture import overlay
 
         rows = _rows(first, min(count, MOST_EXPLAINED))
@@ -253,7 +232,6 @@ class EpisodePlayer:
     def _strongest(
         self, opened: OpenedTrace, subject: "ExplainedPolicy", lap: RecordedLap
     ) -> float:
-        """What is drawn as most in the maps of a lap, so that its pictures can be compared."""
         from drcli.saliency.heat_picture import full_of
 
         rows = sorted({round(at) for at in np.linspace(0, len(lap.time_s) - 1, _SAMPLES)})
@@ -278,7 +256,6 @@ class EpisodePlayer:
         lap: RecordedLap,
         rows: Iterable[int],
     ) -> tuple[Picture, NDArray[np.float32], NDArray[np.float32]]:
-        """What a policy sees at some rows: stacked pictures, lidar, and no state."""
         eye, spec, chosen = self._eye(opened), subject.policy.spec, list(rows)
         needed = sorted({max(row - back, 0) for row in chosen for back in range(spec.stack)})
         frames = eye.frames(lap.poses[needed], _objects(lap, opened, needed), spec.eyes)
@@ -292,7 +269,6 @@ class EpisodePlayer:
 
 
 def choices(outputs: "PolicyOutputs", subject: "ExplainedPolicy") -> dict[str, Any]:
-    """Outputs of a policy for people, as lists."""
     from drsim.car.actions import DiscreteActions
 
     def rounded(values: NDArray[np.float64] | None, digits: int = 4) -> Any:
@@ -325,8 +301,6 @@ def choices(outputs: "PolicyOutputs", subject: "ExplainedPolicy") -> dict[str, A
 
 
 def lap_columns(lap: RecordedLap) -> dict[str, Any]:
-    """The rows of a lap as lists, for curves, map and the numbers of a step."""
-
     def rounded(values: NDArray[np.float64], digits: int) -> list[float]:
         found: list[float] = np.round(values, digits).tolist()
         return found
@@ -352,19 +326,16 @@ def lap_columns(lap: RecordedLap) -> dict[str, Any]:
 
 
 def jpeg(picture: Picture) -> bytes:
-    """A grey or coloured picture as a JPEG file."""
     data = BytesIO()
     Image.fromarray(picture).save(data, "JPEG", quality=_QUALITY)
     return data.getvalue()
 
 
 def _stands(lap: RecordedLap) -> bool:
-    """Whether no object moves in the lap."""
     return bool((lap.objects == lap.objects[:1]).all())
 
 
 def _objects(lap: RecordedLap, opened: OpenedTrace, rows: list[int]) -> NDArray[np.float64]:
-    """The objects of some rows; none where their shapes are not known."""
     return lap.objects[rows] if opened.race.shapes else np.empty((len(rows), 0, 3))
 
 
@@ -373,11 +344,6 @@ def _rows(first: int, count: int) -> list[int]:
 
 
 def _range(request: dict[str, Any], lap: RecordedLap) -> tuple[int, int]:
-    """First row and number of rows that are asked for, within the lap.
-
-    Raises:
-        SettingsError: They are outside of it.
-    """
     first, count = int(request["first"]), int(request["count"])
     rows = len(lap.time_s)
     if not (0 <= first < rows and 1 <= count <= MOST_STEPS):

@@ -1,4 +1,4 @@
-"""Works out the parameters that a reward function got at each step of a recorded lap."""
+"""Reward parameters at each step of a recorded lap."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -34,9 +34,8 @@ class LapParameters:
     """Parameters of some steps.
 
     Attributes:
-        columns: A value for each step, by the name of the parameter.
-        constants: Those that are the same at every step.
-        unknown: Why each of the others cannot be known, a sentence each.
+        constants: Those equal at every step.
+        unknown: Why others cannot be known.
     """
 
     columns: dict[str, list[Any]]
@@ -46,13 +45,11 @@ class LapParameters:
 
 @dataclass(frozen=True)
 class KnownRace:
-    """What is known about the race of a trace.
+    """What is known about a trace's race.
 
     Attributes:
-        race_type: As DR_RACE_TYPE; empty if unknown.
-        shapes: Of the recorded objects; empty without any.
-        reverse: Whether the lap was driven against the direction of the track; None if nobody
-            recorded it.
+        race_type: As DR_RACE_TYPE, or empty.
+        reverse: None if not recorded.
     """
 
     race_type: str
@@ -61,7 +58,7 @@ class KnownRace:
 
 
 def directed_track(track: Track, lap: RecordedLap, race: KnownRace) -> Track:
-    """The track in the direction in which a lap was driven, measured where nobody recorded it."""
+    """In the lap's direction, measured where not recorded."""
     backward = _drove_backward(track, lap)
     if backward is None:
         backward = bool(race.reverse)
@@ -71,15 +68,7 @@ def directed_track(track: Track, lap: RecordedLap, race: KnownRace) -> Track:
 def lap_parameters(
     track: Track, lap: RecordedLap, race: KnownRace, first: int, count: int
 ) -> LapParameters:
-    """The parameters of `count` steps from `first` on.
-
-    Args:
-        track: In the direction of the lap; see `directed_track`.
-        lap: The lap.
-        race: What is known about its race.
-        first: Index of a row.
-        count: How many rows.
-    """
+    """Of `count` steps from row `first`; `track` as from `directed_track`."""
     rows = slice(first, first + count)
     poses = lap.poses[rows]
     xy = _front(poses)
@@ -122,7 +111,6 @@ def lap_parameters(
 def _objects(
     track: Track, lap: RecordedLap, race: KnownRace, rows: slice
 ) -> tuple[Objects | None, dict[str, str]]:
-    """The objects of some rows, and which parameters about them cannot be known."""
     poses = lap.objects[rows]
     if not race.shapes:
         if race.race_type == "TIME_TRIAL":
@@ -156,20 +144,20 @@ def _objects(
 
 
 def _front(poses: Floats) -> Floats:
-    """The point that reward functions get as x and y. Shape (t, 2)."""
+    """The x and y of reward functions. Shape (t, 2)."""
     ahead = np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], axis=1)
     return poses[:, :2] + REFERENCE_POINT_AHEAD_M * ahead
 
 
 def _wheels(poses: Floats) -> Floats:
-    """Centres of the wheels of a car that stands. Shape (t, 4, 2)."""
+    """Centres, at rest. Shape (t, 4, 2)."""
     cos, sin = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
     x, y = WHEELS_M[None, :, 0], WHEELS_M[None, :, 1]
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=2) + poses[:, None, :2]
 
 
 def _drove_backward(track: Track, lap: RecordedLap) -> bool | None:
-    """Whether progress rose while the car drove against the track; None if it hardly moved."""
+    """Progress rose against the track; None if the car hardly moved."""
     along_m = track.locate(_front(lap.poses)).distance_m
     moved_m, progressed = np.diff(along_m), np.diff(lap.progress)
     if track.closed:

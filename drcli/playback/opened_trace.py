@@ -1,4 +1,4 @@
-"""A trace that is being played: its laps, its track, and what is known about its race."""
+"""A trace that is being played."""
 
 import re
 from collections.abc import Callable
@@ -26,7 +26,6 @@ from drsim.track.track import Track
 T = TypeVar("T")
 
 _DIGITS = 3
-"""Of metres in the outline of a track."""
 
 
 @dataclass(eq=False)
@@ -34,14 +33,9 @@ class OpenedTrace:
     """A trace, read.
 
     Attributes:
-        trace: What its name says.
-        found: Its laps and its recording.
-        track: What it was driven on, as it is defined; None if that cannot be found.
-        race: What is known about its race.
-        policy: What drove it.
+        track: In its own direction; None if unknown.
         eyes: Front cameras of the model.
-        used: Parameters that the reward function of the model reads, as far as its text tells.
-        notes: What a viewer should know, in sentences.
+        used: Parameters that its reward function seems to read.
     """
 
     trace: StoredTrace
@@ -54,11 +48,7 @@ class OpenedTrace:
     notes: list[str]
 
     def lap(self, index: int) -> RecordedLap:
-        """An episode by its place in the trace: the numbers of episodes may repeat.
-
-        Raises:
-            SettingsError: There is none.
-        """
+        """By place, as numbers of episodes may repeat; raises SettingsError."""
         if not 0 <= index < len(self.found.laps):
             raise SettingsError(
                 f"{self.found.origin} has {len(self.found.laps)} episodes that can be shown.",
@@ -67,7 +57,6 @@ class OpenedTrace:
         return self.found.laps[index]
 
     def facts(self) -> dict[str, Any]:
-        """What the page shows about the trace and its episodes."""
         laps = self.found.laps
         best = chosen_laps(laps, "best", self.found.origin)[0]
         worst = max(laps, key=rank_of)
@@ -103,11 +92,11 @@ class OpenedTrace:
 
 
 def open_trace(bucket: Bucket, defaults: Defaults, prefix: str, name: str) -> OpenedTrace:
-    """Read a trace of a model with everything that is known about it.
+    """Read a trace with everything known about it.
 
     Raises:
-        SettingsError: The names are wrong, or it is no simtrace.
-        StorageError: It is not there, or the bucket cannot be read.
+        SettingsError: Wrong names, or not a simtrace.
+        StorageError: It is missing, or the bucket cannot be read.
     """
     key = trace_key(prefix, name)
     trace = parse_name(name)
@@ -128,7 +117,7 @@ def open_trace(bucket: Bucket, defaults: Defaults, prefix: str, name: str) -> Op
 
 
 def outline(track: Track) -> dict[str, Any]:
-    """The lines of a track for a map: metres, rounded to millimetres."""
+    """A map's lines, in metres with millimetres."""
 
     def line(points: np.ndarray) -> list[list[float]]:
         rounded: list[list[float]] = np.round(points, _DIGITS).tolist()
@@ -145,7 +134,7 @@ def outline(track: Track) -> dict[str, Any]:
 
 
 def used_parameters(text: bytes) -> list[str]:
-    """Words in quotes in a reward function that may be names of parameters, each once."""
+    """Quoted words that may be names of parameters."""
     words = re.findall(r"""["']([a-z_]{1,40})["']""", text.decode("utf-8", "replace"))
     return list(dict.fromkeys(words))
 
@@ -189,7 +178,6 @@ def _race(trace: StoredTrace, found: FoundTrace, told: str) -> KnownRace:
 
 
 def _track(found: FoundTrace, defaults: Defaults, told: str, notes: list[str]) -> Track | None:
-    """The track of a trace; None and a note if it is not installed, or nothing fits."""
     folder = defaults.tracks_folder
     try:
         if found.recording is not None:
@@ -204,7 +192,7 @@ def _track(found: FoundTrace, defaults: Defaults, told: str, notes: list[str]) -
 
 
 def _or(read: Callable[[], T], otherwise: T, notes: list[str]) -> T:
-    """What was read, or something else where that is missing or damaged; damage is noted."""
+    """Missing or damaged data gives `otherwise`; damage is noted."""
     try:
         return read()
     except ObjectMissing:

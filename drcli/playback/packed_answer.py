@@ -1,4 +1,4 @@
-"""How an answer with pictures is packed: JSON facts, and then the pictures one after the other."""
+"""The form of answers: JSON facts, then pictures."""
 
 import json
 from collections.abc import Sequence
@@ -10,9 +10,9 @@ LENGTH_BYTES = 4
 
 
 def pack(facts: dict[str, Any], pictures: Sequence[bytes] = ()) -> bytes:
-    """Four bytes with the length of the facts (big endian), the facts as JSON, and the pictures.
+    """Four bytes of length (big endian), JSON facts, pictures.
 
-    The facts get a list `lengths` with the size of each picture in bytes.
+    The facts get `lengths`, the pictures' bytes.
     """
     told = {**plain(facts), "lengths": [len(picture) for picture in pictures]}
     head = json.dumps(told, separators=(",", ":")).encode()
@@ -20,10 +20,10 @@ def pack(facts: dict[str, Any], pictures: Sequence[bytes] = ()) -> bytes:
 
 
 def unpack(data: bytes) -> tuple[dict[str, Any], list[bytes]]:
-    """Facts and pictures of a packed answer.
+    """Facts and pictures.
 
     Raises:
-        ValueError: It is not one.
+        ValueError: It is not a packed answer.
     """
     head_end = LENGTH_BYTES + int.from_bytes(data[:LENGTH_BYTES], "big")
     if len(data) < head_end:
@@ -39,7 +39,7 @@ def unpack(data: bytes) -> tuple[dict[str, Any], list[bytes]]:
 
 
 def facts_of(data: bytes) -> dict[str, Any]:
-    """The facts alone, of an answer that is known to be whole."""
+    """Of an answer known to be whole."""
     head_end = LENGTH_BYTES + int.from_bytes(data[:LENGTH_BYTES], "big")
     facts: dict[str, Any] = json.loads(data[LENGTH_BYTES:head_end])
     del facts["lengths"]

@@ -1,7 +1,6 @@
-"""Starts the process that plays episodes when it is needed, asks it, and ends it when it is idle.
+"""Starts the player's process when needed, and ends it when idle.
 
-torch, mujoco and numba take seconds to load and hundreds of megabytes; the server of the console
-must have neither.
+torch, mujoco and numba load slowly and take hundreds of megabytes, too much for the server.
 """
 
 import json
@@ -24,38 +23,30 @@ from drcli.playback.packed_answer import facts_of
 MODULE = "drcli.playback.player_process"
 
 IDLE_S = 300.0
-"""After which the process ends; the next request starts it again."""
+"""Then the process ends until the next request."""
 
 PATIENCE_S = 120.0
-"""For one answer, on a machine that trains on all its cores."""
+"""For an answer while all cores train."""
 
 MOST_WAITING = 8
-"""Requests at the same time; they are answered one after the other."""
-
 _LENGTH_BYTES = 8
 
 _TUNING = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
-"""It is to leave the cores to a training."""
+"""Leaves the cores to a training."""
 
 _REMEDY = "Try again: it is started anew. The details are in data/logs/viewer.log."
 
 
 class PlayerBusy(SettingsError):
-    """Too many requests wait for the player."""
+    """Too many requests wait."""
 
 
 class PlayerEnded(StorageError):
-    """The process of the player ended while it was asked."""
+    """The player's process ended during a request."""
 
 
 class PlayerHandle:
-    """The player of a working folder. Any thread may call its methods.
-
-    Args:
-        directory: The working folder.
-        idle_s: As `IDLE_S`.
-        patience_s: As `PATIENCE_S`.
-    """
+    """A working folder's player, for any thread."""
 
     def __init__(
         self, directory: Path, *, idle_s: float = IDLE_S, patience_s: float = PATIENCE_S
@@ -71,16 +62,11 @@ class PlayerHandle:
 
     @property
     def pid(self) -> int | None:
-        """The process, if it runs."""
         process = self._process
         return process.pid if process is not None and process.poll() is None else None
 
     def ask(self, request: dict[str, Any]) -> bytes:
-        """The packed answer to a request of `EpisodePlayer.answer`.
-
-        Raises:
-            DrError: What the player says, or that it cannot answer.
-        """
+        """Raises DrError from the player, or because it cannot answer."""
         with self._count:
             if self._waiting >= MOST_WAITING:
                 raise PlayerBusy(
@@ -100,7 +86,6 @@ class PlayerHandle:
         return data
 
     def close(self) -> None:
-        """End the process."""
         with self._lock:
             self._end()
 
@@ -194,7 +179,6 @@ class PlayerHandle:
 
 
 def _finish(process: "subprocess.Popen[bytes]") -> None:
-    """End a process that holds nothing that could be lost."""
     process.kill()
     process.wait()
     for pipe in (process.stdin, process.stdout):
@@ -209,6 +193,5 @@ _KINDS: dict[int, type[DrError]] = {
 
 
 def _error(told: dict[str, Any]) -> DrError:
-    """An error of the process as one of ours."""
     kind = _KINDS.get(int(told["code"]), SettingsError)
     return kind(str(told["message"]), remedy=str(told["remedy"]))

@@ -1,7 +1,7 @@
-"""The process that plays stored episodes: `python -m drcli.playback.player_process FOLDER`.
+"""The player's process: `python -m drcli.playback.player_process FOLDER`.
 
-It answers requests on its input, one after the other, each a line of JSON; an answer is eight bytes
-with its length (big endian) and a packed answer. It ends with its input.
+Requests are lines of JSON on its input, until that ends; an answer is eight bytes of length
+(big endian) and a packed answer.
 """
 
 import json
@@ -24,10 +24,10 @@ from drcli.video.video_job import Defaults
 LENGTH_BYTES = 8
 
 MOST_BYTES = 4 << 30
-"""Of memory for data: torch takes about 1 GB of it, most of which it never touches."""
+"""Data limit: torch takes about 1 GB, mostly untouched."""
 
 _NICE = 5
-"""Somebody looks at pictures; a training on the same machine goes first."""
+"""A training goes first."""
 
 _PATIENCE_S = 5.0
 
@@ -35,7 +35,6 @@ _logger = get_logger(__name__)
 
 
 def main() -> None:
-    """Answer until the input ends."""
     directory = Path(sys.argv[1])
     # What a library prints must not be taken for an answer.
     answers = os.fdopen(os.dup(1), "wb")
@@ -55,7 +54,6 @@ def main() -> None:
 
 
 def serve(player: EpisodePlayer, requests: BinaryIO, answers: BinaryIO) -> None:
-    """Answer all requests."""
     for line in requests:
         data = answer_of(player, json.loads(line))
         with suppress(BrokenPipeError):
@@ -64,7 +62,7 @@ def serve(player: EpisodePlayer, requests: BinaryIO, answers: BinaryIO) -> None:
 
 
 def answer_of(player: EpisodePlayer, request: dict[str, Any]) -> bytes:
-    """The answer to a request; an error is an answer, too."""
+    """Errors are answers, too."""
     try:
         return player.answer(request)
     except DrError as error:

@@ -1,4 +1,4 @@
-"""The traces that a model has in its bucket, with what is known about each without reading it."""
+"""A model's traces in the bucket, and what is known without reading them."""
 
 import json
 import math
@@ -43,7 +43,7 @@ _NAMES: tuple[tuple[TraceKind, re.Pattern[str]], ...] = (
     ),
     ("opponent", re.compile(r"evaluation-simtrace/(?P<n>[0-9]{1,9})-iteration\.csv")),
 )
-"""Names below a model of all layouts: ours, DeepRacer-for-Cloud, the consoles."""
+"""In all layouts: ours, DeepRacer-for-Cloud, the consoles."""
 
 _BELOW_MODEL = re.compile(
     r"(.+?)/(?:(?:[0-9]{1,3}/)?training-simtrace|sim-trace/(?:training|evaluation)/.*"
@@ -51,27 +51,21 @@ _BELOW_MODEL = re.compile(
 )
 
 MOST_EVALUATIONS = 40
-"""The newest ones whose metrics are read for the list."""
+"""Whose metrics are read for the list."""
 
 
 @dataclass(frozen=True)
 class StoredTrace:
-    """One trace.
+    """One trace; null where unknown.
 
     Attributes:
-        name: Its key below the model.
-        kind: What drove: a training, an evaluation, or the model as an opponent.
-        worker: Of a training.
-        iteration: Of a training; otherwise the number of the file.
-        stamp: Of an evaluation: its time as fourteen digits, or what its folder is called.
-        size_bytes: Of the file.
-        modified: Unix seconds at which it was written.
-        mean_reward: Of its episodes, of all workers together; null where it is not known.
-        mean_progress: The same in percent of a lap.
-        full_laps: Episodes that completed a lap; null where it is not known.
-        best_lap_s: The fastest clean one of them; null without one.
-        clean_laps: Of an evaluation: laps without reset and penalty.
-        resets: Of an evaluation: how often the car was put back on the track.
+        name: Key below the model.
+        iteration: Of a training, else the file's number.
+        stamp: Of an evaluation: fourteen digits, or its folder's name.
+        mean_reward: Of all workers.
+        mean_progress: Likewise, percent.
+        best_lap_s: Of clean laps.
+        clean_laps: Of an evaluation.
     """
 
     name: str
@@ -91,12 +85,7 @@ class StoredTrace:
 
 @dataclass(frozen=True)
 class StoredTraces:
-    """The traces of a model: those of its training by iteration and worker, then the evaluations.
-
-    Attributes:
-        model: Its prefix.
-        notes: What could not be read, in sentences.
-    """
+    """By iteration and worker, then the evaluations."""
 
     model: str
     traces: list[StoredTrace]
@@ -104,10 +93,7 @@ class StoredTraces:
 
 
 def models_with_traces(listed: Iterable[ObjectInfo]) -> list[str]:
-    """Prefixes of all models in a listing of a whole bucket, and of folders that only have traces.
-
-    The latter are what other programs have left of a model.
-    """
+    """Prefixes of models, and of folders with traces only, which other programs leave."""
     listed = list(listed)
     found = set(models_in(listed))
     known = tuple(keys.folder(prefix) for prefix in found)
@@ -119,11 +105,7 @@ def models_with_traces(listed: Iterable[ObjectInfo]) -> list[str]:
 
 
 def trace_key(prefix: str, name: str) -> str:
-    """The key of a trace of a model.
-
-    Raises:
-        SettingsError: This is no name of a model, or of a trace below it.
-    """
+    """Raises SettingsError for wrong names."""
     if not keys.is_valid_prefix(prefix):
         raise SettingsError(
             f"{prefix[:80]!r} is no name of a model.", remedy="Choose a model of the list."
@@ -137,7 +119,6 @@ def trace_key(prefix: str, name: str) -> str:
 
 
 def parse_name(name: str) -> StoredTrace | None:
-    """What the name of a trace says; None for other names."""
     for kind, pattern in _NAMES:
         found = pattern.fullmatch(name)
         if found is not None:
@@ -150,10 +131,10 @@ def parse_name(name: str) -> StoredTrace | None:
 
 
 def stored_traces(bucket: Bucket, config: ModelConfig, prefix: str) -> StoredTraces:
-    """All traces of a model, with the numbers that its curve and its metrics have about them.
+    """All traces of a model, with numbers from its curve and metrics.
 
     Raises:
-        SettingsError: This is no name of a model, or there is none.
+        SettingsError: The model's name is wrong, or it has none.
         StorageError: The bucket cannot be read.
     """
     if not keys.is_valid_prefix(prefix):
@@ -228,7 +209,6 @@ def _known(value: float) -> float | None:
 def _evaluation_numbers(
     bucket: Bucket, metrics_prefix: str, stamps: Iterable[str], notes: list[str]
 ) -> dict[str, dict[str, Any]]:
-    """Numbers of evaluations from their metrics; a damaged file is told and left out."""
     folder = keys.evaluation_metrics_folder(metrics_prefix)
     there = {info.key for info in bucket.list(folder)}
     found: dict[str, dict[str, Any]] = {}

@@ -1,1 +1,1 @@
-"""Races at home: models in the bucket compete on a leaderboard, or in pairs."""
+"""Races at home between models in the bucket."""

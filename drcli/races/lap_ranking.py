@@ -1,6 +1,6 @@
-"""Ranks submissions by the laps that they drove. Pure functions: the same laps, the same ranks.
+"""Ranks submissions by their laps. Pure functions.
 
-Source of the three rankings and of the laps that are needed: DeepRacer on AWS.
+Source of the three rankings: DeepRacer on AWS.
 """
 
 import math
@@ -13,22 +13,13 @@ from drcli.exchange.race_submission import DrivenLap
 
 @dataclass(frozen=True)
 class LapFigures:
-    """What the laps of one submission come to. Times are simulated seconds, penalties included.
+    """Totals of a submission's laps; times in simulated seconds with penalties, None without laps.
 
     Attributes:
-        driven: Laps driven, complete or not.
-        complete: Laps completed, with or without resets, as the reference counts them.
-        clean: Laps completed without reset and penalty.
-        in_a_row: Most laps completed in a row.
-        best_lap_s: Fastest complete lap; None without one.
-        best_average_s: Least mean of consecutive complete laps; None without so many.
-        total_s: All laps together; None if one was not completed.
-        progress: Percent of the lap, summed over all laps.
-        off_track: How often the car left the track.
-        crashes: How often it crashed.
-        resets: How often it was put back on the track.
-        best: The fastest complete lap; empty without one.
-        average: Those of the best average; empty without so many.
+        complete: With or without resets, as the reference counts.
+        clean: Complete laps without reset and penalty.
+        total_s: None if a lap was not completed.
+        progress: Percent, summed over laps.
     """
 
     driven: int
@@ -48,13 +39,7 @@ class LapFigures:
 
 @dataclass(frozen=True)
 class RankingRule:
-    """What decides.
-
-    Attributes:
-        ranking: What is compared.
-        min_laps: Complete laps that are needed; in a row for best-average.
-        max_laps: Laps of a submission.
-    """
+    """`min_laps` complete laps are needed; in a row for best-average."""
 
     ranking: Ranking
     min_laps: int
@@ -63,14 +48,7 @@ class RankingRule:
 
 @dataclass(frozen=True)
 class Ranked:
-    """A submission in its place.
-
-    Attributes:
-        name: Of the submission.
-        rank: From 1; None if it is not qualified.
-        score_s: The time that decides; None if it is not qualified.
-        gap_s: Behind the first; None if it is not qualified.
-    """
+    """None in a field: not qualified."""
 
     name: str
     rank: int | None
@@ -79,7 +57,6 @@ class Ranked:
 
 
 def figures_of(laps: Sequence[DrivenLap], average_laps: int) -> LapFigures:
-    """What laps come to; `average_laps` is the length of the best average."""
     times = [lap.lap_s for lap in laps if lap.complete]
     rows = [
         laps[first : first + average_laps]
@@ -110,12 +87,12 @@ def figures_of(laps: Sequence[DrivenLap], average_laps: int) -> LapFigures:
 
 
 def sum_s(laps: Sequence[DrivenLap]) -> float:
-    """Time of some laps together, simulated seconds, penalties included."""
+    """Simulated seconds, penalties included."""
     return math.fsum(lap.lap_s for lap in laps)
 
 
 def score_s(figures: LapFigures, rule: RankingRule) -> float | None:
-    """The time that decides; None if the submission is not qualified."""
+    """None if not qualified."""
     if rule.ranking == "best-average":
         return figures.best_average_s if figures.in_a_row >= rule.min_laps else None
     if figures.complete < rule.min_laps:
@@ -126,11 +103,10 @@ def score_s(figures: LapFigures, rule: RankingRule) -> float | None:
 
 
 def ranked(submissions: Mapping[str, LapFigures], rule: RankingRule) -> list[Ranked]:
-    """All submissions, the best first; no two have the same rank.
+    """The best first, with different ranks.
 
     Equal times (to the millisecond) are decided by the other times, then by fewer violations, then
-    by the name, which begins with the time of the submission: who was first keeps the place. Those
-    that are not qualified come last, those that came furthest first.
+    by the name, which begins with the submission's time. The unqualified come last, by progress.
     """
     order = sorted(submissions, key=lambda name: _key(name, submissions[name], rule))
     first: float | None = None
@@ -148,13 +124,7 @@ def ranked(submissions: Mapping[str, LapFigures], rule: RankingRule) -> list[Ran
 def best_of_each(
     submissions: Mapping[str, LapFigures], racers: Mapping[str, str], rule: RankingRule
 ) -> list[Ranked]:
-    """The same with the best submission of each racer only.
-
-    Args:
-        submissions: By name.
-        racers: Who submitted each of them.
-        rule: What decides.
-    """
+    """The best submission of each racer."""
     best: dict[str, str] = {}
     for place in ranked(submissions, rule):
         best.setdefault(same_racer(racers[place.name]), place.name)
@@ -162,12 +132,12 @@ def best_of_each(
 
 
 def same_racer(name: str) -> str:
-    """Equal for two names that mean the same racer: capitals and spaces do not count."""
+    """Ignores capitals and spaces."""
     return " ".join(name.split()).casefold()
 
 
 def milliseconds(seconds: float | None) -> float:
-    """A time as it is compared; without one, longer than every other."""
+    """None is longer than every other."""
     return math.inf if seconds is None else round(seconds * 1000.0)
 
 

@@ -20,14 +20,14 @@ from drcli.store.bucket import Bucket
 
 @dataclass(frozen=True)
 class DeletedRace:
-    """A race that was deleted.
+    """A deleted race.
 
     Attributes:
         bucket: Where it was.
         race: Its id.
-        objects: How many objects it had.
+        objects: How many it had.
         size_bytes: Their size.
-        dry_run: Whether nothing was deleted.
+        dry_run: Nothing was deleted.
     """
 
     bucket: str
@@ -40,11 +40,7 @@ class DeletedRace:
 def create_race(
     settings: Settings, bucket: Bucket, wish: RaceWish, *, now_s: float | None = None
 ) -> RaceReport:
-    """Make a race.
-
-    Raises:
-        SettingsError: A rule is wrong, the track is not installed, or the race exists.
-    """
+    """Raises SettingsError for a wrong rule, a missing track, or an existing race."""
     now = time.time() if now_s is None else now_s
     rules = rules_of(settings, wish, now)
     check_track(settings_of_rules(settings, rules))
@@ -59,11 +55,7 @@ def create_race(
 
 
 def show_race(bucket: Bucket, race: str, *, now_s: float | None = None) -> RaceReport:
-    """A race as it stands now.
-
-    Raises:
-        SettingsError: There is no such race.
-    """
+    """Raises SettingsError without such a race."""
     now = time.time() if now_s is None else now_s
     runner = runner_of(bucket, race)  # before the results: what it finishes meanwhile is not lost
     return report_of(read_race(bucket, race), bucket.name, now, runner)
@@ -72,13 +64,7 @@ def show_race(bucket: Bucket, race: str, *, now_s: float | None = None) -> RaceR
 def list_races(
     bucket: Bucket, *, objects: RaceObjects | None = None, now_s: float | None = None
 ) -> RaceList:
-    """All races of a bucket, the newest first.
-
-    Args:
-        bucket: Where they are.
-        objects: Keeps what was read, so that the next list reads only what has changed.
-        now_s: The time, Unix seconds.
-    """
+    """The newest first; `objects` keeps what was read."""
     entries, damaged = [], []
     seen = (objects or RaceObjects()).look(bucket, race_keys.folder())
     for race in race_ids(seen):
@@ -110,10 +96,10 @@ def list_races(
 
 
 def close_race(bucket: Bucket, race: str, *, now_s: float | None = None) -> RaceReport:
-    """Take no more submissions; what was submitted is still driven.
+    """Take no more submissions; those there are still driven.
 
     Raises:
-        SettingsError: There is no such race, or it is closed already.
+        SettingsError: There is no such race, or it is closed.
     """
     now = time.time() if now_s is None else now_s
     rules = read_rules(bucket, race)
@@ -130,16 +116,10 @@ def close_race(bucket: Bucket, race: str, *, now_s: float | None = None) -> Race
 def open_race(
     bucket: Bucket, race: str, closes_at: float | None = None, *, now_s: float | None = None
 ) -> RaceReport:
-    """Take submissions from now on.
-
-    Args:
-        bucket: Where the race is.
-        race: Its id.
-        closes_at: When to close it, Unix seconds; None for never.
-        now_s: The time, Unix seconds.
+    """Take submissions until a Unix time, or for ever.
 
     Raises:
-        SettingsError: There is no such race, or it would be closed already.
+        SettingsError: No such race, or the time is past.
     """
     now = time.time() if now_s is None else now_s
     rules = read_rules(bucket, race)
@@ -155,10 +135,10 @@ def open_race(
 
 
 def delete_race(bucket: Bucket, race: str, *, dry_run: bool = False) -> DeletedRace:
-    """Delete a race with all submissions, results and videos; the models of the racers stay.
+    """The racers' models stay.
 
     Raises:
-        SettingsError: There is no such race, or its queue is being driven.
+        SettingsError: No such race, or its queue is being driven.
     """
     found = bucket.list(race_keys.folder(race)) if is_race_id(race) else []
     if not found:

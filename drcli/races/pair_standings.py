@@ -1,4 +1,4 @@
-"""What the pairs of a race in pairs come to: who meets whom, points, rounds. Pure functions."""
+"""State of a race in pairs. Pure functions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,14 +13,13 @@ from drcli.races.stored_race import StoredRace, submission_id
 
 
 def meetings_of(stored: StoredRace) -> list[pairings.Meeting]:
-    """The pairs of a race in pairs, as far as they are known."""
     if stored.rules.pairing == "round-robin":
         return pairings.round_robin(counted(stored))
     return pairings.bracket(seeds_of(stored), judge_of(stored))
 
 
 def seeds_of(stored: StoredRace) -> list[str | None]:
-    """Who enters a bracket, in the order of the draw; None for those withdrawn since."""
+    """In the draw's order; None for those withdrawn since."""
     there = counted(stored)
     if stored.draw is None:
         return list(there)
@@ -28,7 +27,7 @@ def seeds_of(stored: StoredRace) -> list[str | None]:
 
 
 def is_undecided(stored: StoredRace) -> bool:
-    """Whether a bracket waits for a pair that has failed."""
+    """A bracket waits for a failed pair."""
     if not stored.rules.in_pairs or stored.rules.pairing != "bracket":
         return False
     meetings = meetings_of(stored)
@@ -36,7 +35,6 @@ def is_undecided(stored: StoredRace) -> bool:
 
 
 def winners_of(stored: StoredRace) -> dict[str, str | None]:
-    """Who won each pair that was driven, by the name of the pair."""
     found: dict[str, str | None] = {}
     for one, other in combinations(sorted(counted(stored)), 2):
         result = stored.result(one, other)
@@ -51,12 +49,7 @@ def winners_of(stored: StoredRace) -> dict[str, str | None]:
 
 @dataclass(frozen=True)
 class Judge:
-    """Says who goes on from a pair; None before they have met. Equal cars: the better seed.
-
-    Attributes:
-        winners: Of the pairs that were driven, by name; None for nobody.
-        seeds: In the order of the draw.
-    """
+    """Who goes on from a driven pair. Equal cars: the better seed."""
 
     winners: Mapping[str, str | None]
     seeds: list[str]
@@ -69,12 +62,10 @@ class Judge:
 
 
 def judge_of(stored: StoredRace) -> "Judge":
-    """Decides the pairs of a bracket."""
     return Judge(winners_of(stored), [name for name in seeds_of(stored) if name is not None])
 
 
 def pair_rows(stored: StoredRace) -> list[LeaderboardRow]:
-    """The leaderboard of a race in pairs."""
     names, cars, winners = counted(stored), cars_of(stored), winners_of(stored)
     length = stored.rules.average_laps
     in_bracket = stored.rules.pairing == "bracket"
@@ -111,7 +102,6 @@ def pair_rows(stored: StoredRace) -> list[LeaderboardRow]:
 
 
 def pair_entries(stored: StoredRace, runner: Runner) -> list[PairEntry]:
-    """All pairs, round by round."""
     found, winners = [], winners_of(stored)
     judge = judge_of(stored)
     for meeting in meetings_of(stored):
@@ -164,7 +154,7 @@ def pair_entries(stored: StoredRace, runner: Runner) -> list[PairEntry]:
 
 
 def pair_state(stored: StoredRace, name: str, runner: Runner) -> SubmissionState:
-    """Of a submission, from those of its pairs: the state of what is least far."""
+    """The least advanced state of its pairs."""
     pairs = [m.pair for m in meetings_of(stored) if m.pair is not None and name in m.pair]
     states = [run_state(stored.result(*pair), runner) for pair in pairs]
     for state in ("running", "failed", "queued"):

@@ -1,4 +1,4 @@
-"""Who meets whom in HEAD_TO_MODEL, and who wins: round robin and bracket. Pure functions."""
+"""Pairs and winners of HEAD_TO_MODEL. Pure functions."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,19 +8,11 @@ from drcli.exchange.race_submission import DrivenLap
 from drcli.races.lap_ranking import figures_of, milliseconds
 
 WIN, DRAW = 1.0, 0.5
-"""Points of a pair for its winner, and for both if nobody wins."""
 
 
 @dataclass(frozen=True)
 class Meeting:
-    """Two submissions that race each other.
-
-    Attributes:
-        round: Counted from 1.
-        first: Starts on the one side; None if it is not known yet, or nobody does.
-        second: Starts on the other side.
-        waits: Whether one of them is not known yet.
-    """
+    """Two submissions that race each other; None if unknown yet (`waits`), or nobody."""
 
     round: int
     first: str | None
@@ -29,7 +21,6 @@ class Meeting:
 
     @property
     def pair(self) -> tuple[str, str] | None:
-        """The two if both are known."""
         if self.first is None or self.second is None or self.waits:
             return None
         return self.first, self.second
@@ -37,16 +28,6 @@ class Meeting:
 
 @dataclass(frozen=True)
 class PairTally:
-    """What a submission has reached in its pairs.
-
-    Attributes:
-        name: Of the submission.
-        points: 1 for each pair won, 0.5 for each without a winner.
-        wins: Pairs won.
-        draws: Pairs that nobody won.
-        losses: Pairs lost.
-    """
-
     name: str
     points: float
     wins: int
@@ -55,14 +36,13 @@ class PairTally:
 
 
 def pair_name(one: str, other: str) -> str:
-    """The name of a pair, whoever is first."""
     return "_".join(sorted((one, other)))
 
 
 def winner_of(laps: Sequence[Sequence[DrivenLap]]) -> int | None:
-    """Which of two cars wins, 0 or 1; None if nobody does.
+    """Index of the winning car, or None.
 
-    More complete laps win, then less time for them, then more progress, then fewer violations.
+    More complete laps win, then less time, then more progress, then fewer violations.
     """
     keys = []
     for driven in laps:
@@ -76,9 +56,9 @@ def winner_of(laps: Sequence[Sequence[DrivenLap]]) -> int | None:
 
 
 def round_robin(names: Sequence[str]) -> list[Meeting]:
-    """Everybody meets everybody once, each as often on the one side as on the other, or nearly.
+    """Everybody meets everybody once, on both sides about equally often.
 
-    In each round everybody drives at most once (the circle method), so that no racer waits long.
+    At most once per round (circle method).
     """
     circle: list[str | None] = list(names)
     if len(circle) % 2:
@@ -99,12 +79,6 @@ def round_robin(names: Sequence[str]) -> list[Meeting]:
 
 
 def tally(names: Sequence[str], winners: Mapping[str, str | None]) -> list[PairTally]:
-    """Points of each submission.
-
-    Args:
-        names: All submissions.
-        winners: By the name of a pair that was driven: who won it, None for nobody.
-    """
     wins, draws, losses = (dict.fromkeys(names, 0) for _ in range(3))
     for one, other in combinations(names, 2):
         name = pair_name(one, other)
@@ -126,12 +100,9 @@ def tally(names: Sequence[str], winners: Mapping[str, str | None]) -> list[PairT
 
 
 def bracket(seeds: Sequence[str | None], winner: Callable[[str, str], str | None]) -> list[Meeting]:
-    """The pairs of a bracket, as far as they are known, round by round; the final is the last.
+    """The known pairs, round by round; the first seed meets the last.
 
-    Args:
-        seeds: Submissions, the first one meets the last; None for one that was withdrawn, whose
-            opponent goes on without racing. So does the first where there are too few.
-        winner: Who won a pair; None if it was not driven yet.
+    The opponent of None goes on without racing, as does the first of too few.
     """
     if len(seeds) < 2:
         return []
@@ -161,7 +132,7 @@ def bracket(seeds: Sequence[str | None], winner: Callable[[str, str], str | None
 
 
 def champion(meetings: Sequence[Meeting], winner: Callable[[str, str], str | None]) -> str | None:
-    """Who won the final of a bracket; None if it was not driven yet."""
+    """None before the final was driven."""
     if not meetings or meetings[-1].waits:
         return None
     final = meetings[-1]
@@ -172,7 +143,7 @@ def champion(meetings: Sequence[Meeting], winner: Callable[[str, str], str | Non
 def reached(
     meetings: Sequence[Meeting], winner: Callable[[str, str], str | None]
 ) -> dict[str, int]:
-    """The last round of a bracket that each submission has reached; one more for the champion."""
+    """Last rounds; one more for the champion."""
     found: dict[str, int] = {}
     for meeting in meetings:
         for name in (meeting.first, meeting.second):
@@ -185,7 +156,6 @@ def reached(
 
 
 def _places(size: int) -> list[int]:
-    """Seeds in the order of the first round: the first two can only meet in the final."""
     order = [0]
     while len(order) < size:
         count = 2 * len(order)

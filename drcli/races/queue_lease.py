@@ -1,7 +1,7 @@
-"""Lets one process at a time drive the queue of a race, on all machines.
+"""Lets one process of all machines drive a race's queue.
 
-Works as the lease of a training (`store.lease`): a record that its owner renews, and that expires a
-minute after the last renewal. It needs neither conditional writes nor equal clocks.
+As the lease of a training (`store.lease`): expires a minute after its last renewal; needs
+neither conditional writes nor equal clocks.
 """
 
 import os
@@ -25,8 +25,6 @@ RENEW_S = 10.0
 
 
 class QueueLease:
-    """The right of this process to drive the queue, while `held` lasts."""
-
     def __init__(self, bucket: Bucket, race: str, lease: Lease) -> None:
         self._bucket = bucket
         self._race = race
@@ -34,10 +32,10 @@ class QueueLease:
         self.session = lease.session
 
     def check(self) -> None:
-        """Return if the queue is still ours; called before anything is written.
+        """Call before each write.
 
         Raises:
-            OwnershipLost: Another process drives it.
+            OwnershipLost: Another process drives the queue.
         """
         found = read_queue_lease(self._bucket, self._race)
         if found is not None and found.outranks(self.session, self._lease.term):
@@ -48,13 +46,11 @@ class QueueLease:
             )
 
     def renew(self) -> None:
-        """Write the lease again if it is still ours."""
         found = read_queue_lease(self._bucket, self._race)
         if found is None or not found.outranks(self.session, self._lease.term):
             self._write(self._lease)
 
     def release(self) -> None:
-        """Let others drive the queue at once."""
         found = read_queue_lease(self._bucket, self._race)
         if found is not None and found.session == self.session:
             self._write(replace(self._lease, released=True))
@@ -65,12 +61,11 @@ class QueueLease:
 
 
 def read_queue_lease(bucket: Bucket, race: str) -> Lease | None:
-    """The lease of a queue, however old; None if there is none or it is damaged."""
+    """However old; None without a readable one."""
     return read_lease_at(bucket, race_keys.lease(race))
 
 
 def live_lease(bucket: Bucket, race: str) -> Lease | None:
-    """The lease of the process that drives a queue; None if none does."""
     lease = read_queue_lease(bucket, race)
     if lease is None or lease.newer:
         return lease
@@ -80,18 +75,13 @@ def live_lease(bucket: Bucket, race: str) -> Lease | None:
 
 
 def runner_of(bucket: Bucket, race: str) -> Runner:
-    """Who drives the queue of a race now."""
     lease = live_lease(bucket, race)
     return NOBODY if lease is None else Runner(lease.session, lease.owner)
 
 
 @contextmanager
 def held(bucket: Bucket, race: str) -> Iterator[QueueLease]:
-    """Own the queue of a race inside the `with` block.
-
-    Raises:
-        SettingsError: Another process drives it.
-    """
+    """Own the queue inside the `with` block; raises SettingsError if another process does."""
     holder = live_lease(bucket, race)
     if holder is not None:
         raise SettingsError(

@@ -1,4 +1,4 @@
-"""Drives the queue of a race in the background: `python -m drcli.races.queue_process`."""
+"""Drives a queue in the background: `python -m drcli.races.queue_process`."""
 
 import json
 import os
@@ -31,8 +31,8 @@ class QueueStarted:
 
     Attributes:
         race: Id of the race.
-        pid: The process that drives it.
-        log: Its log on this machine.
+        pid: The process.
+        log: On this machine.
     """
 
     race: str
@@ -46,7 +46,7 @@ class QueueStopped:
 
     Attributes:
         race: Id of the race.
-        pid: The process that drove it.
+        pid: The process.
     """
 
     race: str
@@ -54,7 +54,6 @@ class QueueStopped:
 
 
 def queue_log(settings: Settings, race: str) -> Path:
-    """The log of a queue that is driven in the background."""
     return settings.directory / "data" / "logs" / "races" / f"{race}.log"
 
 
@@ -65,7 +64,7 @@ def launch_queue(
 
     Raises:
         SettingsError: As for `run_queue`.
-        WorkerDied: The process did not begin.
+        WorkerDied: It did not begin.
     """
     check_queue(settings, bucket, race)
     if video:
@@ -112,11 +111,11 @@ def launch_queue(
 
 
 def stop_queue(bucket: Bucket, race: str) -> QueueStopped:
-    """Stop the process that drives a queue on this machine; what it was driving waits again.
+    """What was being driven waits again.
 
     Raises:
         Absent: No process drives it.
-        SettingsError: It runs on another machine, or does not end.
+        SettingsError: It runs elsewhere, or does not end.
     """
     lease = live_lease(bucket, race)
     if lease is None:
@@ -140,11 +139,7 @@ def stop_queue(bucket: Bucket, race: str) -> QueueStopped:
 
 
 def main() -> None:
-    """Drive the queue that standard input names.
-
-    Raises:
-        SystemExit: With the exit code of what went wrong.
-    """
+    """Standard input names the queue."""
     call = json.loads(sys.stdin.buffer.read())
     with Path(os.devnull).open("rb") as nothing:
         os.dup2(nothing.fileno(), sys.stdin.fileno())

@@ -1,4 +1,4 @@
-"""Writes a race as a CSV table and as one HTML file."""
+"""Writes a race as CSV and HTML."""
 
 import csv
 import io
@@ -11,10 +11,7 @@ from drcli.races.race_report import LeaderboardRow, RaceReport
 from drcli.store.bucket import Bucket, ObjectMissing
 
 COLUMNS = tuple(each.name for each in fields(LeaderboardRow))
-"""Of the table: those of the leaderboard."""
-
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""Beginnings of a cell that spreadsheets would compute."""
 
 
 @dataclass(frozen=True)
@@ -23,10 +20,10 @@ class ExportedRace:
 
     Attributes:
         race: Its id.
-        csv: Path of the table; None without one.
-        html: Path of the page; None without one.
+        csv: Path of the table, or None.
+        html: Path of the page, or None.
         size_bytes: Size of the page.
-        videos: How many videos it contains.
+        videos: How many it contains.
     """
 
     race: str
@@ -37,7 +34,6 @@ class ExportedRace:
 
 
 def csv_of(report: RaceReport) -> str:
-    """The leaderboard as CSV; what is unknown is empty."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
@@ -47,7 +43,6 @@ def csv_of(report: RaceReport) -> str:
 
 
 def videos_of(report: RaceReport, bucket: Bucket) -> dict[str, bytes]:
-    """The videos of the leaderboard that are still in the bucket, by key."""
     found = {}
     for row in report.leaderboard:
         if row.video and row.video not in found:
@@ -65,17 +60,7 @@ def export_race(
     html_path: Path | None = None,
     videos: dict[str, bytes] | None = None,
 ) -> ExportedRace:
-    """Write a race into files.
-
-    Args:
-        report: The race.
-        csv_path: The table; None for none.
-        html_path: The page; None for none.
-        videos: That the page contains, by key.
-
-    Raises:
-        SettingsError: A file cannot be written.
-    """
+    """Raises SettingsError for a file that cannot be written."""
     page = b""
     if csv_path is not None:
         rewrite(csv_path, csv_of(report).encode())
@@ -92,7 +77,6 @@ def export_race(
 
 
 def _cell(value: object) -> object:
-    """A value for a cell: names must not become formulas."""
     if value is None:
         return ""
     if isinstance(value, str) and value.startswith(_FORMULA):

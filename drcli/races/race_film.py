@@ -1,4 +1,4 @@
-"""Films a run of a race, as `dr-evaluate --video` films an evaluation, but in one view."""
+"""Films a race as `dr-evaluate --video` does, in one view."""
 
 import tempfile
 from pathlib import Path
@@ -12,17 +12,7 @@ from drcli.store.bucket import Bucket
 def film_car(
     plan: EvaluationPlan, bucket: Bucket, report: EvaluationReport, key: str
 ) -> tuple[str, list[str]]:
-    """Film all laps of one car: the view from behind with map, camera and racer.
-
-    Args:
-        plan: Of the evaluation.
-        bucket: Where trace and video are.
-        report: Of the car.
-        key: Of the video.
-
-    Returns:
-        The key, empty without a video; and notes. A failure is a note: the laps were driven.
-    """
+    """Film a car; returns the key (or "") and notes, also on failures."""
     try:
         with tempfile.TemporaryDirectory(prefix="drcli-race-") as temporary:
             path = Path(temporary) / "race.mp4"

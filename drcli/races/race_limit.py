@@ -1,4 +1,4 @@
-"""How far the best lap of a race is from the limit of the track."""
+"""Compares a race's best lap with the track's limit."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,13 +10,6 @@ from drcli.races.race_settings import shown_settings
 
 
 def with_limit(report: RaceReport, tracks_folder: Path, directory: Path) -> RaceReport:
-    """The report with the best lap of all compared to the limit, if that is known.
-
-    Args:
-        report: Of a race.
-        tracks_folder: The racer's folder of tracks.
-        directory: The working folder.
-    """
     rules = report.rules
     own_car = any(name.startswith("DR_CAR_") for name in shown_settings(rules))
     laps = [row.best_lap_s for row in report.leaderboard if row.best_lap_s is not None]

@@ -1,4 +1,4 @@
-"""What a race night shows beside the leaderboard: what is driven now, and what came last."""
+"""What a race drives now, and drove last."""
 
 from dataclasses import dataclass, field
 
@@ -11,19 +11,7 @@ from drcli.races.stored_race import StoredRace, submission_id
 
 @dataclass(frozen=True)
 class RunCar:
-    """A car of a run.
-
-    Attributes:
-        submission: Its id.
-        racer: Who submitted it.
-        model: Prefix of the model.
-        complete: Laps that it completed.
-        laps: Laps that it drove.
-        best_lap_s: Its fastest complete lap; None without one.
-        total_s: Time of its complete laps, simulated seconds; None without any.
-        clean: Laps that it completed without reset and penalty.
-        text: The same with penalties and resets, for people.
-    """
+    """Times are simulated seconds; `clean` laps have no reset or penalty."""
 
     submission: str
     racer: str
@@ -38,16 +26,7 @@ class RunCar:
 
 @dataclass(frozen=True)
 class RaceRun:
-    """A submission or a pair that is driven, or was.
-
-    Attributes:
-        key: Tells it from all other runs of the race.
-        state: running, done or failed.
-        began_at: Unix seconds.
-        ended_at: None while it runs.
-        cars: One, or the two of a pair.
-        message: Why it failed.
-    """
+    """A submission or pair; `key` is unique, state running, done or failed."""
 
     key: str
     state: str
@@ -59,19 +38,11 @@ class RaceRun:
 
 @dataclass(frozen=True)
 class RaceMoments:
-    """What happens in a race.
-
-    Attributes:
-        driving: What is driven now; None if nothing is.
-        last: What ended last; None if nothing has.
-    """
-
     driving: RaceRun | None
     last: RaceRun | None
 
 
 def moments_of(stored: StoredRace, runner: Runner) -> RaceMoments:
-    """What is driven now in a race, and what came last."""
     driving: RaceRun | None = None
     last: RaceRun | None = None
     for name in sorted(stored.results):

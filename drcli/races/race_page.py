@@ -1,4 +1,4 @@
-"""A race as one HTML file: no scripts, no network, readable on a phone, light and dark."""
+"""A race as one HTML file without scripts and network."""
 
 import base64
 from collections.abc import Iterable, Mapping
@@ -9,7 +9,7 @@ from drcli.races.race_report import LeaderboardRow, PairEntry, RaceReport
 from drcli.races.race_runs import moment
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; media-src data:; img-src data:"
-"""The browser runs no script and loads nothing, whatever a name in the page contains."""
+"""Against what names may contain."""
 
 _CAPTION = "Times in minutes:seconds, penalties included."
 
@@ -39,7 +39,6 @@ td::before{content:attr(data-label);flex:none;color:var(--soft);font-weight:400;
 
 
 def race_page(report: RaceReport, videos: Mapping[str, bytes]) -> str:
-    """The page of a race; `videos` are those that it contains, by key."""
     rules = report.rules
     title = escape(rules.name)
     facts = [words.decides(rules), words.penalties(rules)]
@@ -134,7 +133,6 @@ def _pair_board(report: RaceReport) -> str:
 
 
 def _driven(row: LeaderboardRow) -> tuple[str, str, str]:
-    """Laps, and how often the car left the track or crashed."""
     return row.laps_text, str(row.off_track), str(row.crashes)
 
 
@@ -162,7 +160,6 @@ def _table(
 
 
 def _data(name: str, cell: str) -> str:
-    """A cell, with the name of its column for a phone."""
     label = escape(name)
     return f'<td role="cell"{_class(name)} data-label="{label}"><span>{escape(cell)}</span></td>'
 
@@ -197,7 +194,6 @@ def _pairs(pairs: list[PairEntry]) -> str:
 
 
 def _laps(report: RaceReport) -> str:
-    """All submissions with their laps; they need no script to be opened."""
     found = []
     for entry in report.submissions:
         laps = "; ".join(entry.lap_text)
@@ -212,7 +208,6 @@ def _laps(report: RaceReport) -> str:
 
 
 def _films(report: RaceReport, videos: Mapping[str, bytes]) -> str:
-    """The videos that the page contains; the keys of the others."""
     found = []
     for row in report.leaderboard:
         if not row.video:

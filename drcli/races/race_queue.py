@@ -1,4 +1,4 @@
-"""Drives the queue of a race: one evaluation after the other, each as `dr-evaluate` does it."""
+"""Drives a race's queue, each run as `dr-evaluate` does."""
 
 import time
 from collections.abc import Callable
@@ -29,20 +29,15 @@ Say = Callable[[str], None]
 
 
 def race_conditions(settings: Settings, bucket: Bucket, race: str) -> Settings:
-    """The settings of this machine with the rules of a race, for what is done before its laps.
-
-    Raises:
-        SettingsError: There is no such race, or its rules do not fit this version.
-    """
+    """Raises SettingsError without such a race, or for rules of other versions."""
     return settings_of_rules(settings, read_rules(bucket, race))
 
 
 def check_queue(settings: Settings, bucket: Bucket, race: str) -> None:
-    """Refuse what would fail for every run of the queue, before any of them.
+    """Refuse what would fail for every run.
 
     Raises:
-        SettingsError: There is no such race, its track is not installed, or another process drives
-            its queue.
+        SettingsError: Race or track is missing, or another process drives the queue.
     """
     check_track(race_conditions(settings, bucket, race))
     runner = runner_of(bucket, race)
@@ -63,25 +58,16 @@ def run_queue(
     limit: int = 0,
     on_progress: Say = lambda text: None,
 ) -> RaceReport:
-    """Drive everything that waits in the queue, and what is submitted meanwhile.
+    """Drive everything in the queue, and what is submitted meanwhile.
 
-    What was killed while it ran is driven again. A run that fails is noted, and the next one
-    follows; `restart` lets it be driven again.
-
-    Args:
-        settings: Of this machine; the rules of the race replace what concerns the laps.
-        bucket: Where the race is.
-        race: Its id.
-        video: Whether to film each run; None films them if the encoder is installed.
-        limit: Stop after so many runs; 0 for all.
-        on_progress: Shows a short sentence on each step.
+    Killed runs are driven again, failed ones only after `restart`. A `limit` of 0 is none; `video`
+    of None films if it can.
 
     Raises:
-        SettingsError: There is no such race, its track is not installed, or another process drives
-            its queue.
-        NotAvailable: A video is wanted, but the encoder is not installed.
+        SettingsError: As for `check_queue`.
+        NotAvailable: A wanted video has no encoder.
         StorageError: The bucket does not answer; what was driven is kept.
-        OwnershipLost: Another process has taken over the queue.
+        OwnershipLost: Another process took the queue.
         Stopped: SIGTERM came.
     """
     check_queue(settings, bucket, race)
@@ -111,11 +97,6 @@ def run_queue(
 
 
 def _no_video(video: bool | None) -> str:
-    """Why there is no video although one is wanted; empty if there is one, or none is wanted.
-
-    Raises:
-        NotAvailable: The caller insists on it.
-    """
     if video is False:
         return ""
     from drcli.video.encode import require_encoder
@@ -139,7 +120,6 @@ def _drive(
     note: str,
     on_progress: Say,
 ) -> None:
-    """Drive one submission or pair, and write what it came to."""
     race, name = stored.race, "_".join(sorted(run))
     who = " against ".join(
         f"{stored.submissions[each].racer} ({submission_id(each)})" for each in run
@@ -178,7 +158,6 @@ def _evaluated(
     films: bool,
     begun: RaceResult,
 ) -> RaceResult:
-    """Evaluate one run as `dr-evaluate` does."""
     conditions = settings_of_rules(settings, stored.rules)
     own = settings_of_run(conditions, stored, run)
     plan = prepare_evaluation(own, seed=stored.rules.seed)
@@ -216,7 +195,6 @@ def _outcome(result: RaceResult) -> str:
 
 
 def lap_driven(trial: TrialReport) -> DrivenLap:
-    """A lap as the records of a race have it."""
     return DrivenLap(
         trial.lap_s,
         trial.progress,

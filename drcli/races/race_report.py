@@ -1,4 +1,4 @@
-"""What commands, the console and exports show of a race: frozen records, made of what is stored."""
+"""What is shown of a race, as frozen records."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -6,7 +6,7 @@ from typing import Literal
 from drcli.exchange.race_rules import RaceRules
 
 RaceState = Literal["scheduled", "open", "closed", "finished"]
-"""Not open yet; takes submissions; takes no more; takes no more and everything was driven."""
+"""Before opening, taking submissions, taking no more, and completely driven."""
 
 SubmissionState = Literal["queued", "running", "done", "failed", "over the limit"]
 
@@ -16,33 +16,33 @@ class LeaderboardRow:
     """A submission on the leaderboard. Times are simulated seconds, penalties included.
 
     Attributes:
-        rank: From 1; None if it is not qualified.
+        rank: From 1; None if not qualified.
         racer: Who submitted it.
         model: Prefix of the model.
         checkpoint: Name of the checkpoint.
         submission: Id of the submission.
-        score_s: The time that decides; None if it is not qualified, and in a race in pairs.
+        score_s: The time that decides; None if not qualified, and in pairs.
         gap_s: Behind the first; None without a time.
-        best_lap_s: Fastest complete lap; None without one.
-        best_average_s: Best average of consecutive complete laps; None without so many.
+        best_lap_s: Fastest complete lap, or None.
+        best_average_s: Best average of consecutive complete laps, or None.
         total_s: All laps together; None if one was not completed.
-        complete_laps: Laps completed, with or without resets.
+        complete_laps: With or without resets.
         laps: Laps driven.
         off_track: How often the car left the track.
         crashes: How often it crashed.
         resets: How often it was put back on the track.
-        video: Key of the video in the bucket; empty without one.
-        clean_laps: Laps completed without reset and penalty.
-        score_text: The time that decides with its penalties and resets, for people.
+        video: Key of the video, or empty.
+        clean_laps: Completed without reset and penalty.
+        score_text: The time that decides with penalties and resets, for people.
         best_lap_text: The best lap likewise.
         best_average_text: The best average likewise.
         total_text: The total likewise.
-        laps_text: Clean laps, and the others with their resets, for people.
+        laps_text: Clean laps, and the others with their resets.
         points: Of its pairs; None in other races.
         wins: Pairs won.
         draws: Pairs that nobody won.
         losses: Pairs lost.
-        round: Last round of a bracket that it has reached; None elsewhere.
+        round: Last round reached in a bracket; None elsewhere.
     """
 
     rank: int | None
@@ -79,22 +79,22 @@ class SubmissionEntry:
     """A submission, whatever became of it.
 
     Attributes:
-        submission: Its id.
+        submission: Id of the submission.
         racer: Who submitted it.
         model: Prefix of the model.
         checkpoint: Name of the checkpoint.
         submitted_at: When it came, ISO 8601.
         state: queued, running, done, failed, or over the limit of submissions that count.
-        place: In the queue, from 1; None if it does not wait there.
+        place: In the queue, from 1; None if it does not wait.
         message: Why it failed.
-        remedy: What to do about that.
-        notes: What is worth knowing about its laps.
+        remedy: What to do.
+        notes: About its laps.
         lap_s: Times of its laps, simulated seconds.
         lap_status: How each lap ended.
-        lap_text: The same of each lap with penalties and resets, for people.
-        simtrace: Key of its trace in the bucket.
-        metrics: Key of its metrics in the bucket.
-        video: Key of its video in the bucket; empty without one.
+        lap_text: With penalties and resets, for people.
+        simtrace: Key of its trace.
+        metrics: Key of its metrics.
+        video: Key of its video, or empty.
     """
 
     submission: str
@@ -120,23 +120,23 @@ class PairEntry:
     """A pair of a race in pairs.
 
     Attributes:
-        round: Counted from 1.
-        first: Id of the submission that starts on the one side; empty if it is not known yet.
-        second: Id of the other one; empty if it is not known yet, or the first goes on alone.
+        round: From 1.
+        first: Id of the submission on the one side; empty if unknown yet.
+        second: Id of the other; empty if unknown yet, or the first goes on alone.
         first_racer: Who submitted the first.
         second_racer: Who submitted the second.
         state: waiting for earlier pairs, queued, running, done, failed, or alone: goes on without
             racing.
-        winner: Id of the winner; empty if nobody has won.
-        first_laps: Laps that the first completed.
-        second_laps: Laps that the second completed.
-        first_s: Time of these laps of the first, simulated seconds; None without any.
+        winner: Id of the winner; empty for nobody.
+        first_laps: Completed by the first.
+        second_laps: Completed by the second.
+        first_s: Time of these laps of the first, simulated seconds, or None.
         second_s: The same of the second.
         first_text: Laps and time of the first with resets and penalties, for people.
         second_text: The same of the second.
         message: Why it failed.
-        remedy: What to do about that.
-        videos: Keys of its videos, one from each car.
+        remedy: What to do.
+        videos: Keys, one from each car.
     """
 
     round: int
@@ -167,15 +167,14 @@ class RaceReport:
         state: scheduled, open, closed, or finished: closed, and everything was driven.
         rules: Of the race.
         leaderboard: The best submission of each racer, the best first.
-        queue: Ids of what is to be driven, in order: of submissions, or of both in a pair with a
-            plus sign between them.
-        running: What is driven now, in the same words; empty if nothing is.
-        runner: The process that drives the queue now; empty if none does.
-        submissions: All of them, in the order in which they came.
+        queue: Ids to be driven, in order: of submissions, or of both in a pair with a plus sign.
+        running: What is driven now, in the same words, or empty.
+        runner: The process that drives the queue now, or empty.
+        submissions: In the order in which they came.
         pairs: Of a race in pairs, round by round.
-        winner: Racer on the first place of a finished race; None before.
-        damaged: Sentences about objects in the bucket that cannot be read.
-        limit: How far its best lap is from the limit of the track; empty if unknown.
+        winner: First racer of a finished race; None before.
+        damaged: Sentences about unreadable objects.
+        limit: How far its best lap is from the limit of the track, or empty.
     """
 
     bucket: str
@@ -204,11 +203,11 @@ class RaceEntry:
         world: The track.
         race_type: As DR_RACE_TYPE.
         submissions: How many there are.
-        queued: How many runs are still to be driven.
-        leader: Racer on the first place; None if there is none.
-        leader_s: The time that put the leader there; None without one.
-        leader_text: The same with its penalties and resets, for people.
-        runner: The process that drives its queue now; empty if none does.
+        queued: Runs that are still to be driven.
+        leader: First racer, or None.
+        leader_s: The time that decided, or None.
+        leader_text: The same with penalties and resets, for people.
+        runner: The process that drives its queue now, or empty.
         created_at: When it was made, ISO 8601.
     """
 
@@ -231,7 +230,7 @@ class RaceList:
     """The races of a bucket.
 
     Attributes:
-        bucket: Its name.
+        bucket: Name of the bucket.
         races: The newest first.
         damaged: Sentences about races that cannot be read.
     """

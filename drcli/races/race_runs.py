@@ -1,4 +1,4 @@
-"""The runs of a race: which submissions count, and what became of each. Pure functions."""
+"""The runs of a race that count. Pure functions."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,12 +12,7 @@ from drcli.races.stored_race import StoredRace, submission_id
 
 @dataclass(frozen=True)
 class Runner:
-    """Who drives the queue now.
-
-    Attributes:
-        session: Of that run; empty if nobody does.
-        owner: The process, for people.
-    """
+    """Empty for nobody."""
 
     session: str = ""
     owner: str = ""
@@ -27,16 +22,11 @@ NOBODY = Runner()
 
 
 def moment(at: float) -> str:
-    """A time as commands print it."""
     return datetime.fromtimestamp(at, UTC).isoformat(timespec="seconds")
 
 
 def counted(stored: StoredRace) -> list[str]:
-    """The submissions that count, in the order of the queue.
-
-    If a racer has more than the rules allow, as when two were sent at the same time, the first
-    ones count.
-    """
+    """In queue order; the first ones if a racer has too many, as sent at the same time."""
     limit = stored.rules.max_submissions
     given: dict[str, int] = {}
     found = []
@@ -49,7 +39,6 @@ def counted(stored: StoredRace) -> list[str]:
 
 
 def run_state(result: RaceResult | None, runner: Runner) -> SubmissionState:
-    """What became of a run, from its result."""
     if result is None:
         return "queued"
     if result.state == "running":
@@ -58,12 +47,10 @@ def run_state(result: RaceResult | None, runner: Runner) -> SubmissionState:
 
 
 def ids_of(run: tuple[str, ...]) -> str:
-    """What people call a run: ids with a plus sign between them."""
     return "+".join(map(submission_id, run))
 
 
 def cars_of(stored: StoredRace) -> dict[str, list[DrivenCar]]:
-    """The cars of every submission that counts, in all its results that count."""
     found: dict[str, list[DrivenCar]] = {name: [] for name in counted(stored)}
     for name in sorted(stored.results):
         names = name.split("_")
@@ -77,7 +64,6 @@ def cars_of(stored: StoredRace) -> dict[str, list[DrivenCar]]:
 
 
 def row_of(stored: StoredRace, name: str, rank: int | None, figures: LapFigures) -> LeaderboardRow:
-    """A row of the leaderboard, without what depends on the kind of race."""
     submission = stored.submissions[name]
     return LeaderboardRow(
         rank=rank,

@@ -1,4 +1,4 @@
-"""The settings with which a race is driven: those of its rules, whatever the racer's say."""
+"""The settings of a race, from its rules."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -25,16 +25,11 @@ _ALWAYS = (
     "DR_EVAL_START_",
     "DR_EVAL_RESET_BEHIND_DIST",
 )
-"""Settings, by the beginning of their names, that change how laps are driven."""
-
 _OBJECTS = {"OBJECT_AVOIDANCE": ("DR_OA_",), "HEAD_TO_BOT": ("DR_H2B_",)}
 
 
 def frozen_settings(settings: Settings, race_type: str) -> dict[str, str]:
-    """What the settings say about how laps are driven, as texts; the rules keep them.
-
-    Later changes in run.env, and the run.env of other machines, then no longer matter.
-    """
+    """Settings of the laps, for the rules; later changes do not matter."""
     names = (*_ALWAYS, *_OBJECTS.get(race_type, ()))
     return {
         name: setting.text(getattr(settings, setting.field))
@@ -44,7 +39,7 @@ def frozen_settings(settings: Settings, race_type: str) -> dict[str, str]:
 
 
 def shown_settings(rules: RaceRules) -> dict[str, str]:
-    """Those that differ from the shipped ones."""
+    """Those not shipped."""
     known = catalogue()
     return {
         name: text
@@ -54,11 +49,10 @@ def shown_settings(rules: RaceRules) -> dict[str, str]:
 
 
 def settings_of_rules(settings: Settings, rules: RaceRules) -> Settings:
-    """The settings of this machine with those of a race.
+    """This machine's settings with a race's.
 
     Raises:
-        ProblemsError: The rules have a setting that this version does not know, or a value that it
-            does not allow.
+        ProblemsError: A setting or value is unknown to this version.
     """
     changes: dict[str, Any] = {
         "world_name": rules.world,
@@ -89,11 +83,7 @@ def settings_of_rules(settings: Settings, rules: RaceRules) -> Settings:
 
 
 def check_track(settings: Settings) -> None:
-    """Refuse a track that is not installed, and objects that have no room on it.
-
-    Raises:
-        ProblemsError: It is not, or they have not.
-    """
+    """Raises ProblemsError without the track, or room for objects."""
     problem = track_problem(settings.race)
     if problem is not None:  # also one that could be fetched: a race needs it now
         raise ProblemsError([replace(problem, severity="error")])
@@ -104,13 +94,6 @@ def check_track(settings: Settings) -> None:
 
 
 def settings_of_run(settings: Settings, stored: StoredRace, run: Iterable[str]) -> Settings:
-    """The settings of one evaluation: of a submission, or of a pair.
-
-    Args:
-        settings: Those of the race, from `settings_of_rules`.
-        stored: The race.
-        run: Names of one submission or two.
-    """
     changes: dict[str, Any] = {"eval_save_mp4": False}
     for name, prefixes in zip(run, (_OWN, _OPPONENT), strict=False):
         submission = stored.submissions[name]
@@ -130,4 +113,3 @@ _OPPONENT = (
     "eval_opp_checkpoint",
     "eval_opp_racer_name",
 )
-"""Fields for model, metrics, checkpoint and racer of both cars."""

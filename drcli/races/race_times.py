@@ -8,19 +8,11 @@ from drcli.base.problems import shown
 
 _SPAN = re.compile(r"(\d{1,6})\s*([mhdw])")
 _LATEST_S = 1e10
-"""In the year 2286."""
-
 _UNITS = {"m": "minutes", "h": "hours", "d": "days", "w": "weeks"}
 
 
 def parse_time(option: str, text: str, now_s: float) -> float:
-    """A time in Unix seconds.
-
-    Args:
-        option: Name of the option, for messages.
-        text: A date in UTC such as 2026-11-20T18:30, one with an offset such as
-            2026-11-20T18:30+01:00, or a time from now: 90m, 2h, 7d.
-        now_s: The present time, Unix seconds.
+    """Unix seconds of 2026-11-20T18:30 (UTC), 2026-11-20T18:30+01:00, or 90m, 2h, 7d from now.
 
     Raises:
         SettingsError: It is none of these.

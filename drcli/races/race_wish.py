@@ -1,4 +1,4 @@
-"""The race that somebody wants to make, and the rules that it comes to after they were checked."""
+"""A wanted race, and its rules."""
 
 import secrets
 from dataclasses import dataclass
@@ -12,39 +12,24 @@ from drcli.races.race_runs import moment
 from drcli.races.race_settings import frozen_settings, settings_of_rules
 
 LONGEST_NAME = 64
-"""Characters of the name of a race or a racer."""
-
 MOST_LAPS = 100
 
 MOST_PENALTY_S = 600.0
 
 SENSORS = ("FRONT_FACING_CAMERA", "STEREO_CAMERAS", *LIDARS)
-"""What a race may restrict models to."""
 
 
 @dataclass(frozen=True)
 class RaceWish:
-    """A race that somebody wants to make. None takes the value of the settings, or a usual one.
+    """A wanted race. None: the setting, else the default.
 
     Attributes:
-        name: What it is called.
-        world: The track; None for DR_WORLD_NAME.
-        reverse: Whether it is driven in the opposite direction.
-        race_type: None for TIME_TRIAL.
-        ranking: What decides.
-        max_laps: Laps of each submission.
-        min_laps: Complete laps that are needed to be ranked.
-        average_laps: Number of consecutive laps of the best average.
-        off_track_penalty_s: None for DR_EVAL_OFF_TRACK_PENALTY.
-        collision_penalty_s: None for DR_EVAL_COLLISION_PENALTY.
+        average_laps: Consecutive.
         max_submissions: Of one racer; 0 for any number; None for 1 in pairs, else any number.
         opens_at: Unix seconds; None for at once.
         closes_at: Unix seconds; None for never.
-        seed: None draws one.
-        pairing: Of HEAD_TO_MODEL.
-        sensors: The only ones that are allowed; empty for any.
-        settings: DR_ names and texts that replace those of the settings, such as the number of
-            obstacles.
+        sensors: Allowed ones; empty for any.
+        settings: DR_ names and texts.
     """
 
     name: str
@@ -67,11 +52,7 @@ class RaceWish:
 
 
 def rules_of(settings: Settings, wish: RaceWish, now_s: float) -> RaceRules:
-    """The rules that a wish comes to, after they were checked.
-
-    Raises:
-        SettingsError: One of them is wrong.
-    """
+    """Raises SettingsError for a wrong rule."""
     name = checked_name(wish.name, "the race")
     race_type = wish.race_type or "TIME_TRIAL"
     _check_number("--laps", wish.max_laps, 1, MOST_LAPS)
@@ -138,11 +119,7 @@ def rules_of(settings: Settings, wish: RaceWish, now_s: float) -> RaceRules:
 
 
 def object_settings(race_type: RaceKind, obstacles: int | None, bots: int | None) -> dict[str, str]:
-    """What the numbers of objects mean as settings.
-
-    Raises:
-        SettingsError: The race has no such objects.
-    """
+    """Raises SettingsError for a race without such objects."""
     found = {}
     if obstacles is not None:
         if race_type != "OBJECT_AVOIDANCE":
@@ -159,20 +136,18 @@ def object_settings(race_type: RaceKind, obstacles: int | None, bots: int | None
 
 
 def usual_average(max_laps: int) -> int:
-    """Laps of the best average if nobody says how many."""
     return min(3, max_laps)
 
 
 def least_laps(ranking: Ranking, max_laps: int, average_laps: int) -> int:
-    """Complete laps that are needed if nobody says how many."""
     return {"best-lap": 1, "best-average": average_laps, "total-time": max_laps}[ranking]
 
 
 def checked_name(name: str, whose: str) -> str:
-    """A name with single spaces, of a race or a racer.
+    """With single spaces.
 
     Raises:
-        SettingsError: It is empty, too long, or has characters that cannot be shown.
+        SettingsError: It is empty, too long, or cannot be shown.
     """
     words = " ".join(name.split())
     if not words or len(words) > LONGEST_NAME or not words.isprintable():

@@ -1,4 +1,4 @@
-"""How pages, tables and the command line write about a race."""
+"""How races are written about."""
 
 import math
 from collections.abc import Sequence
@@ -12,8 +12,6 @@ from drcli.races.race_report import LeaderboardRow, PairEntry, RaceReport
 from drcli.races.race_settings import shown_settings
 
 NONE = "\N{EN DASH}"
-"""Stands for a time that there is not."""
-
 _KINDS = {
     "TIME_TRIAL": "time trial",
     "OBJECT_AVOIDANCE": "object avoidance",
@@ -23,7 +21,7 @@ _KINDS = {
 
 
 def lap_time(seconds: float | None) -> str:
-    """A time as the consoles write it: 0:13.600."""
+    """As the consoles write it: 0:13.600."""
     if seconds is None:
         return NONE
     thousandths = round(seconds * 1000)
@@ -32,12 +30,7 @@ def lap_time(seconds: float | None) -> str:
 
 
 def time_of(laps: Sequence[DrivenLap], average_laps: int = 1) -> str:
-    """Time of some laps, and what of it is no driving: 0:12.800 = 0:07.800 driven + 5.00 penalty.
-
-    Args:
-        laps: Those that the time consists of.
-        average_laps: The time is their sum divided by so many.
-    """
+    """0:12.800 = 0:07.800 driven + 5.00 penalty; divided by `average_laps`."""
     if not laps:
         return NONE
     seconds = sum_s(laps) / average_laps
@@ -47,7 +40,6 @@ def time_of(laps: Sequence[DrivenLap], average_laps: int = 1) -> str:
 
 
 def laps_of(figures: LapFigures) -> str:
-    """How many laps are clean, and what became of the others."""
     text = f"{figures.clean} of {figures.driven} clean"
     if figures.complete > figures.clean:
         text += f", {figures.complete} finished"
@@ -55,25 +47,21 @@ def laps_of(figures: LapFigures) -> str:
 
 
 def lap_of(lap: DrivenLap) -> str:
-    """Time of a lap, and how it ended unless it was completed."""
     text = time_of([lap])
     return text if lap.complete else f"{text}, {lap.status.lower()}"
 
 
 def gap(row: LeaderboardRow) -> str:
-    """How far behind the first; empty for the first."""
     if row.gap_s is None:
         return NONE
     return "" if row.rank == 1 else f"+{row.gap_s:.3f} s"
 
 
 def kind(rules: RaceRules) -> str:
-    """The kind of race in words."""
     return _KINDS[rules.race_type]
 
 
 def decides(rules: RaceRules) -> str:
-    """What decides, as a sentence."""
     if rules.in_pairs:
         if rules.pairing == "bracket":
             return "Bracket: the winner of each pair goes on."
@@ -88,7 +76,6 @@ def decides(rules: RaceRules) -> str:
 
 
 def penalties(rules: RaceRules) -> str:
-    """What violations cost, as a sentence."""
     return (
         f"Off track: {rules.off_track_penalty_s:g} s. Collision: {rules.collision_penalty_s:g} s. "
         "Times contain both."
@@ -96,18 +83,15 @@ def penalties(rules: RaceRules) -> str:
 
 
 def conditions(rules: RaceRules) -> str:
-    """The settings of the laps that differ from the shipped ones; empty if none does."""
     return ", ".join(f"{name}={text}" for name, text in shown_settings(rules).items())
 
 
 def place(report: RaceReport) -> str:
-    """Track, direction and kind of a race."""
     way = ", opposite direction" if report.rules.reverse else ""
     return f"{report.rules.world}{way}, {kind(report.rules)}"
 
 
 def standing(report: RaceReport) -> str:
-    """Where the race stands, as a sentence."""
     left = len(report.queue)
     runs = f"{left} run{'s' * (left != 1)} {'wait' if left != 1 else 'waits'}"
     if report.winner is not None:
@@ -127,7 +111,6 @@ def standing(report: RaceReport) -> str:
 
 
 def pair_result(pair: PairEntry) -> str:
-    """What became of a pair, as a sentence."""
     if pair.state == "failed":
         return f"failed: {pair.message}"
     if pair.state != "done":
@@ -142,7 +125,6 @@ def pair_result(pair: PairEntry) -> str:
 
 
 def laps_in_pair(laps: Sequence[DrivenLap]) -> str:
-    """Complete laps and the time for them."""
     complete = [lap for lap in laps if lap.complete]
     if not complete:
         return "no complete lap"

@@ -1,4 +1,4 @@
-"""Changes the rules of a race before anybody has driven under them."""
+"""Changes a race's rules before anybody has driven."""
 
 import time
 from dataclasses import replace
@@ -16,10 +16,7 @@ from drcli.store.bucket import Bucket
 
 
 def wish_of(rules: RaceRules) -> RaceWish:
-    """The wish that has led to these rules; what follows from other rules is left open.
-
-    The settings of the rules are not part of it: `change_rules` keeps them.
-    """
+    """Without derived rules, and settings, which `change_rules` keeps."""
     average = usual_average(rules.max_laps)
     least = least_laps(rules.ranking, rules.max_laps, rules.average_laps)
     return RaceWish(
@@ -45,18 +42,10 @@ def wish_of(rules: RaceRules) -> RaceWish:
 def change_rules(
     settings: Settings, bucket: Bucket, race: str, wish: RaceWish, *, now_s: float | None = None
 ) -> RaceReport:
-    """Give a race other rules, as long as it has no result. Its id stays.
-
-    Args:
-        settings: Of this machine; used only for what another kind of race needs.
-        bucket: Where the race is.
-        race: Its id.
-        wish: All its rules, made from `wish_of`.
-        now_s: The time, Unix seconds.
+    """Give a race other rules, from `wish_of`; its id stays.
 
     Raises:
-        SettingsError: There is no such race, somebody has driven, a rule is wrong, or submissions
-            do not fit it.
+        SettingsError: No such race, somebody has driven, or rules or submissions do not fit.
     """
     now = time.time() if now_s is None else now_s
     stored = read_race(bucket, race)

@@ -1,4 +1,4 @@
-"""What a stored race comes to: leaderboard, queue, state of each submission. Pure functions."""
+"""What a stored race comes to. Pure functions."""
 
 from dataclasses import replace
 
@@ -27,10 +27,7 @@ from drcli.races.stored_race import StoredRace, submission_id
 
 
 def queue_of(stored: StoredRace, runner: Runner = NOBODY) -> list[tuple[str, ...]]:
-    """What is still to be driven, in order: a submission, or the two of a pair.
-
-    What another process began and did not end, because it was killed, is driven again.
-    """
+    """Submissions or pairs in order, also those that a killed process began."""
     if not stored.rules.in_pairs:
         runs: list[tuple[str, ...]] = [(name,) for name in counted(stored)]
     else:
@@ -40,14 +37,6 @@ def queue_of(stored: StoredRace, runner: Runner = NOBODY) -> list[tuple[str, ...
 
 
 def report_of(stored: StoredRace, bucket: str, now_s: float, runner: Runner = NOBODY) -> RaceReport:
-    """Everything that is shown of a race.
-
-    Args:
-        stored: The race.
-        bucket: Its name.
-        now_s: Unix seconds.
-        runner: Who drives its queue.
-    """
     queue = queue_of(stored, runner)
     rows = pair_rows(stored) if stored.rules.in_pairs else _lap_rows(stored)
     running = [
@@ -77,7 +66,6 @@ def report_of(stored: StoredRace, bucket: str, now_s: float, runner: Runner = NO
 
 
 def state_of(rules: RaceRules, now_s: float) -> RaceState:
-    """Whether a race takes submissions now."""
     if rules.closes_at is not None and now_s >= rules.closes_at:
         return "closed"
     if rules.opens_at is not None and now_s < rules.opens_at:
@@ -86,7 +74,6 @@ def state_of(rules: RaceRules, now_s: float) -> RaceState:
 
 
 def rule_of(rules: RaceRules) -> RankingRule:
-    """What decides in a race."""
     return RankingRule(rules.ranking, rules.min_laps, rules.max_laps)
 
 

@@ -1,7 +1,7 @@
-"""A race as it is in the bucket: its rules, submissions, results; read as one, written one by one.
+"""A race in the bucket.
 
-Each object has one writer, so that people and the queue can work at the same time: racers write
-submissions, whoever organises the race writes rules and order, and the queue writes results.
+Each object has one writer, so that all can work at once: racers write submissions, the organiser
+rules and order, the queue results.
 """
 
 import re
@@ -23,23 +23,20 @@ from drcli.store.bucket import Bucket, ObjectDamaged, ObjectMissing, ObjectNewer
 from drcli.store.remedies import remedy_of
 
 _NAME = re.compile(r"(\d{18})-([0-9a-f]{8})")
-"""Of a submission: microseconds at which it came, and its id."""
+"""Microseconds of arrival, and id."""
 
 _Record = TypeVar("_Record", bound=JsonRecord)
 
 
 @dataclass(frozen=True)
 class StoredRace:
-    """Everything that is stored about a race.
+    """Everything stored about a race.
 
     Attributes:
-        race: Its id.
-        rules: Of the race.
-        submissions: By name, in the order in which they came.
-        orders: What the organiser has said about some of them.
-        results: By the name of a submission or pair.
+        submissions: In the order of arrival.
+        orders: Of the organiser.
+        results: By submission or pair.
         draw: Of a bracket; None before its first pair.
-        damaged: Sentences about objects that cannot be read.
     """
 
     race: str
@@ -51,16 +48,14 @@ class StoredRace:
     damaged: list[str] = field(default_factory=list)
 
     def place(self, name: str) -> int:
-        """Where a submission is in the queue."""
         order = self.orders.get(name)
         return stamp_of(name) if order is None else order.place
 
     def restarts(self, *names: str) -> int:
-        """How often these submissions were restarted, together."""
         return sum(self.orders[name].restarts for name in names if name in self.orders)
 
     def result(self, *names: str) -> RaceResult | None:
-        """The result of a submission or of a pair, unless it was restarted since."""
+        """None if restarted since."""
         found = self.results.get("_".join(sorted(names)))
         if found is None or found.restarts != self.restarts(*names):
             return None
@@ -68,10 +63,10 @@ class StoredRace:
         return found if found.state != "done" or drove == set(names) else None
 
     def find(self, text: str) -> str:
-        """The name of the submission that an id, or the beginning of one, names.
+        """By id or its beginning.
 
         Raises:
-            SettingsError: It names none, or several.
+            SettingsError: None, or several.
         """
         wanted = text.strip().lower()
         fitting = [
@@ -90,18 +85,16 @@ class StoredRace:
 
 
 def submission_id(name: str) -> str:
-    """What people call a submission: the end of its name."""
     return name.rpartition("-")[2]
 
 
 def stamp_of(name: str) -> int:
-    """Microseconds at which a submission came."""
     found = _NAME.fullmatch(name)
     return int(found[1]) if found is not None else 0
 
 
 def new_name(bucket: Bucket, race: str) -> str:
-    """A name for a new submission; it comes after all that there are, whatever the clocks say."""
+    """Sorts after all others, whatever the clocks say."""
     folder = race_keys.submission(race, "")[: -len(".json")]
     stamps = [stamp_of(_last(info.key)) for info in bucket.list(folder)]
     stamp = max([int(time.time() * 1e6), *(each + 1 for each in stamps)])
@@ -109,18 +102,18 @@ def new_name(bucket: Bucket, race: str) -> str:
 
 
 def is_race_id(text: str) -> bool:
-    """Whether a race could be called so; nothing else becomes part of a key."""
+    """Nothing else becomes part of a key."""
     return re.fullmatch(r"[a-z0-9-]{1,80}", text) is not None
 
 
 def race_id(name: str) -> str:
-    """What a race of this name is called in the bucket; empty if nothing of it can be kept."""
+    """Empty if nothing of the name can be kept."""
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
     return re.sub(r"[^a-z0-9]+", "-", plain).strip("-")
 
 
 def find_race(bucket: Bucket, text: str) -> str:
-    """The id of the race that an id or a name means.
+    """By id or name.
 
     Raises:
         SettingsError: There is no such race.
@@ -137,12 +130,7 @@ def find_race(bucket: Bucket, text: str) -> str:
 
 
 def read_rules(bucket: Bucket, race: str) -> RaceRules:
-    """The rules of a race.
-
-    Raises:
-        SettingsError: There is no such race.
-        ObjectDamaged: They cannot be read.
-    """
+    """Raises SettingsError without such a race, ObjectDamaged for unreadable rules."""
     if not is_race_id(race):
         raise no_race(race, race_ids(bucket), bucket.name)
     key = race_keys.rules(race)
@@ -153,12 +141,7 @@ def read_rules(bucket: Bucket, race: str) -> RaceRules:
 
 
 def read_race(bucket: Bucket, race: str) -> StoredRace:
-    """All that is stored about a race.
-
-    Raises:
-        SettingsError: There is no such race.
-        StorageError: The bucket cannot be read.
-    """
+    """Raises SettingsError without such a race, StorageError for a bucket that fails."""
     rules = read_rules(bucket, race)
     damaged: list[str] = []
 
@@ -192,13 +175,11 @@ def read_race(bucket: Bucket, race: str) -> StoredRace:
 
 
 def race_ids(bucket: Bucket) -> list[str]:
-    """Ids of all races in a bucket, sorted."""
     found = (race_keys.race_of(info.key) for info in bucket.list(race_keys.folder()))
     return sorted(race for race in found if race is not None)
 
 
 def no_race(race: str, known: list[str], bucket: str) -> SettingsError:
-    """The error for a race that does not exist."""
     likely = closest(race, known)
     hint = f"Did you mean {likely}? " if likely is not None else ""
     some = f"It has {', '.join(known[:8])}." if known else "It has no races."
@@ -209,7 +190,6 @@ def no_race(race: str, known: list[str], bucket: str) -> SettingsError:
 
 
 def put(bucket: Bucket, key: str, record: JsonRecord) -> None:
-    """Write one record."""
     bucket.put(key, record.encode())
 
 

@@ -1,7 +1,7 @@
-"""Takes submissions to a race, and changes their place in the queue.
+"""Takes submissions, and changes the queue.
 
-A submission is a copy of one checkpoint with its metadata, below the race. So the racer can train
-on, or delete the model, and nobody can change what was submitted.
+A submission is a copy of a checkpoint: the racer can train on or delete the model, and nobody
+can change it.
 """
 
 import socket
@@ -34,7 +34,6 @@ from drcli.store.model_kind import what_helps
 from drcli.store.repair import Model
 
 _PARTS = (*OUR_PARTS, *keys.TENSORFLOW_PARTS)
-"""Ends of the files that a checkpoint needs to drive, in either form."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class SubmissionReport:
         racer: Who submitted it.
         model: Prefix of the model.
         checkpoint: Name of the checkpoint.
-        waiting: How many runs are driven before it, and with it.
+        waiting: Runs up to and with it.
         left: How many more the racer may submit; None for any number.
         queue: Whether a process drives the queue now.
     """
@@ -72,20 +71,11 @@ def submit(
     racer: str | None = None,
     now_s: float | None = None,
 ) -> SubmissionReport:
-    """Submit a checkpoint to a race.
-
-    Args:
-        settings: Name model and racer, where the arguments do not.
-        bucket: Where race and model are.
-        race: Id of the race.
-        prefix: Of the model; None for that of the settings.
-        checkpoint: A word or number, as DR_EVAL_CHECKPOINT.
-        racer: Who submits it; None for DR_RACER_NAME.
-        now_s: The time, Unix seconds.
+    """Submit a checkpoint, as in DR_EVAL_CHECKPOINT; None: the settings.
 
     Raises:
-        SettingsError: The race is closed, the racer has no submissions left, or the model does not
-            exist or does not fit.
+        SettingsError: The race is closed, the racer has none left, or the model is missing or does
+            not fit.
     """
     now = time.time() if now_s is None else now_s
     stored = read_race(bucket, race)
@@ -115,10 +105,10 @@ def submit(
 
 
 def withdraw(bucket: Bucket, race: str, submission: str) -> RaceReport:
-    """Remove a submission with everything that it drove; it no longer counts.
+    """Remove a submission and its results.
 
     Raises:
-        SettingsError: There is no such race or submission.
+        SettingsError: No such race or submission.
     """
     stored = read_race(bucket, race)
     name = stored.find(submission)
@@ -134,18 +124,10 @@ def withdraw(bucket: Bucket, race: str, submission: str) -> RaceReport:
 
 
 def move(bucket: Bucket, race: str, submission: str, place: int) -> RaceReport:
-    """Put a waiting submission at another place of the queue.
-
-    In a race in pairs this changes the order in which pairs are made, until a bracket is drawn.
-
-    Args:
-        bucket: Where the race is.
-        race: Its id.
-        submission: Its id, or the beginning of it.
-        place: From 1 for the next; more than there are means the last.
+    """Put a waiting submission at a place, from 1; in pairs, it orders them until a draw.
 
     Raises:
-        SettingsError: There is no such submission, or it does not wait.
+        SettingsError: It does not exist or wait.
     """
     stored = read_race(bucket, race)
     name = stored.find(submission)
@@ -173,10 +155,10 @@ def move(bucket: Bucket, race: str, submission: str, place: int) -> RaceReport:
 
 
 def restart(bucket: Bucket, race: str, submission: str) -> RaceReport:
-    """Drive a submission again, in its old place; in a race in pairs, all its pairs.
+    """Drive a submission again, in its old place; in pairs, all of its pairs.
 
     Raises:
-        SettingsError: There is no such race or submission.
+        SettingsError: No such race or submission.
     """
     stored = read_race(bucket, race)
     name = stored.find(submission)
@@ -186,7 +168,6 @@ def restart(bucket: Bucket, race: str, submission: str) -> RaceReport:
 
 
 def video_names(run: str) -> list[str]:
-    """The names of the videos of a run: one from each car."""
     return [run, f"{run}-2"] if "_" in run else [run]
 
 
@@ -195,13 +176,11 @@ def _order(stored: StoredRace, name: str) -> QueueOrder:
 
 
 def _waiting(stored: StoredRace, bucket: Bucket) -> list[str]:
-    """The submissions that can be moved, in order."""
     runs = queue_of(stored, runner_of(bucket, stored.race))
     return list(dict.fromkeys(name for run in runs for name in run))
 
 
 def _places(stored: StoredRace, before: list[str], after: list[str]) -> dict[str, int]:
-    """New places for the submissions whose place changes; the same numbers as before."""
     numbers = sorted(stored.place(name) for name in before)
     for index in range(1, len(numbers)):
         numbers[index] = max(numbers[index], numbers[index - 1] + 1)
@@ -258,7 +237,6 @@ def _refuse_twice(stored: StoredRace, model: str, checkpoint: str) -> None:
 
 
 def _check_model(bucket: Bucket, model: str, checkpoint: str, rules: RaceRules, race: str) -> None:
-    """Refuse a model that does not exist, or has sensors that the race does not allow."""
     url = f"s3://{bucket.name}/{model}"
     data = own_files(bucket, model, checkpoint).get(keys.MODEL_METADATA_FILE)
     if data is None:
@@ -282,7 +260,6 @@ def _check_model(bucket: Bucket, model: str, checkpoint: str, rules: RaceRules, 
 
 
 def _copy(bucket: Bucket, model: str, checkpoint: str, target: str) -> None:
-    """Copy what drives: one checkpoint, its metadata, and an index that names it."""
     wanted = CheckpointName.parse(checkpoint)
     found = [
         info.key

@@ -1,4 +1,4 @@
-"""Finds the race that `dr-start-tournament` means if it names none."""
+"""The race that `dr-start-tournament` means without a name."""
 
 from drcli.base.errors import SettingsError
 from drcli.races.organise import list_races
@@ -6,11 +6,7 @@ from drcli.store.bucket import Bucket
 
 
 def only_tournament(bucket: Bucket) -> str:
-    """The only race in pairs that is not finished.
-
-    Raises:
-        SettingsError: There is none, or several.
-    """
+    """Raises SettingsError for no or several unfinished races in pairs."""
     found = [
         entry.race
         for entry in list_races(bucket).races

@@ -1,7 +1,6 @@
-"""Reads the records of races again and again, but each only when the listing says it has changed.
+"""Reads records of races anew only when a listing shows a change.
 
-A page that shows a race looks at it every second. One listing tells what is new, so a look costs
-one request as long as nothing happens, however many submissions and results there are.
+Pages look every second; without changes this costs one request.
 """
 
 import threading
@@ -17,13 +16,7 @@ _Version = tuple[str, int, datetime]
 
 @dataclass(frozen=True)
 class _Kept:
-    """An object as it was read.
-
-    Attributes:
-        version: That of the listing before it was read; never newer than the data.
-        age_s: As of `Bucket.get_with_age`; None if unknown.
-        read_s: Monotonic time of the reading.
-    """
+    """`version` was listed before reading, so it is never newer than the data."""
 
     version: _Version
     data: bytes
@@ -32,18 +25,14 @@ class _Kept:
 
 
 class RaceObjects:
-    """Keeps what was read of the races of one bucket. Several threads may use it."""
+    """Thread-safe memory of one bucket's races."""
 
     def __init__(self) -> None:
         self._kept: dict[str, _Kept] = {}
         self._lock = threading.Lock()
 
     def look(self, bucket: Bucket, folder: str) -> "SeenBucket":
-        """The objects below a folder as they are now.
-
-        Args:
-            bucket: Always the same one, or a new connection to it.
-            folder: `race_keys.folder()`, or that of one race.
+        """The objects below a folder now, in a bucket that stays the same.
 
         Raises:
             StorageError: The bucket does not answer.
@@ -56,26 +45,17 @@ class RaceObjects:
         return SeenBucket(self, bucket, folder, listed)
 
     def kept(self, info: ObjectInfo) -> _Kept | None:
-        """What was read of this version of an object; None if nothing was."""
         with self._lock:
             found = self._kept.get(info.key)
         return found if found is not None and found.version == _version(info) else None
 
     def keep(self, info: ObjectInfo, data: bytes, age_s: float | None) -> None:
-        """Keep what was read of an object after it was listed."""
         with self._lock:
             self._kept[info.key] = _Kept(_version(info), data, age_s, time.monotonic())
 
 
 class SeenBucket:
-    """One look at the objects below a folder; a `Bucket` for reading them.
-
-    Args:
-        objects: Keeps what is read.
-        bucket: Where they are.
-        folder: Below which all objects are known.
-        listed: These objects, by key.
-    """
+    """One look at a folder; a `Bucket` for reading."""
 
     def __init__(
         self, objects: RaceObjects, bucket: Bucket, folder: str, listed: dict[str, ObjectInfo]
@@ -86,16 +66,14 @@ class SeenBucket:
         self._given: set[str] = set()
 
     def get(self, key: str, *, watch: Watch | None = None) -> bytes:
-        """Read an object; from memory if it has not changed.
+        """From memory if unchanged.
 
-        Whoever reads an object twice in one look has found it damaged, see `bucket.read_record`:
-        then it is read anew.
+        A second `get` in one look means damage, see `bucket.read_record`: then it is read anew.
         """
         found = self._known(key) if watch is None else None
         return self._read(key)[0] if found is None else found.data
 
     def get_with_age(self, key: str) -> tuple[bytes, float | None]:
-        """The same with its age, which has grown since it was read."""
         found = self._known(key)
         if found is None:
             return self._read(key)
@@ -103,29 +81,22 @@ class SeenBucket:
         return found.data, None if found.age_s is None else found.age_s + passed_s
 
     def put(self, key: str, data: bytes, *, watch: Watch | None = None) -> None:
-        """Write to the bucket; this look does not show it."""
+        """This look does not show it."""
         self._bucket.put(key, data, watch=watch)
 
     def delete(self, keys: Iterable[str]) -> None:
-        """Delete in the bucket; this look still shows it."""
+        """This look still shows it."""
         self._bucket.delete(keys)
 
     def exists(self, key: str) -> bool:
-        """Whether there was an object with this key."""
         return key in self._listed if key.startswith(self._folder) else self._bucket.exists(key)
 
     def list(self, folder: str) -> Listing:
-        """All objects that were below a folder."""
         if not folder.startswith(self._folder):
             return self._bucket.list(folder)
         return [info for key, info in self._listed.items() if key.startswith(folder)]
 
     def _known(self, key: str) -> _Kept | None:
-        """What is known of an object without reading it; None if it must be read.
-
-        Raises:
-            ObjectMissing: It did not exist.
-        """
         info = self._listed.get(key)
         if info is None:
             if key.startswith(self._folder):

@@ -1,1 +1,1 @@
-"""Shows which pixels move a policy's action, how sure it is, and what its critic expects."""
+"""Explains a policy's actions by pixels."""

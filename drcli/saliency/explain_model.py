@@ -1,4 +1,4 @@
-"""Explains an episode of a model, and writes what was found."""
+"""Explains an episode of a model, and writes the findings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -43,13 +43,13 @@ class ExplainedStep:
         x: Where the car was, metres.
         y: The same.
         action: Index of the most likely action, null for continuous ones.
-        steering_deg: What was asked for, left positive.
-        speed_mps: The same.
-        strongest: For each method, row and column of the greatest value of the map.
+        steering_deg: Requested, left positive.
+        speed_mps: Requested.
+        strongest: For each method, row and column of the map's greatest value.
         greatest: For each method, this value.
-        ninths: For each method, the share of the map in each ninth of the picture, from the top.
-        lidar: How much each sector of the lidar matters; null without one.
-        picture: File with the maps; null if none was written.
+        ninths: For each method, shares of the picture's ninths, from the top.
+        lidar: How much each sector of the lidar matters, or null.
+        picture: File with the maps, or null.
     """
 
     step: int
@@ -80,10 +80,10 @@ class SaliencyReport:
         outcome: How the episode ended.
         progress: Percent of the lap.
         seconds: Simulated seconds.
-        html: File of the page; null if none was written.
+        html: File of the page, or null.
         steps: The explained pictures.
-        lap: For all steps of the episode: step, time_s, progress, steering_deg, speed_mps, and
-            value, entropy and probabilities where the policy has them.
+        lap: For all steps: step, time_s, progress, steering_deg, speed_mps, and value, entropy and
+            probabilities where the policy has them.
         notes: What a reader should know.
     """
 
@@ -108,11 +108,11 @@ def explain_checkpoint(
     choice: CheckpointChoice,
     question: Question,
 ) -> tuple[ExplainedEpisode, str]:
-    """Drive and explain an episode of a checkpoint; returns its name, too.
+    """Drive and explain an episode; also returns the checkpoint's name.
 
     Raises:
-        SettingsError: The model or the checkpoint does not exist, or does not have what is asked.
-        StorageError: The checkpoint is damaged, or the bucket cannot be read.
+        SettingsError: The model, checkpoint, or what is asked is missing.
+        StorageError: Damaged checkpoint, or unreadable bucket.
     """
     if not keys.is_valid_prefix(prefix):
         raise SettingsError(
@@ -128,30 +128,22 @@ def explain_checkpoint(
 def explain_file(
     settings: Settings, path: Path, metadata: Path | None, question: Question
 ) -> ExplainedEpisode:
-    """Drive and explain an episode of a policy's file.
+    """As `explain_checkpoint`, of a policy's file.
 
     Raises:
-        SettingsError: The file cannot be used, or does not have what is asked.
+        SettingsError: It cannot be used, or lacks what is asked.
         NotAvailable: Its engine is not installed.
     """
     return _explain(path.name, open_policy_file(path, metadata), settings, question)
 
 
 def write_page(path: Path, explained: ExplainedEpisode) -> None:
-    """Write an explained episode as an HTML file. Callers check whether it may replace one.
-
-    Raises:
-        SettingsError: The file cannot be written.
-    """
+    """Callers check whether it may replace a file; raises SettingsError."""
     rewrite(path, page(explained).encode())
 
 
 def write_stills(folder: Path, explained: ExplainedEpisode) -> list[str]:
-    """Write a PNG of each explained picture with its maps into a folder, which is made.
-
-    Raises:
-        SettingsError: They cannot be written.
-    """
+    """Write a PNG per picture into a new or existing folder; raises SettingsError."""
     make_picture_folder(folder)
     written = []
     for number, step in enumerate(explained.chosen):
@@ -168,7 +160,6 @@ def report_of(
     html: Path | None,
     pictures: Sequence[str],
 ) -> SaliencyReport:
-    """An explained episode in numbers; `pictures` are the files of its pictures, or empty."""
     episode = explained.episode
     return SaliencyReport(
         model=model,
@@ -216,11 +207,6 @@ def _explain(
 
 
 def _chosen(episode: RecordedEpisode, question: Question) -> list[int]:
-    """The steps to explain, counted from 0.
-
-    Raises:
-        SettingsError: The episode does not have them.
-    """
     if not question.steps:
         return spread_steps(episode.steps, question.pictures)
     first, last = episode.rows[0].steps, episode.rows[-1].steps
@@ -260,7 +246,6 @@ def _step(explained: ExplainedEpisode, number: int, picture: str | None) -> Expl
 
 
 def _lap(explained: ExplainedEpisode) -> dict[str, list[object]]:
-    """Columns with a value for each step of the episode."""
     rows, outputs = explained.episode.rows, explained.outputs
     columns: dict[str, list[object]] = {
         "step": [row.steps for row in rows],
@@ -279,5 +264,4 @@ def _lap(explained: ExplainedEpisode) -> dict[str, list[object]]:
 
 
 def _short(value: float) -> float:
-    """Six digits are more than a map is worth."""
     return float(f"{value:.6g}")

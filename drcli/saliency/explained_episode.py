@@ -1,4 +1,4 @@
-"""An episode with explanations: outputs at every step, and maps of some of the pictures."""
+"""An episode with explanations of its steps."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from drcli.saliency.question import FINE_SPACING, METHODS, Method, Target
 from drcli.saliency.recorded_episode import RecordedEpisode
 
 ROWS, COLUMNS = ("far", "middle", "near"), ("left", "centre", "right")
-"""Names of the ninths of a picture, from the top and from the left."""
+"""Of the ninths of a picture."""
 
 _STEPS_AT_A_TIME = 128
 
@@ -23,13 +23,10 @@ class ExplainedEpisode:
     """An episode and its explanation.
 
     Attributes:
-        title: What drove, such as `model, checkpoint 12`.
-        subject: The policy.
-        episode: What it did and saw.
-        outputs: What it made of every step of the episode.
-        chosen: The explained steps, counted from 0 in the arrays of the episode. Length k.
-        saliency: Maps of the pictures of these steps.
-        notes: What a reader should know, in sentences.
+        title: Such as `model, checkpoint 12`.
+        outputs: For every step.
+        chosen: Explained steps, from 0. Length k.
+        saliency: Of these.
     """
 
     title: str
@@ -51,12 +48,7 @@ def explain_episode(
     target: Target = "action",
     spacing: int = FINE_SPACING,
 ) -> ExplainedEpisode:
-    """Explain an episode, and the pictures of the chosen steps.
-
-    Raises:
-        NotExplainable: As for `saliency_maps`.
-        ValueError: The episode does not have such a step.
-    """
+    """Raises NotExplainable as `saliency_maps`, ValueError for steps that do not exist."""
     wrong = [step for step in chosen if not 0 <= step < episode.steps]
     if wrong:
         raise ValueError(f"The episode has no step {wrong[0]}: it has {episode.steps}.")
@@ -76,16 +68,11 @@ def explain_episode(
 
 
 def spread_steps(steps: int, count: int) -> list[int]:
-    """So many different steps, evenly spread over an episode, the last one among them."""
     return sorted({round(place) for place in np.linspace(0, steps - 1, min(count, steps))})
 
 
 def shares(values: np.ndarray) -> list[list[float]]:
-    """How much of a map lies in each ninth of the picture, rows from the top; all 0 if it is empty.
-
-    Args:
-        values: Not negative. Shape (rows, columns), both divisible by 3 or nearly so.
-    """
+    """How much of a map lies in each ninth, from the top."""
     total = float(values.sum(dtype=np.float64))
     if not total > 0.0:
         return [[0.0] * 3 for _ in range(3)]
@@ -96,13 +83,12 @@ def shares(values: np.ndarray) -> list[list[float]]:
 
 
 def place_of(values: np.ndarray) -> tuple[int, int]:
-    """Row and column of the greatest value of a map."""
     row, column = np.unravel_index(int(values.argmax()), values.shape)
     return int(row), int(column)
 
 
 def sector_bearings(subject: ExplainedPolicy) -> list[tuple[float, float]]:
-    """From where to where each sector of `SaliencyMaps.lidar` reaches, degrees to the left."""
+    """Of `SaliencyMaps.lidar`, degrees to the left."""
     bearings = np.degrees(subject.sensors.lidar_model.bearings_rad)
     half = (bearings[1] - bearings[0]) / 2.0
     return [
@@ -112,7 +98,6 @@ def sector_bearings(subject: ExplainedPolicy) -> list[tuple[float, float]]:
 
 
 def _all_outputs(subject: ExplainedPolicy, episode: RecordedEpisode) -> PolicyOutputs:
-    """The outputs at all steps, a few at a time."""
     parts = [
         outputs_of(
             subject,

@@ -1,4 +1,4 @@
-"""Pictures of an explained episode: what the car saw, and each map over it."""
+"""Pictures of an explained episode, with maps."""
 
 import io
 from collections.abc import Mapping
@@ -28,15 +28,10 @@ _INK, _PAPER = (38, 42, 48), (255, 255, 255)
 
 
 def pictures_of(explained: ExplainedEpisode, number: int) -> dict[str, Picture]:
-    """What the car saw at an explained step, and each map over it, by title.
+    """What the car saw at a step, and each map over it, by title.
 
-    The newest frame of a stack; the right camera is below the left one. Each map is drawn on the
-    same scale in all pictures of the episode, but Grad-CAM and HiResCAM on one of each picture:
-    their values have no unit that could be compared.
-
-    Args:
-        explained: The episode.
-        number: Which of its explained steps, from 0.
+    Newest frame of a stack; right camera below the left. A map has one scale in the episode, except
+    Grad-CAM and HiResCAM, whose values have no comparable unit.
 
     Returns:
         RGB, each of shape (eyes * 120, 160, 3).
@@ -53,7 +48,7 @@ def pictures_of(explained: ExplainedEpisode, number: int) -> dict[str, Picture]:
 
 
 def still(explained: ExplainedEpisode, number: int) -> Picture:
-    """All pictures of an explained step side by side, three times as large, with a caption."""
+    """All pictures of a step, threefold, with a caption."""
     pictures = pictures_of(explained, number)
     height = next(iter(pictures.values())).shape[0] * _ZOOM
     width = 160 * _ZOOM
@@ -74,13 +69,11 @@ def still(explained: ExplainedEpisode, number: int) -> Picture:
 
 
 def moment(explained: ExplainedEpisode, number: int) -> str:
-    """When and where an explained step was."""
     row = explained.episode.rows[explained.chosen[number]]
     return f"Step {row.steps}, {row.time_s:.2f} s, {row.progress:.1f} % of the lap."
 
 
 def decision(explained: ExplainedEpisode, number: int) -> str:
-    """What the policy chose in an explained step, and how sure it was."""
     outputs, step = explained.outputs, explained.chosen[number]
     steering, speed = outputs.steering_deg[step], outputs.speed_mps[step]
     text = f"{steering:+.1f} degrees, {speed:.2f} m/s"
@@ -98,7 +91,6 @@ def decision(explained: ExplainedEpisode, number: int) -> str:
 
 
 def finding(explained: ExplainedEpisode, number: int) -> str:
-    """A sentence on where the map of an explained step has its weight."""
     saliency = explained.saliency
     method, maps = next(iter(saliency.maps.items()))
     values = maps[number].max(axis=0)
@@ -115,7 +107,6 @@ def finding(explained: ExplainedEpisode, number: int) -> str:
 
 
 def lidar_finding(explained: ExplainedEpisode, number: int) -> str:
-    """A sentence on the sector of the lidar that matters most; empty without a lidar."""
     lidar = explained.saliency.lidar
     if lidar is None:
         return ""
@@ -132,7 +123,6 @@ def lidar_finding(explained: ExplainedEpisode, number: int) -> str:
 
 
 def quantity(value: float, unit: str) -> str:
-    """A value of a perturbation map with its unit."""
     if unit.startswith("of the"):
         if 0.0 < value < 0.0005:
             return f"less than 0.1% {unit}"
@@ -141,21 +131,20 @@ def quantity(value: float, unit: str) -> str:
 
 
 def png_of(picture: Picture) -> bytes:
-    """A picture as a PNG file; to search for the smallest form would take ten times as long."""
+    """The smallest form would take ten times as long."""
     data = io.BytesIO()
     Image.fromarray(picture).save(data, "PNG")
     return data.getvalue()
 
 
 def jpeg_bytes(picture: Picture) -> bytes:
-    """A picture as a JPEG file, a quarter of a PNG's size at this noise of a camera."""
+    """A quarter of a PNG's size."""
     data = io.BytesIO()
     Image.fromarray(picture).save(data, "JPEG", quality=88)
     return data.getvalue()
 
 
 def _bearing(degrees: float) -> str:
-    """A direction from the car in words."""
     turned = (degrees + 180.0) % 360.0 - 180.0
     if abs(turned) < 0.5:
         return "straight ahead"

@@ -1,9 +1,8 @@
-"""Grad-CAM and HiResCAM: where in the picture the evidence of a network's convolutions lies.
+"""Grad-CAM and HiResCAM: where a network's convolutions see evidence.
 
 Sources: Selvaraju et al., 2017, "Grad-CAM: Visual explanations from deep networks via
 gradient-based localization"; Draelos and Carin, 2020, "Use HiResCAM instead of Grad-CAM for
-faithful explanations of convolutional neural networks". Both take one pass through the network
-forwards and one backwards.
+faithful explanations of convolutional neural networks".
 """
 
 from collections.abc import Sequence
@@ -26,36 +25,26 @@ from drcli.saliency.policy_outputs import (
 from drcli.saliency.question import Target
 
 LEAST_ROWS = 8
-"""Rows of the convolution that is looked at. The last one has the most meaning, and is taken where
-it has this many. That of the deep network has 3 rows of 6 pixels, on which a line of the road could
-not be told from the grass beside it."""
+"""Of the convolution that is used. The deep network's last has 3 rows of 6 pixels, too few to tell
+a line from the grass beside it.
+"""
 
 
 def grad_cam(
     subject: ExplainedPolicy, seen: Observation, target: Target = "action", *, averaged: bool = True
 ) -> Float32s:
-    """Maps of n observations, not negative; both cameras and all frames of a stack share one.
+    """Maps of n observations, not negative, shape (n, 120, 160).
 
-    Grad-CAM averages the slopes of each channel over the picture. That forgets where a channel
-    matters, which the dense layers of our networks distinguish, so HiResCAM (`averaged=False`) is
-    closer to what moves the action: blurring the twentieth of the pixels that it marks most moved
-    the actions of the three ready-made models two to five times as far (docs/saliency.md).
+    Grad-CAM averages the slopes of each channel over the picture, and so forgets where it matters.
+    HiResCAM (`averaged=False`) suits our networks better: blurring the twentieth of the pixels
+    that it marks most moved the actions of the three ready-made models two to five times as far
+    (docs/saliency.md).
 
-    For a discrete action it is the paper's: evidence for the action, in units of its logit. For
-    continuous actions, steering, speed and value, which have no "for" and "against", it is the size
-    of the evidence in either direction; of both dimensions together if the action is explained.
-
-    Args:
-        subject: A network; the graph of an engine has no gradients.
-        seen: What it sees.
-        target: What is explained.
-        averaged: Whether to average the slopes of each channel.
-
-    Returns:
-        Shape (n, 120, 160).
+    Discrete actions: evidence for the action, in units of its logit. Otherwise, the size of
+    evidence in either direction, over both dimensions for the action.
 
     Raises:
-        NotExplainable: The policy has no gradients, or no critic that sees the picture.
+        NotExplainable: No gradients, or no critic that sees the picture.
     """
     network = subject.network
     if network is None:
@@ -83,8 +72,6 @@ def grad_cam(
 
 
 class _Kept:
-    """Keeps the output of one convolution while a network is evaluated."""
-
     def __init__(self, body: Encoder) -> None:
         self._layer = body.convolutions[_layer(body)]
         self._found: list[Tensor] = []
@@ -100,12 +87,10 @@ class _Kept:
         self._hook.remove()
 
     def features(self) -> Tensor:
-        """The layer's output after its ReLU, which the body applies in place, to this tensor."""
         return self._found[-1]
 
 
 def _layer(body: Encoder) -> int:
-    """Index of the last convolution with enough rows."""
     rows, chosen = FRAME_HEIGHT, 0
     for number, layer in enumerate(body.convolutions):
         convolution = cast(nn.Conv2d, layer)
@@ -116,10 +101,9 @@ def _layer(body: Encoder) -> int:
 
 
 def _over_picture(body: Encoder, evidence: Tensor) -> Tensor:
-    """A map on the pixels of a convolution as one on those of the picture.
+    """Enlarge a convolution's map, shape (n, rows, columns).
 
-    Convolutions without padding do not reach the border, so each pixel stands for the middle of
-    what it sees. `evidence` has the shape (n, rows, columns).
+    Without padding it does not reach the border: a pixel stands for the middle of what it sees.
     """
     weights = []
     for axis, pixels in enumerate((FRAME_HEIGHT, FRAME_WIDTH)):
@@ -136,7 +120,6 @@ def _over_picture(body: Encoder, evidence: Tensor) -> Tensor:
 
 
 def _scores(subject: ExplainedPolicy, heads: Heads, target: Target) -> Sequence[Tensor]:
-    """The numbers whose slopes are asked for, each of shape (n,)."""
     if target == "value":
         assert heads.value is not None
         return [heads.value]

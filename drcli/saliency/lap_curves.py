@@ -1,4 +1,4 @@
-"""Curves of what a policy did along an episode, as SVG: actions, steering and speed, value."""
+"""SVG curves along an episode."""
 
 from collections.abc import Sequence
 from html import escape
@@ -10,20 +10,17 @@ from drcli.saliency.policy_outputs import Float64s, action_table
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 960, 180, 80, 28
 _MOST_POINTS = 600
-"""Points of a curve: as many as a screen shows."""
-
 _LEGEND = (
     "probability of each action: blue steers to the left, orange to the right, grey straight "
     "ahead; darker is slower"
 )
 
 _LEFT_HUE, _RIGHT_HUE = 210.0, 25.0
-"""Blue for actions that steer to the left, orange for those to the right: colour-blind people can
-tell them apart. Straight ahead is grey."""
+"""Blue and orange, for colour-blind people."""
 
 
 def action_curves(explained: ExplainedEpisode) -> str:
-    """The probability of each discrete action, stacked; or the steering with its spread."""
+    """Probabilities, or steering with its spread."""
     outputs, seconds = explained.outputs, _seconds(explained)
     if outputs.probabilities is not None:
         table = action_table(explained.subject.actions)
@@ -40,12 +37,11 @@ def action_curves(explained: ExplainedEpisode) -> str:
 
 
 def speed_curve(explained: ExplainedEpisode) -> str:
-    """The speed that the policy asked for, with its spread where the actions are continuous."""
     return _with_spread(explained, 1, "requested speed, m/s")
 
 
 def value_curve(explained: ExplainedEpisode) -> str:
-    """The reward that the critic expects; empty without a critic."""
+    """Empty without a critic."""
     values = explained.outputs.value
     if values is None:
         return ""
@@ -55,7 +51,7 @@ def value_curve(explained: ExplainedEpisode) -> str:
 
 
 def entropy_curve(explained: ExplainedEpisode) -> str:
-    """How undecided the policy is: its entropy as a share of the greatest; empty without one."""
+    """Share of the greatest; empty without one."""
     outputs = explained.outputs
     if outputs.entropy is None or outputs.probabilities is None:
         return ""
@@ -65,7 +61,7 @@ def entropy_curve(explained: ExplainedEpisode) -> str:
 
 
 def action_colour(table: Float64s, index: int) -> str:
-    """The colour of a discrete action: its side, and lighter the faster it is."""
+    """Lighter for faster actions."""
     steering, speed = table[index]
     most = max(float(np.abs(table[:, 0]).max()), 1e-9)
     fastest = max(float(table[:, 1].max()), 1e-9)
@@ -103,7 +99,6 @@ def _limits(*curves: Float64s) -> tuple[float, float]:
 def _chart(
     explained: ExplainedEpisode, body: str, limits: tuple[float, float], title: str, unit: str
 ) -> str:
-    """A chart with its axes, and a mark for each explained step."""
     seconds = _seconds(explained)
     marks = "".join(
         f'<line x1="{x:.1f}" x2="{x:.1f}" y1="4" y2="{_HEIGHT}" class="mark"/>'

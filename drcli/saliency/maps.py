@@ -1,4 +1,4 @@
-"""Explanations of what a policy does with pictures: the data that reports and videos show."""
+"""Explanations of what a policy does with pictures."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from drcli.saliency.policy_outputs import (
 from drcli.saliency.question import FINE_SPACING, METHODS, Method, Target
 
 _STEPS_AT_A_TIME = 32
-"""Of those with gradients: bounds their memory."""
+"""With gradients: bounds memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,15 +28,10 @@ class SaliencyMaps:
     """Explanations of n observations.
 
     Attributes:
-        target: What the maps explain.
-        outputs: What the policy makes of the observations.
-        maps: Those that were asked for and that the policy has, by method. "perturbation" says how
-            much the output changes if the surroundings of a pixel are blurred, the others how much
-            evidence a pixel gives, in no unit. Not negative. All frames of a stack share one map,
-            and of the others both cameras do. Each of shape (n, eyes, 120, 160).
-        lidar: How much the output changes if a sector of the lidar meets nothing; None without a
-            lidar or without perturbation. Shape (n, sectors).
-        unit: What "perturbation" and `lidar` count, as words after a number.
+        maps: "perturbation": change of the output if a pixel's surroundings are blurred; others:
+            evidence, for both cameras. Not negative. Shape (n, eyes, 120, 160).
+        lidar: Change if a sector meets nothing; may be None. Shape (n, sectors).
+        unit: Of "perturbation" and `lidar`.
     """
 
     target: Target
@@ -59,21 +54,18 @@ def saliency_maps(
     """Explain what a policy makes of pictures.
 
     Args:
-        subject: The policy; `open_policy` makes one of a checkpoint.
-        frames: As the policy sees them: the oldest frame of a stack first, and in each the left
-            camera before the right one. Shape (n, stack * eyes, 120, 160).
-        scans: Values of the lidar; needed where the policy has one. Shape (n, scan_dims).
-        states: What only the critic sees, needed for its value where it sees the state. Shape
-            (n, state_dims).
-        methods: Which maps to make. Perturbation costs hundreds of passes through the network for
-            each observation, the others about three.
+        subject: As from `open_policy`.
+        frames: Oldest frame of a stack first, left camera before right. Shape (n, stack * eyes,
+            120, 160).
+        scans: Shape (n, scan_dims).
+        states: For the critic. Shape (n, state_dims).
+        methods: Perturbation takes hundreds of passes for each observation, others three.
         target: What is explained.
         spacing: As in `perturbation_maps`.
 
     Raises:
-        NotExplainable: The policy lacks what is asked for: gradients, if perturbation is not among
-            the methods, or a critic that sees the picture.
-        ValueError: The arrays do not fit the policy.
+        NotExplainable: Gradients (without perturbation) or a seeing critic are missing.
+        ValueError: The arrays do not fit.
     """
     seen = _observation(subject, frames, scans, states)
     by_slopes = [method for method in methods if method != "perturbation"]
@@ -111,11 +103,6 @@ def _observation(
     scans: Float32s | None,
     states: Float32s | None,
 ) -> Observation:
-    """The arrays as a policy takes them.
-
-    Raises:
-        ValueError: They do not fit it.
-    """
     spec, count = subject.policy.spec, len(frames)
     shape = (spec.channels, FRAME_HEIGHT, FRAME_WIDTH)
     if frames.dtype != np.uint8 or frames.shape[1:] != shape:

@@ -1,4 +1,4 @@
-"""Opens the policy of a checkpoint, or of a file, for its explanation."""
+"""Opens policies for explanation."""
 
 from pathlib import Path
 
@@ -15,18 +15,13 @@ from drcli.store.bucket import Bucket
 
 
 def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy:
-    """The policy of a checkpoint in the bucket.
-
-    Args:
-        bucket: With the model.
-        prefix: Of the model.
-        checkpoint: Name of the checkpoint, such as `5_Step-500`.
+    """The policy of a checkpoint, such as `5_Step-500`.
 
     Raises:
-        ObjectMissing: A file of the model does not exist.
-        ObjectDamaged: The checkpoint is damaged.
+        ObjectMissing: A file of the model.
+        ObjectDamaged: The checkpoint.
         ProblemsError: A parameter file is wrong.
-        SettingsError: The weights do not fit the parameter files.
+        SettingsError: Weights and parameter files do not fit.
     """
     graph = driving_graph(bucket, prefix, checkpoint)
     if graph is not None:
@@ -40,13 +35,12 @@ def open_policy(bucket: Bucket, prefix: str, checkpoint: str) -> ExplainedPolicy
 
 
 def open_policy_file(path: Path, metadata: Path | None = None) -> ExplainedPolicy:
-    """The policy in a file: a frozen graph, ONNX, OpenVINO, TensorFlow Lite or a car's archive.
+    """From a frozen graph, ONNX, OpenVINO, TensorFlow Lite or a car's archive.
 
-    The weights of a frozen graph of the reference or of ours go into a network with gradients, but
-    without a critic. Every other file runs in its engine.
+    Frozen graphs of the reference and ours get gradients, but no critic. Others run in engines.
 
     Raises:
-        SettingsError: The file or its metadata is missing, damaged, or does not fit.
+        SettingsError: File or metadata is missing, damaged, or unfit.
         NotAvailable: The engine is not installed.
     """
     file = read_policy_file(path, metadata)
@@ -55,7 +49,6 @@ def open_policy_file(path: Path, metadata: Path | None = None) -> ExplainedPolic
 
 
 def _network(file: PolicyFile) -> ActorCritic | None:
-    """The network in a frozen graph; None where it is not one of ours or the reference's."""
     if file.form != "pb":
         return None
     try:

@@ -1,8 +1,7 @@
-"""Perturbation maps: how much the action changes when a part of the picture is blurred.
+"""Perturbation maps: how much blurring a place changes the action.
 
-Source of the idea: Greydanus et al., 2018, "Visualizing and understanding Atari agents". Unlike
-gradients it needs nothing but the policy's answers, so it works for every engine, and its numbers
-have a meaning: so much would the action change.
+Idea: Greydanus et al., 2018, "Visualizing and understanding Atari agents". It works for every
+engine.
 """
 
 import numpy as np
@@ -22,39 +21,30 @@ from drcli.saliency.policy_outputs import (
 from drcli.saliency.question import SPACINGS, Target
 
 BLUR_PX = 8.0
-"""Standard deviation of the blur, wide enough that a line of the road disappears in its
-surroundings: beside the car the lines are about 15 pixels wide."""
+"""Standard deviation; hides lines, which are about 15 pixels wide beside the car."""
 
 _PATCH = 0.75
-"""Standard deviation of a patch as a share of the distance between patches: they overlap, and
-together cover the picture evenly."""
+"""Standard deviation over distance, for even cover."""
 
 _ROWS_AT_A_TIME = 128
-"""Pictures that a policy sees at a time. Their activations stay in the cache."""
+"""Their activations stay in the cache."""
 
 _LIDAR_GROUP = 4
-"""Neighbouring rays of LIDAR that are hidden together. A single ray of 64 matters little."""
+"""One ray of 64 matters little."""
 
 
 def perturbation_maps(
     subject: ExplainedPolicy, seen: Observation, target: Target = "action", spacing: int = 8
 ) -> Float32s:
-    """How much blurring around each pixel changes a policy's output, for n observations.
+    """How much blurring around pixels changes the output, in `unit_of(target)`.
 
-    The unit is that of `unit_of(target)`. All frames of a stack are blurred at the same place.
-
-    Args:
-        subject: Any policy.
-        seen: What it sees.
-        target: What is explained.
-        spacing: Distance between patches, one of SPACINGS: a map takes (120 / spacing) * (160 /
-            spacing) passes through the network for each camera.
+    A spacing of SPACINGS takes (120 / spacing) * (160 / spacing) passes for each camera.
 
     Returns:
-        Each camera has its own map. Shape (n, eyes, 120, 160).
+        Shape (n, eyes, 120, 160).
 
     Raises:
-        NotExplainable: The policy has no critic that sees the picture.
+        NotExplainable: No critic sees the picture.
         ValueError: The spacing is none of SPACINGS.
     """
     if spacing not in SPACINGS:
@@ -83,14 +73,10 @@ def perturbation_maps(
 def lidar_maps(
     subject: ExplainedPolicy, seen: Observation, target: Target = "action"
 ) -> Float32s | None:
-    """How much a policy's output changes when a sector of its lidar meets nothing.
-
-    Returns:
-        In the order of the lidar's values, which is counter-clockwise. Shape (n, sectors); None
-        without a lidar.
+    """Change of the output when a sector meets nothing, counter-clockwise, shape (n, sectors).
 
     Raises:
-        NotExplainable: The policy has no critic that sees the lidar.
+        NotExplainable: No critic sees the lidar.
     """
     lidar = subject.sensors.lidar
     if lidar is None:
@@ -110,7 +96,6 @@ def lidar_maps(
 
 
 def lidar_sectors(subject: ExplainedPolicy) -> int:
-    """How many sectors `lidar_maps` has."""
     sensors = subject.sensors
     if sensors.lidar == "LIDAR":
         return sensors.num_values // _LIDAR_GROUP
@@ -118,7 +103,6 @@ def lidar_sectors(subject: ExplainedPolicy) -> int:
 
 
 def unit_of(target: Target, *, continuous: bool) -> str:
-    """What a map counts, as words after a number."""
     if target == "action":
         return "of the range" if continuous else "of the probability"
     return {"steering": "degrees", "speed": "m/s", "value": "reward"}[target]
@@ -134,7 +118,7 @@ def _check(subject: ExplainedPolicy, target: Target) -> None:
 
 
 def _masks(spacing: int) -> Float32s:
-    """Soft patches, 1 in their middle, row by row of their grid. Shape (patches, 120, 160)."""
+    """Shape (patches, 120, 160)."""
     row, column = (
         np.exp(
             -0.5
@@ -148,7 +132,6 @@ def _masks(spacing: int) -> Float32s:
 
 
 def _blurred(frames: NDArray[np.uint8]) -> Float32s:
-    """The frames through a Gaussian filter; beyond its border, a picture goes on as it ends."""
     reach = int(3 * BLUR_PX)
     weights = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / BLUR_PX) ** 2)
     kernel = (weights / weights.sum()).view(1, 1, 1, -1)
@@ -162,7 +145,7 @@ def _blurred(frames: NDArray[np.uint8]) -> Float32s:
 def _hidden(
     frames: NDArray[np.uint8], blurred: Float32s, masks: Float32s, eye: int, eyes: int
 ) -> Tensor:
-    """The frames of a step, with one patch of one camera blurred each. Shape (patches, ...)."""
+    """Shape (patches, ...)."""
     several = np.repeat(frames[None], len(masks), axis=0)
     own = slice(eye, None, eyes)  # all frames of a stack, in each of which the left eye is first
     sharp = frames[own].astype(np.float32)
@@ -179,10 +162,9 @@ def _change(
     frames: Tensor,
     scans: Tensor | None = None,
 ) -> Float32s:
-    """How far the outputs for changed inputs are from those of the step. Shape (changes,).
+    """Shape (changes,).
 
-    The step itself is the first row of the same batch: how numbers are rounded depends on the
-    number of rows, and the difference of nothing must be nothing.
+    The step itself is in the same batch, as rounding depends on the number of rows.
     """
     count = len(frames) + 1
     scans = seen.scan[step].expand(count - 1, -1) if scans is None else scans

@@ -1,4 +1,4 @@
-"""What a policy makes of observations: probabilities or ranges of actions, and a value."""
+"""What a policy makes of observations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,31 +23,27 @@ Float32s = NDArray[np.float32]
 Float64s = NDArray[np.float64]
 
 _DRAWS = tuple(NormalDist().inv_cdf((draw + 0.5) / 15) for draw in range(15))
-"""Quantiles of the standard normal distribution, which stand for draws of continuous actions. An
-action beyond its range is cut off there, so their mean is not the action at the mean."""
+"""Normal quantiles for draws of continuous actions, which are cut off at their range."""
 
 
 @runtime_checkable
 class GraphPolicy(Protocol):
-    """A policy in an engine, without gradients: probabilities, or continuous actions."""
+    """A policy in an engine, without gradients."""
 
     def outputs(self, frames: NDArray[np.uint8], scans: Float32s) -> Float32s:
         """As `EnginePolicy.outputs`. Shape (n, num_actions)."""
 
 
 class NotExplainable(ValueError):
-    """The policy does not have what was asked for; the text is a sentence that says so."""
+    """The policy lacks what was asked for."""
 
 
 @dataclass(frozen=True, eq=False)
 class ExplainedPolicy:
-    """A policy, with the meaning of its actions and of its inputs.
+    """A policy with its metadata.
 
     Attributes:
-        policy: A network of `drcli.learn`, or the graph of an engine.
-        metadata: The model_metadata.json that it was trained with.
-        is_complete: Whether the network has what only a training needs: its critic, and the spread
-            of continuous actions.
+        is_complete: Has critic, and spread of continuous actions.
     """
 
     policy: Policy
@@ -56,37 +52,33 @@ class ExplainedPolicy:
 
     @cached_property
     def actions(self) -> Actions:
-        """The meaning of the policy's actions."""
         return actions_of(self.metadata)
 
     @cached_property
     def sensors(self) -> Sensors:
-        """What the policy's inputs come from."""
         return sensors_of_model(self.metadata)
 
     @property
     def network(self) -> ActorCritic | SACAgent | None:
-        """The network if it is one that gradients go through; None for the graph of an engine."""
+        """None without gradients."""
         return self.policy if isinstance(self.policy, ActorCritic | SACAgent) else None
 
     @property
     def sees_value(self) -> bool:
-        """Whether there is a critic that judges the picture."""
         has_critic = self.network is not None and self.is_complete
         return has_critic and not self.policy.spec.state_dims
 
 
 @dataclass(frozen=True, eq=False)
 class Heads:
-    """What the heads of a policy give, as tensors that keep their gradients.
+    """Outputs with gradients; None where missing.
 
     Attributes:
-        logits: Of discrete actions, None for continuous ones. Shape (n, num_actions).
-        mean: Of continuous actions on the scale on which the range of each is from -1 to 1, None
-            for discrete ones. A PPO policy's may be outside of it. Shape (n, 2).
-        std: Standard deviation of `raw_mean`; None if unknown. Shape (n, 2).
-        raw_mean: Mean of the Gaussian, before the tanh of SAC. Shape (n, 2).
-        value: The critic's estimate in reward; None without a critic. Shape (n,).
+        logits: Discrete. Shape (n, num_actions).
+        mean: Continuous, -1 to 1; PPO's may exceed it. Shape (n, 2).
+        std: Of `raw_mean`. Shape (n, 2).
+        raw_mean: Before the tanh of SAC. Shape (n, 2).
+        value: In reward. Shape (n,).
     """
 
     logits: Tensor | None
@@ -98,20 +90,18 @@ class Heads:
 
 @dataclass(frozen=True, eq=False)
 class PolicyOutputs:
-    """What a policy makes of n observations.
+    """What a policy makes of n observations; None where missing.
 
     Attributes:
-        probabilities: Of discrete actions, None for continuous ones. Shape (n, num_actions).
-        chosen: Index of the most likely action, None for continuous ones. Shape (n,).
-        steering_deg: What an evaluation asks the car for: the most likely action's or the mean's.
-            Left positive. Shape (n,).
-        speed_mps: The same of the speed. Shape (n,).
-        expected: Steering and speed averaged over what a training would draw. Shape (n, 2).
-        low: Steering and speed that 16 % of the draws of a training are below, for continuous
-            actions of a known spread, else None. Shape (n, 2).
-        high: The same that 84 % are below. Shape (n, 2).
-        entropy: Of discrete actions, nats; None for continuous ones. Shape (n,).
-        value: Discounted reward that the critic expects; None without a critic. Shape (n,).
+        probabilities: Discrete. Shape (n, num_actions).
+        chosen: Likeliest. Shape (n,).
+        steering_deg: In an evaluation, left positive. Shape (n,).
+        speed_mps: Shape (n,).
+        expected: Mean of a training's draws of both. Shape (n, 2).
+        low: Above 16 % of continuous draws. Shape (n, 2).
+        high: Above 84 %. Shape (n, 2).
+        entropy: Discrete, nats. Shape (n,).
+        value: Discounted reward. Shape (n,).
     """
 
     probabilities: Float64s | None
@@ -126,7 +116,6 @@ class PolicyOutputs:
 
     @staticmethod
     def joined(parts: "Sequence[PolicyOutputs]") -> "PolicyOutputs":
-        """The outputs of one policy for several parts of its observations, at least one."""
         columns: dict[str, Any] = {
             name: None if first is None else np.concatenate([vars(part)[name] for part in parts])
             for name, first in vars(parts[0]).items()
@@ -135,10 +124,7 @@ class PolicyOutputs:
 
 
 def heads_of(subject: ExplainedPolicy, seen: Observation) -> Heads:
-    """Evaluate a policy; gradients are kept where it has any and torch is set to keep them.
-
-    The critic's value is None where its state is not part of `seen`.
-    """
+    """Without a value where `seen` lacks the state."""
     policy = subject.policy
     continuous = policy.spec.continuous
     judges = subject.is_complete and (not policy.spec.state_dims or seen.state.shape[1] > 0)
@@ -161,7 +147,6 @@ def heads_of(subject: ExplainedPolicy, seen: Observation) -> Heads:
 
 
 def _of_ppo(policy: ActorCritic, seen: Observation, *, judges: bool, spreads: bool) -> Heads:
-    """`judges` says whether to ask the critic, `spreads` whether the deviation is known."""
     features = policy.body(seen).to(policy.policy_head.weight.dtype)
     value = None
     if judges:
@@ -175,7 +160,7 @@ def _of_ppo(policy: ActorCritic, seen: Observation, *, judges: bool, spreads: bo
 
 
 def outputs_of(subject: ExplainedPolicy, seen: Observation) -> PolicyOutputs:
-    """What a policy makes of n observations, as numbers of people."""
+    """In units for people."""
     with torch.no_grad():
         heads = heads_of(subject, seen)
     value = None if heads.value is None else _array(heads.value)
@@ -210,13 +195,13 @@ def outputs_of(subject: ExplainedPolicy, seen: Observation) -> PolicyOutputs:
 
 
 def action_table(actions: Actions) -> Float64s:
-    """Steering in degrees and speed in m/s of discrete actions. Shape (num_actions, 2)."""
+    """Degrees and m/s. Shape (num_actions, 2)."""
     assert isinstance(actions, DiscreteActions)
     return np.asarray(actions.choices, np.float64)
 
 
 def range_widths(actions: Actions) -> Float64s:
-    """Degrees and m/s of one unit of continuous actions, whose range is from -1 to 1."""
+    """Degrees and m/s per unit."""
     assert not isinstance(actions, DiscreteActions)
     ranges: Any = (actions.steering_deg, actions.speed_mps)
     return np.array([(high - low) / 2.0 for low, high in ranges])

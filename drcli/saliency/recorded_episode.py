@@ -1,4 +1,4 @@
-"""Drives one episode with a policy, and keeps what it saw at every step."""
+"""Drives one episode, and keeps what the policy saw."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -22,7 +22,7 @@ from drsim.track.track import Track
 from drsim.track.worlds import directed
 
 MOST_STEPS = 3000
-"""Of an episode: 200 simulated seconds. What the policy saw is kept in memory."""
+"""200 simulated seconds; bounds memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,14 +30,12 @@ class RecordedEpisode:
     """An episode, and what its driver saw before each of n choices.
 
     Attributes:
-        world: The track.
-        track: The same in the driving direction.
-        frames: As the policy saw them. Shape (n, stack * eyes, 120, 160).
-        scans: Values of the lidar. Shape (n, scan_dims).
-        states: What only the critic sees. Shape (n, state_dims).
-        rows: Where the car was when it saw them. Length n.
-        last: What came after the last choice.
-        notes: What was different from the settings, in sentences.
+        track: In the driving direction.
+        frames: Shape (n, stack * eyes, 120, 160).
+        scans: Shape (n, scan_dims).
+        states: For the critic. Shape (n, state_dims).
+        rows: Length n.
+        last: After the last choice.
     """
 
     world: str
@@ -51,12 +49,11 @@ class RecordedEpisode:
 
     @property
     def steps(self) -> int:
-        """How often the policy chose."""
         return len(self.rows)
 
     @property
     def outcome(self) -> str:
-        """How it ended, such as "Off track"."""
+        """Such as "Off track"."""
         return STATUS_LABELS[self.last.status]
 
 
@@ -68,21 +65,13 @@ def record_episode(
     threads: int = 1,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> RecordedEpisode:
-    """Drive one episode from the start of the evaluation's settings, with the likeliest actions.
+    """Drive from the evaluation's start, alone, with the likeliest actions.
 
-    It ends when the car leaves the track or crashes, as in a training: the last pictures are those
-    that led there. Two models do not race here; the policy drives alone.
-
-    Args:
-        subject: What drives.
-        config: Names the track and the race.
-        seed: Of everything random in the world.
-        threads: For physics and camera.
-        should_stop: Asked at every step.
+    It ends off the track or with a crash, as in training, to show what led there.
 
     Raises:
-        ProblemsError: The track is not installed, or has no room for the race's objects.
-        SettingsError: The episode ended before the first choice.
+        ProblemsError: The track is not installed, or too small for the objects.
+        SettingsError: It ended before the first choice.
         StopRequested: `should_stop` returned True.
     """
     race, notes = config.race(), list[str]()
@@ -131,8 +120,6 @@ def record_episode(
 
 @dataclass(eq=False)
 class _Eyes:
-    """A policy that keeps what it sees; the driver of one car calls it once a step."""
-
     subject: ExplainedPolicy
     frames: list[NDArray[np.uint8]] = field(default_factory=list)
     scans: list[Float32s] = field(default_factory=list)
@@ -140,13 +127,11 @@ class _Eyes:
 
     @property
     def spec(self) -> PolicySpec:
-        """The policy's."""
         return self.subject.policy.spec
 
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """The policy's choice; see `Policy.act`."""
         self.frames.append(seen.frames.numpy().copy())
         self.scans.append(seen.scan.numpy().copy())
         self.states.append(seen.state.numpy().copy())

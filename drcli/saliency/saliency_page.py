@@ -1,4 +1,4 @@
-"""An explained episode as HTML: one file without scripts, or a section of another page."""
+"""An explained episode as HTML."""
 
 from base64 import b64encode
 from html import escape
@@ -51,8 +51,7 @@ align-items:center;margin-top:.4rem;max-width:40rem}
 .saliency table{border-collapse:collapse}
 .saliency td,.saliency th{padding:.3rem .7rem;border:1px solid var(--line)}
 """
-"""Of a section. A page that has one defines `--card` and `--line`, the colours of a field and of a
-line."""
+"""A page with a section defines `--card` and `--line`."""
 
 _PAGE_STYLE = """
 :root{color-scheme:light dark;--card:#fff;--line:#c9ced6}
@@ -63,11 +62,10 @@ h1{font-size:1.4rem;overflow-wrap:anywhere}h2{font-size:1.15rem}h3{font-size:1re
 """
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
-"""The browser runs no script and loads nothing, whatever a name in the page contains."""
+"""Against what names may contain."""
 
 
 def page(explained: ExplainedEpisode) -> str:
-    """A whole page, which needs no network."""
     title = f"What moves the car: {explained.title} on {explained.episode.world}"
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -79,7 +77,6 @@ def page(explained: ExplainedEpisode) -> str:
 
 
 def section(explained: ExplainedEpisode) -> str:
-    """The content of the page as one element, for another page that has `STYLE`."""
     episode = explained.episode
     ended = f"{episode.outcome} after {episode.last.time_s:.1f} s, {episode.last.progress:.1f} %"
     notes = "".join(f"<p>{escape(note)}</p>" for note in explained.notes)
@@ -95,7 +92,6 @@ def section(explained: ExplainedEpisode) -> str:
 
 
 def _how_to_read(explained: ExplainedEpisode) -> str:
-    """What each map shows, and what to look for."""
     texts = {
         "perturbation": "<b>Perturbation</b>: bright where blurring the picture changes "
         f"{_TARGETS[explained.saliency.target]} most. It is measured, so trust it first.",
@@ -111,7 +107,6 @@ def _how_to_read(explained: ExplainedEpisode) -> str:
 
 
 def _summary(explained: ExplainedEpisode) -> str:
-    """The mean share of each ninth of the picture."""
     saliency = explained.saliency
     method, maps = next(iter(saliency.maps.items()))
     ninths = np.mean([shares(values.max(axis=0)) for values in maps], axis=0)
@@ -143,7 +138,6 @@ def _step(explained: ExplainedEpisode, number: int) -> str:
 
 
 def _bars(explained: ExplainedEpisode, number: int) -> str:
-    """The probability of each discrete action, from left to right."""
     probabilities = explained.saliency.outputs.probabilities
     if probabilities is None:
         return ""

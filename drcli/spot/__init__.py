@@ -1,1 +1,1 @@
-"""Spot machines: notices of an interruption, and instances in the cloud of Amazon."""
+"""Training on machines of Amazon, and interruption notices."""

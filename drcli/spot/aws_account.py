@@ -1,4 +1,4 @@
-"""The racer's account at Amazon: clients of its services, and what their failures mean."""
+"""The racer's AWS account, with explained failures."""
 
 import re
 from collections.abc import Iterator
@@ -40,11 +40,9 @@ _BUSY = frozenset({"Throttling", "ThrottlingException", "RequestLimitExceeded"})
 
 
 class Account:
-    """Clients of Amazon's services with the racer's keys.
+    """Clients of AWS services; without a profile, boto3 searches for keys.
 
-    Args:
-        region: Of the machines and of the bucket.
-        profile: In the AWS files; None leaves the search for keys to boto3.
+    All functions of this package that ask Amazon raise StorageError when it fails.
     """
 
     def __init__(self, region: str, profile: str | None) -> None:
@@ -53,7 +51,7 @@ class Account:
         self._clients: dict[tuple[str, str], Any] = {}
 
     def client(self, service: str, region: str = "") -> Any:
-        """The client of a service, in another region if one is given.
+        """The client of a service.
 
         Raises:
             StorageError: The profile does not exist.
@@ -73,12 +71,11 @@ class Account:
         return self._clients[known]
 
     def pages(self, service: str, operation: str, key: str, **asked: Any) -> list[Any]:
-        """All entries of a listing that comes in pages; errors are those of botocore."""
+        """All entries of a listing in pages; raises errors of botocore."""
         pages = self.client(service).get_paginator(operation).paginate(**asked)
         return [entry for page in pages for entry in page.get(key, [])]
 
     def bucket(self, name: str) -> S3Bucket:
-        """A bucket of the account."""
         endpoint = Endpoint(None, profile=self.profile, region=self.region)
         return S3Bucket(endpoint, name, patience_s=10.0)
 
@@ -98,13 +95,11 @@ class Account:
 
     @cached_property
     def number(self) -> str:
-        """The number of the account."""
         with self.trying("find out whose access keys these are"):
             return str(self.client("sts").get_caller_identity()["Account"])
 
 
 def explained(error: Exception, action: str, region: str) -> DrError:
-    """A failure of Amazon as one sentence with a remedy."""
     from botocore import exceptions as boto
 
     code, said = error_code(error).removeprefix("Client."), error_text(error)
@@ -155,7 +150,6 @@ def explained(error: Exception, action: str, region: str) -> DrError:
 
 
 def _denial(error: Exception, start: str, said: str) -> StorageError:
-    """A missing permission, by its name."""
     found, place = _ACTION.search(said), _RESOURCE.search(said)
     action = found[1] if found else f"for {getattr(error, 'operation_name', 'that')}"
     where = f" on {place[1]}" if place else ""
@@ -167,7 +161,6 @@ def _denial(error: Exception, start: str, said: str) -> StorageError:
 
 
 def _unanswered(error: Exception, start: str, region: str, code: str, said: str) -> StorageError:
-    """Failures of the network, and answers that nobody foresaw."""
     from botocore import exceptions as boto
 
     if isinstance(error, boto.SSLError):

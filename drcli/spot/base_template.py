@@ -1,19 +1,14 @@
-"""The CloudFormation template of what several trainings share: a bucket and a topic."""
+"""CloudFormation template of what trainings share."""
 
 from typing import Any
 
 from drcli.spot.training_template import KIND_TAG, STACK_TAG
 
 UNFINISHED_DAYS = 2
-"""After which Amazon removes parts of uploads that were never finished."""
 
 
 def base_template(stack: str) -> Any:
-    """The template, to be written as JSON.
-
-    The bucket stays when CloudFormation deletes the stack: `dr-spot delete` asks before it deletes
-    models.
-    """
+    """The bucket outlives the stack: `dr-spot delete` asks before it deletes models."""
     tags = [
         {"Key": STACK_TAG, "Value": stack},
         {"Key": KIND_TAG, "Value": "base"},

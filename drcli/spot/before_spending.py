@@ -1,4 +1,4 @@
-"""What is asked for, and the checks of it that need no machine: bucket, model, limits."""
+"""What is asked for, and its checks that need no machine."""
 
 from dataclasses import dataclass, replace
 from shlex import quote
@@ -17,7 +17,7 @@ from drcli.store.s3_errors import error_code
 Market = Literal["spot", "spot-or-on-demand", "on-demand"]
 
 LEAST_MINUTES, MOST_MINUTES = 15, 10_080
-"""A week at most, so that a forgotten group ends."""
+"""At most a week, as groups may be forgotten."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,11 @@ class Wishes:
     """What a racer asks for.
 
     Attributes:
-        types: Instance types; empty for the default ones.
-        ttl_minutes: How long the machines may live; 0 for ever.
-        most_usd: Highest price of a spot machine per hour.
-        topic: Address of a topic for messages; empty to make one.
-        image: A disk image; empty for Ubuntu 24.04.
+        types: Empty for the default ones.
+        ttl_minutes: 0 for ever.
+        most_usd: Per hour of a spot machine.
+        topic: ARN; empty to make one.
+        image: Empty for Ubuntu 24.04.
         subnets: Empty for the default network.
     """
 
@@ -52,7 +52,7 @@ def check_wishes(wishes: Wishes) -> None:
     """Check what needs no question to Amazon.
 
     Raises:
-        SettingsError: Something cannot be done.
+        SettingsError: A wish is impossible.
     """
     minutes = wishes.ttl_minutes
     if minutes and not LEAST_MINUTES <= minutes <= MOST_MINUTES:
@@ -68,10 +68,10 @@ def check_wishes(wishes: Wishes) -> None:
 
 
 def check_bucket(account: Account, name: str) -> S3Bucket:
-    """The bucket of the models, which must be in the region of the machines.
+    """The bucket of the models.
 
     Raises:
-        DrError: It is elsewhere, or cannot be used.
+        DrError: It is unusable or in another region.
     """
     from botocore.exceptions import ClientError
 
@@ -99,7 +99,7 @@ def check_bucket(account: Account, name: str) -> S3Bucket:
 
 
 def model_state(bucket: S3Bucket, prefix: str) -> tuple[str, list[str]]:
-    """The checkpoint from which the training would go on, and what is worth knowing.
+    """Checkpoint to go on from, and notes.
 
     Raises:
         SettingsError: Another machine trains the model, or the prefix holds something else.
@@ -129,7 +129,6 @@ def model_state(bucket: S3Bucket, prefix: str) -> tuple[str, list[str]]:
 
 
 def _settings(bucket: S3Bucket) -> str:
-    """Variables with which a command on this machine uses a bucket of the account."""
     values = {
         "DR_CLOUD": "aws",
         "DR_LOCAL_S3_BUCKET": bucket.name,
@@ -140,14 +139,13 @@ def _settings(bucket: S3Bucket) -> str:
 
 
 def continue_stopped(bucket: S3Bucket, prefix: str) -> None:
-    """Let machines continue a training that somebody has stopped: whoever pays for one wants it."""
     outcome = read_outcome(bucket, prefix)
     if outcome is not None and outcome.stays_ended:
         write_outcome(bucket, prefix, replace(outcome, stays_ended=False))
 
 
 def key_of(account: Account, bucket: str) -> str:
-    """The KMS key that encrypts a bucket; empty for Amazon's own, or if nobody may know."""
+    """Empty for Amazon's own KMS key, or if unknown."""
     from botocore.exceptions import ClientError
 
     with account.trying(f"look at the encryption of {bucket}"):

@@ -1,7 +1,7 @@
 """What a spot machine does when it boots, and when its training ends.
 
-It runs before drcli is installed on the machine, so it uses only Python's standard library. The
-machine gets it in its user data, with the facts that it needs in `machine.json`.
+It runs before drcli is installed, so it uses only Python's standard library. The user data
+brings it, and `machine.json` with the facts that it needs.
 
     boot.py start    install drcli, and start the training as a service of systemd
     boot.py ended    after each end of the training: start it again, or give the machine back
@@ -44,13 +44,13 @@ FINAL = {
     6: "failed",
     7: "failed",
 }
-"""Exit codes after which starting again is pointless, with the state that the machine reports."""
+"""Exit codes that forbid another start, with the reported state."""
 INTERRUPTED, ELSEWHERE, LOST = 75, 9, 8
 END_WORK_FAILED = 10
 MOST_FAILURES, FAILURE_WINDOW_S = 5, 3600.0
 BOOT_ATTEMPTS, BOOT_PAUSE_S = 3, 60.0
 LAST_MINUTES = 5
-"""How long before the machine's end the training is asked to stop."""
+"""Before the machine's end, for stopping the training."""
 
 SERVICE = """[Unit]
 Description=DeepRacer training of {stack}
@@ -96,21 +96,18 @@ WantedBy=timers.target
 
 
 class BootFailed(Exception):
-    """A step of the start failed; the text is a sentence for people."""
+    """A step of the start failed; says so for people."""
 
 
 def at(path: str) -> Path:
-    """A path of the machine, in the folder of a test if there is one."""
     return Path(ROOT + path)
 
 
 def pause(seconds: float) -> None:
-    """Wait; a test sets how long."""
     time.sleep(float(os.environ.get("DRCLI_SPOT_PAUSE_S", seconds)))
 
 
 def log(text: str) -> None:
-    """Write a line to the boot log, which cloud-init shows too."""
     line = time.strftime("%Y-%m-%dT%H:%M:%SZ ", time.gmtime()) + text
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
@@ -120,7 +117,6 @@ def log(text: str) -> None:
 
 
 def run(*command: str) -> None:
-    """Run a program; its output goes to the boot log."""
     log("$ " + " ".join(command))
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     if done.stdout.strip():
@@ -131,7 +127,6 @@ def run(*command: str) -> None:
 
 
 def write(path: str, text: str | bytes, mode: int = 0o644) -> None:
-    """Write a file and the folders above it."""
     at(path).parent.mkdir(parents=True, exist_ok=True)
     at(path).write_bytes(text.encode() if isinstance(text, str) else text)
     at(path).chmod(mode)
@@ -144,7 +139,6 @@ _direct = urllib.request.build_opener(urllib.request.ProxyHandler({}))
 
 
 def metadata(path: str, *, patience: int = 10) -> str:
-    """A text of the instance metadata; empty where it has none."""
     for attempt in range(patience):
         if attempt:
             pause(2)
@@ -166,10 +160,7 @@ def metadata(path: str, *, patience: int = 10) -> str:
 
 
 class Machine:
-    """This machine: what it is told in its user data, and what the metadata says."""
-
     def __init__(self) -> None:
-        """Read both."""
         told = json.loads(at("/etc/drcli/machine.json").read_text())
         self.stack, self.bucket, self.region = told["stack"], told["bucket"], told["region"]
         self.domain, self.topic, self.groups = told["domain"], told["topic"], told["groups"]
@@ -181,7 +172,6 @@ class Machine:
         self.price = 0.0
 
     def going(self) -> str:
-        """Why this machine goes away, in a few words; empty if nobody says so."""
         if metadata("meta-data/spot/instance-action", patience=2):
             return "spot notice"
         if metadata("meta-data/autoscaling/target-lifecycle-state", patience=2) == "Terminated":
@@ -189,20 +179,16 @@ class Machine:
         return ""
 
     def get(self, key: str) -> bytes:
-        """Read an object."""
         return self.call("s3", "GET", f"/{self.bucket}/{key}")
 
     def put(self, key: str, data: bytes) -> None:
-        """Write an object."""
         self.call("s3", "PUT", f"/{self.bucket}/{key}", body=data)
 
     def ask(self, service: str, version: str, action: str, **values: str) -> str:
-        """Call an action of a service with the query protocol."""
         form = {"Action": action, "Version": version, **values}
         return self.call(service, "POST", "/", body=urllib.parse.urlencode(form).encode()).decode()
 
     def call(self, service: str, method: str, path: str, body: bytes = b"") -> bytes:
-        """Send a signed request; some answers are asked for again."""
         last = ""
         for attempt in range(6):
             if attempt:
@@ -225,7 +211,7 @@ class Machine:
     def signed(
         self, service: str, method: str, path: str, body: bytes
     ) -> tuple[str, dict[str, str]]:
-        """Address and headers of a request, signed with version 4 of Amazon's scheme."""
+        """Address and headers, signed with AWS Signature Version 4."""
         base = (
             os.environ.get("AWS_ENDPOINT_URL") or f"https://{service}.{self.region}.{self.domain}"
         )
@@ -257,7 +243,6 @@ class Machine:
         return base.rstrip("/") + path, named
 
     def mark(self, state: str, text: str = "") -> None:
-        """Write into the bucket how this machine is; `dr-spot list` shows it."""
         log(f"state: {state} {text}")
         now = time.time()
         before = at("/run/drcli/started")
@@ -278,11 +263,10 @@ class Machine:
         self.put(f"spot/{self.stack}/machines/{self.id}.json", data)
 
     def put_log(self) -> None:
-        """Copy the boot log into the bucket."""
         self.put(f"spot/{self.stack}/logs/{self.id}-boot.log", at(LOG).read_bytes())
 
     def tell(self, subject: str, text: str) -> None:
-        """Send a message to the topic; a message that fails changes nothing."""
+        """Send a message to the topic; ignores failures."""
         if not self.topic:
             return
         about = f"{text}\n\nStack {self.stack}, instance {self.id} ({self.type}, {self.zone})."
@@ -294,7 +278,7 @@ class Machine:
             log(f"no message was sent: {error}")
 
     def leave(self, state: str, text: str) -> None:
-        """Report the end, and set the groups to no machine, which ends this one."""
+        """Setting the groups to 0 ends this machine."""
         write(LEAVING, state)
         failed: list[str] = []
         steps: tuple[Callable[[], None], ...] = (lambda: self.mark(state, text), self.put_log)
@@ -321,7 +305,7 @@ class Machine:
             raise BootFailed("; ".join(failed))
 
     def hourly_price(self, on_demand: Mapping[str, float]) -> float:
-        """USD per hour of this machine; 0 if unknown."""
+        """USD; 0 if unknown."""
         if self.market != "spot":
             return float(on_demand.get(self.type, 0.0))
         now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
@@ -338,7 +322,6 @@ class Machine:
 
 
 def read_plan(machine: Machine) -> dict[str, Any]:
-    """What to install; the machine learns its price on the way."""
     plan: dict[str, Any] = json.loads(machine.get(f"spot/{machine.stack}/install.json"))
     try:
         machine.price = machine.hourly_price(plan["on_demand_usd"])
@@ -348,7 +331,6 @@ def read_plan(machine: Machine) -> dict[str, Any]:
 
 
 def install(machine: Machine, plan: dict[str, Any]) -> None:
-    """Install drcli, and write the files of the working folder."""
     env = ["env", "DEBIAN_FRONTEND=noninteractive", "apt-get", "-o", "DPkg::Lock::Timeout=300"]
     run(*env, "update", "-q")
     run(*env, "install", "-y", "-q", "--no-install-recommends", *plan["packages"])
@@ -384,7 +366,6 @@ def install(machine: Machine, plan: dict[str, Any]) -> None:
 
 
 def start_service(machine: Machine) -> None:
-    """Write the units of systemd and start them."""
     names = {"stack": machine.stack, "user": USER, "home": HOME, "racer": RACER, "leaving": LEAVING}
     write(UNITS + "drcli-training.service", SERVICE.format(**names))
     run("systemctl", "daemon-reload")
@@ -399,7 +380,7 @@ def start_service(machine: Machine) -> None:
 
 
 def start() -> int:
-    """Install and start, three times if it must be; then give the machine back."""
+    """Three attempts, then give the machine back."""
     machine = Machine()
     if machine.ends and machine.ends - time.time() < 60 * (LAST_MINUTES + 1):
         machine.leave("stopped", "The time of the stack is over.")
@@ -426,7 +407,6 @@ def start() -> int:
 
 
 def ended() -> int:
-    """Decide after an end of the training whether it starts again on this machine."""
     how, status = os.environ.get("EXIT_CODE", "exited"), os.environ.get("EXIT_STATUS", "0")
     code = int(status) if how == "exited" and status.isdigit() else 1
     machine = Machine()
@@ -454,7 +434,7 @@ def ended() -> int:
 
 
 def failed_end_work() -> str:
-    """What failed at the end of a complete training, and how to repeat it: of its own record."""
+    """For a complete training; says how to repeat it."""
     for path in at(RACER).glob("data/runs/*/run.json"):
         try:
             record = json.loads(path.read_text())
@@ -466,7 +446,6 @@ def failed_end_work() -> str:
 
 
 def failures() -> list[float]:
-    """Times of the failures within the last hour, this one included."""
     now = time.time()
     before = at(FAILURES).read_text().split() if at(FAILURES).exists() else []
     recent = [float(when) for when in before if now - float(when) < FAILURE_WINDOW_S] + [now]

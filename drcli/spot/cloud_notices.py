@@ -1,4 +1,4 @@
-"""Notices that a machine is about to be taken away, in one form for all clouds."""
+"""Interruption notices in one form for all clouds."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,10 +16,8 @@ CLOUD_NAMES: Mapping[Cloud, str] = {
 }
 
 DMI_FOLDER = Path("/sys/class/dmi/id")
-"""Where Linux shows the texts of the (virtual) mainboard."""
-
 AZURE_ASSET_TAG = "7783-7084-3265-9085-8269-3286-77"
-"""Of every machine at Azure, but not of other machines with Hyper-V. Source: cloud-init."""
+"""Of machines at Azure, not of others with Hyper-V. Source: cloud-init."""
 
 
 @dataclass(frozen=True)
@@ -27,11 +25,8 @@ class Notice:
     """Something takes this machine away, or may do so soon.
 
     Attributes:
-        source: Who says so: aws, gcp, azure, "command" (the racer's own), "signal".
-        kind: "interruption" is certain, "rebalance" is a recommendation to move.
-        action: What happens to the machine, such as terminate, stop or hibernate.
-        seconds_left: Until then; None if unknown.
-        text: A sentence for people.
+        source: aws, gcp, azure, "command" or "signal".
+        kind: "interruption" is certain, "rebalance" a recommendation.
     """
 
     source: str
@@ -42,26 +37,18 @@ class Notice:
 
 
 class NoticeSource(Protocol):
-    """Where notices come from."""
-
     name: str
-    """For people."""
 
     def ask(self) -> list[Notice]:
         """What is announced now.
 
         Raises:
-            MetadataSilent: There is no answer that can be used.
+            MetadataSilent: No usable answer.
         """
 
 
 def cloud_of_machine(environment: Mapping[str, str], dmi: Path = DMI_FOLDER) -> Cloud | None:
-    """The cloud that this machine belongs to; None for any other machine. Asks no network.
-
-    Args:
-        environment: Variables with addresses of metadata services name a cloud too.
-        dmi: Folder with the texts of the mainboard.
-    """
+    """By mainboard and environment, without network; None for other machines."""
     if environment.get("AWS_EC2_METADATA_SERVICE_ENDPOINT"):
         return "aws"
     if environment.get("GCE_METADATA_HOST"):

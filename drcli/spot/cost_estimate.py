@@ -1,4 +1,4 @@
-"""What the machines of a training will cost, before there are any."""
+"""Cost of machines before there are any."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,18 +11,18 @@ from drcli.spot.prices import current_prices, on_demand_prices
 
 DISK_USD_PER_GB_HOUR = 0.08 / 730
 ADDRESS_USD_PER_HOUR = 0.005
-"""Amazon's prices in Virginia for a gp3 disk and for a public IPv4 address, as of 2026."""
+"""gp3 disk and public IPv4 address in Virginia, 2026."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What the machines will cost, in USD.
+    """USD per hour.
 
     Attributes:
-        least: Per hour, of the cheapest machine now; None if no price is known.
-        most: Per hour, of the dearest machine that may be used.
-        extra: Per hour, for disk and address.
-        hours: How long they may live; None for ever.
+        least: Cheapest machine now; None if unknown.
+        most: Dearest machine that may be used.
+        extra: Disk and address.
+        hours: Longest life; None for ever.
     """
 
     least: float | None
@@ -32,7 +32,6 @@ class Estimate:
 
     @property
     def total(self) -> float | None:
-        """At most, until the end."""
         if self.most is None or self.hours is None:
             return None
         return (self.most + self.extra) * self.hours
@@ -41,7 +40,7 @@ class Estimate:
 def known_prices(
     account: Account, types: Sequence[InstanceType], market: str
 ) -> tuple[list[float], dict[str, float], list[str]]:
-    """Prices per hour that may be paid, those of ordinary machines, and what is not known."""
+    """Hourly prices that may be paid, on-demand prices, and notes."""
     names, notes = [each.name for each in types], []
     spot: list[float] = []
     ordinary: dict[str, float] = {}
@@ -59,11 +58,7 @@ def known_prices(
 
 
 def estimate(prices: list[float], wishes: Wishes) -> Estimate:
-    """The estimate for these prices per hour.
-
-    Raises:
-        StorageError: No machine is as cheap as wanted.
-    """
+    """Raises StorageError if no machine is as cheap as wanted."""
     cap = wishes.most_usd
     if cap is not None and wishes.market == "spot":
         prices = [price for price in prices if price <= cap]

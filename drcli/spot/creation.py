@@ -1,4 +1,4 @@
-"""Starts a training on machines of Amazon: everything is checked before anything costs money."""
+"""Starts a training at Amazon, after all checks."""
 
 import json
 import time
@@ -46,10 +46,8 @@ class StackPlan:
     """A training that can be started.
 
     Attributes:
-        resumes: The checkpoint from which it goes on; empty for a new model.
-        ends: When its machines end, in Unix seconds; 0 for never.
-        notes: What is worth knowing, as sentences.
-        template: For CloudFormation.
+        resumes: Checkpoint; empty for a new model.
+        ends: Unix seconds; 0 for never.
         install: What the machine reads first.
     """
 
@@ -75,11 +73,11 @@ class CreatedStack:
         stack: Name of the stack.
         region: AWS region.
         bucket: Name of the bucket.
-        model: Prefix of the model in the bucket.
+        model: Prefix in the bucket.
         types: Types that may be used.
         market: `spot`, `on-demand` or `spot-or-on-demand`.
-        usd_per_hour: Price of the cheapest machine now; None if unknown.
-        most_usd: Highest cost until the end; None if unknown or without a time limit.
+        usd_per_hour: Cheapest machine now; None if unknown.
+        most_usd: Highest cost until the end; None if unknown or unlimited.
         ends: When its machines end, in Unix seconds; 0 for never.
         topic: ARN of the topic for messages.
     """
@@ -99,16 +97,10 @@ class CreatedStack:
 def prepare(
     account: Account, settings: Settings, wishes: Wishes, source: InstallSource
 ) -> StackPlan:
-    """Check everything, and find out what it will cost. Nothing is changed.
-
-    Args:
-        account: Whose.
-        settings: Of the racer, with the environment that the machine will have.
-        wishes: What is asked for.
-        source: Where the machine installs drcli from.
+    """Check everything, and estimate the cost; changes nothing.
 
     Raises:
-        DrError: Something keeps the training from starting.
+        DrError: The training cannot start.
     """
     check_wishes(wishes)
     refuse_existing(account, wishes.stack)
@@ -168,7 +160,7 @@ def prepare(
 
 
 def carry_out(account: Account, plan: StackPlan, pause: Pause = time.sleep) -> CreatedStack:
-    """Send the files, and make the stack; if that fails, the files are removed again.
+    """Send the files, and make the stack; a failure removes them.
 
     Raises:
         StorageError: The bucket or Amazon failed.
@@ -213,14 +205,12 @@ def carry_out(account: Account, plan: StackPlan, pause: Pause = time.sleep) -> C
 
 
 def forget_files(bucket: S3Bucket, stack: str) -> int:
-    """Delete what the stack's machines were given and wrote about themselves; how many objects."""
     found = [info.key for info in bucket.list(stack_folder(stack))]
     bucket.delete(found)
     return len(found)
 
 
 def _places(account: Account, settings: Settings, wishes: Wishes) -> Places:
-    """The objects that the machine may touch."""
     own_files = {
         key.rpartition("/")[0]
         for key in (settings.reward_key, settings.hyperparameters_key, settings.model_metadata_key)
@@ -256,7 +246,6 @@ def _install(
     files: Mapping[str, bytes],
     ordinary: Mapping[str, float],
 ) -> dict[str, Any]:
-    """What the machine reads first."""
     priced = "DR_SPOT_PRICE" in settings.sources or "DR_SPOT_PRICE" in settings.extra
     upload = settings.upload_s3_bucket
     return {

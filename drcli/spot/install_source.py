@@ -1,4 +1,4 @@
-"""Where a machine installs drcli from: a wheel of this checkout, an index, or a git tag."""
+"""Where a machine installs drcli from."""
 
 import hashlib
 import subprocess
@@ -12,21 +12,12 @@ import drcli
 from drcli.base.errors import SettingsError
 
 PACKAGES = ("python3-venv", "ca-certificates")
-"""Of Ubuntu."""
-
 _BUILD_PATIENCE_S = 300.0
 
 
 @dataclass(frozen=True)
 class InstallSource:
-    """What pip gets.
-
-    Attributes:
-        requirement: As on pip's command line; empty for a wheel.
-        wheel: File name of the wheel; empty for a requirement.
-        data: Content of the wheel.
-        packages: Packages of Ubuntu that are needed.
-    """
+    """What pip gets: a requirement, or a wheel."""
 
     requirement: str
     wheel: str = ""
@@ -35,24 +26,18 @@ class InstallSource:
 
     @property
     def sha256(self) -> str:
-        """Of the wheel."""
         return hashlib.sha256(self.data).hexdigest() if self.wheel else ""
 
     @property
     def shown(self) -> str:
-        """For people."""
         return self.wheel or self.requirement
 
 
 def find_source(wanted: str) -> InstallSource:
-    """The source that was asked for; empty means the drcli that runs now.
-
-    Args:
-        wanted: A wheel on this machine, an address such as git+https://host/drcli@v1, or a
-            requirement such as drcli==1.2.
+    """A wheel, URL or requirement; empty means the running drcli.
 
     Raises:
-        SettingsError: There is no such wheel, or it cannot be built.
+        SettingsError: The wheel is missing or cannot be built.
     """
     if not wanted:
         checkout = Path(drcli.__file__).resolve().parents[1]
@@ -72,7 +57,6 @@ def find_source(wanted: str) -> InstallSource:
 
 
 def torch_requirement() -> str:
-    """The version of torch that this drcli needs, as on pip's command line."""
     try:
         needed = requires("drcli") or []
     except PackageNotFoundError:
@@ -92,7 +76,6 @@ def _read(path: Path) -> InstallSource:
 
 
 def _built(checkout: Path) -> InstallSource:
-    """A wheel of the checkout, without changes in it."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir"]
         tries = (

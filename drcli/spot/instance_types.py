@@ -1,4 +1,4 @@
-"""Which machines train: the default types, and what Amazon says about a type."""
+"""Types of machines that train."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,9 +23,9 @@ X86_TYPES = (
     "r7i.xlarge",
     "c6i.2xlarge",
 )
-"""Four to eight processor threads. A training needs no graphics card: simulation and learning run
-on the processor. c7i, c8i, m7i and r7i have matrix units (AMX), which the trainer uses. Many types
-make it likely that one of them is free, and cheap."""
+"""4 to 8 threads; training needs no GPU. c7i, c8i, m7i and r7i have AMX, which the trainer uses.
+With many types, a free and cheap one is likely.
+"""
 
 ARM_TYPES = (
     "c7g.xlarge",
@@ -37,20 +37,12 @@ ARM_TYPES = (
 )
 
 LEAST_MEMORY_MB = 3_500
-"""One simulation worker, the trainer and the system."""
-
 THREADS_PER_WORKER = 2
-"""Processor threads for each simulation worker, in the price per worker."""
 
 
 @dataclass(frozen=True)
 class InstanceType:
-    """A type of machine.
-
-    Attributes:
-        threads: Processor threads (vCPUs), in which quotas are counted.
-        graphics: Whether it has a graphics card.
-    """
+    """`threads` are vCPUs, in which quotas are counted."""
 
     name: str
     architecture: Architecture
@@ -60,26 +52,18 @@ class InstanceType:
 
     @property
     def workers(self) -> int:
-        """Simulation workers that it has processor threads for."""
         return max(1, self.threads // THREADS_PER_WORKER)
 
 
 def default_types(processor: Processor) -> tuple[str, ...]:
-    """The types that are used if nobody names others."""
     return {"x86": X86_TYPES, "arm": ARM_TYPES, "any": (*X86_TYPES, *ARM_TYPES)}[processor]
 
 
 def find_types(account: Account, names: Sequence[str], *, named: bool) -> list[InstanceType]:
-    """The types of these names that the region has, in the same order.
-
-    Args:
-        account: Whose.
-        names: Such as `c7i.xlarge`.
-        named: Whether the racer named them: then each must exist and be large enough.
+    """The types that the region has, in order.
 
     Raises:
-        SettingsError: A type that was named does not exist there, or is too small.
-        StorageError: Amazon failed.
+        SettingsError: A type of the racer (`named`) does not exist there, or is too small.
     """
     offered = _offered(account, names)
     if named and (missing := [name for name in names if name not in offered]):

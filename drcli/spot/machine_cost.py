@@ -1,4 +1,4 @@
-"""What the machines of a stack have cost: their hours, at the spot prices of these hours."""
+"""Past cost of a stack's machines."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,8 +22,8 @@ class MachineCost:
         zone: Zone of the region.
         market: `spot` or `on-demand`.
         hours: How long it has run.
-        usd_per_hour: Average price; None if no price is known.
-        usd: What it has cost; None if no price is known.
+        usd_per_hour: Average price; None if unknown.
+        usd: Its cost; None if unknown.
     """
 
     instance: str
@@ -42,7 +42,7 @@ class StackCost:
     Attributes:
         stack: Name of the stack.
         machines: The oldest first.
-        extra_usd: Cost of addresses; disks and requests cost less and are left out.
+        extra_usd: Addresses; disks and requests cost less and are left out.
         notes: What is not known, as sentences.
     """
 
@@ -68,7 +68,6 @@ class StackCost:
 
 
 def cost_of(account: Account, stack: str, machines: Sequence[Machine]) -> StackCost:
-    """Compute what these machines have cost."""
     notes: list[str] = []
     costs = [_one(account, machine, notes) for machine in machines]
     unknown = [each.instance for each in costs if each.usd is None]
@@ -106,11 +105,7 @@ def _one(account: Account, machine: Machine, notes: list[str]) -> MachineCost:
 
 
 def spot_usd(account: Account, machine: Machine) -> float | None:
-    """What a spot machine has cost by the history of its price; None without a history.
-
-    Raises:
-        StorageError: Amazon failed.
-    """
+    """Cost by price history; None without one."""
     start = datetime.fromtimestamp(machine.started, UTC)
     end = datetime.fromtimestamp(machine.ended, UTC) if machine.ended else datetime.now(UTC)
     with account.trying("read the history of spot prices"):
@@ -129,14 +124,7 @@ def spot_usd(account: Account, machine: Machine) -> float | None:
 
 
 def at_prices(history: Sequence[Any], start: datetime, end: datetime) -> float | None:
-    """The price of the time between two moments.
-
-    Args:
-        history: Amazon's entries: each price counts from its time until the next one, and the first
-            one also before.
-        start: Begin.
-        end: End.
-    """
+    """USD. A price counts until the next; the first also before."""
     entries = sorted(history, key=lambda entry: entry["Timestamp"])
     if not entries:
         return None

@@ -1,4 +1,4 @@
-"""The machines of a stack: those that run, and those that have run."""
+"""Present and past machines of a stack."""
 
 import time
 from collections.abc import Iterable, Mapping
@@ -13,7 +13,6 @@ from drcli.spot.stacks import Stack
 from drcli.spot.training_template import STACK_TAG
 
 RUNNING = ("pending", "running", "stopping", "shutting-down")
-"""Amazon's words for a machine that is there."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +25,8 @@ class Machine:
         zone: Zone of the region.
         market: `spot` or `on-demand`.
         state: Amazon's word; `gone` if Amazon no longer knows it.
-        said: The state that it last wrote into the bucket; empty if there is none.
-        reason: Why it is so, as a sentence; may be empty.
+        said: Its last state in the bucket, or empty.
+        reason: Why, as a sentence, or empty.
         started: Unix seconds; 0 if unknown.
         ended: Unix seconds; 0 while it is there.
         usd_per_hour: The price that it knew; 0 if unknown.
@@ -51,22 +50,13 @@ class Machine:
 
     @property
     def hours(self) -> float:
-        """How long it has run, or has been running; 0 if unknown."""
+        """How long it has run; 0 if unknown."""
         end = self.ended or time.time()
         return max(0.0, end - self.started) / 3600 if self.started else 0.0
 
 
 def machines_of(account: Account, stack: Stack, marks: Iterable[MachineMark]) -> list[Machine]:
-    """All machines of a stack, the oldest first.
-
-    Args:
-        account: Whose.
-        stack: Which.
-        marks: What they have written into the bucket.
-
-    Raises:
-        StorageError: Amazon failed.
-    """
+    """All machines of a stack, the oldest first."""
     tag = [{"Name": f"tag:{STACK_TAG}", "Values": [stack.name]}]
     with account.trying(f"look for the machines of {stack.name}"):
         found = account.pages("ec2", "describe_instances", "Reservations", Filters=tag)
@@ -82,7 +72,7 @@ def machines_of(account: Account, stack: Stack, marks: Iterable[MachineMark]) ->
 
 
 def scaling_problem(account: Account, stack: Stack) -> str:
-    """Why the groups of a stack got no machine the last time; empty if they got one."""
+    """Why the groups got no machine last time, or empty."""
     for group in stack.groups:
         for entry in _activities(account, group)[:3]:
             if entry.get("StatusCode") in ("Failed", "Cancelled"):
@@ -120,7 +110,7 @@ def _machine(
 
 
 def _moment(reason: str) -> float:
-    """The time in a sentence such as `User initiated (2026-05-01 10:11:12 GMT)`."""
+    """The time in `User initiated (2026-05-01 10:11:12 GMT)`."""
     text = reason.partition("(")[2].partition(" GMT")[0]
     try:
         return datetime.fromisoformat(f"{text}+00:00").timestamp()
@@ -129,7 +119,6 @@ def _moment(reason: str) -> float:
 
 
 def _ends(account: Account, stack: Stack) -> dict[str, float]:
-    """When machines of the groups were ended, as far as Amazon remembers (six weeks)."""
     found: dict[str, float] = {}
     for group in stack.groups:
         for entry in _activities(account, group):
@@ -140,7 +129,6 @@ def _ends(account: Account, stack: Stack) -> dict[str, float]:
 
 
 def _activities(account: Account, group: str) -> list[dict[str, Any]]:
-    """What happened to a group, the newest first; nothing if it does not exist."""
     try:
         with account.trying(f"read the history of the group {group}"):
             return account.pages(

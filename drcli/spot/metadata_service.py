@@ -1,7 +1,6 @@
-"""Asks the metadata service of a cloud machine, and reads what Amazon EC2 tells there.
+"""Asks the metadata service of a cloud machine, and reads EC2's.
 
-A service is at a link-local address that only the machine itself reaches. So there is no proxy on
-the way, and an answer takes milliseconds or does not come.
+Its address is link-local: no proxy, and an answer takes milliseconds or does not come.
 """
 
 import json
@@ -14,30 +13,25 @@ from typing import Any
 from drcli.base.errors import SettingsError, StorageError
 
 TIMEOUT_S = 1.0
-"""How long an answer may take. EC2's own libraries wait as long."""
+"""As EC2's own libraries."""
 
 LARGEST_ANSWER = 1 << 20
 
 EC2_IPV4, EC2_IPV6 = "http://169.254.169.254", "http://[fd00:ec2::254]"
 
 TOKEN_S = 21_600
-"""How long a token of EC2 is asked to live: the longest time allowed."""
+"""The longest life of an EC2 token."""
 
 TOKEN_RENEW_S = 0.5 * TOKEN_S
 
 
 class MetadataSilent(StorageError):
-    """The metadata service does not answer, or not as it should."""
+    """The metadata service gives no usable answer."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a service answered.
-
-    Attributes:
-        status: Of HTTP.
-        headers: Their names in lower case.
-    """
+    """`headers` have names in lower case."""
 
     status: int
     body: bytes
@@ -45,11 +39,10 @@ class Answer:
 
     @property
     def text(self) -> str:
-        """The body as text."""
         return self.body.decode("utf-8", "replace").strip()
 
     def now(self, otherwise: float) -> float:
-        """Unix seconds by the clock of the service, which may be better set than ours."""
+        """Unix seconds of the service, whose clock may be better."""
         from email.utils import parsedate_to_datetime
 
         try:
@@ -58,11 +51,7 @@ class Answer:
             return otherwise
 
     def object(self) -> dict[str, Any]:
-        """The body as a JSON object.
-
-        Raises:
-            MetadataSilent: It is none.
-        """
+        """Raises MetadataSilent if the body is not a JSON object."""
         try:
             found = json.loads(self.body)
         except ValueError:
@@ -73,7 +62,6 @@ class Answer:
 
 
 def silent(how: str) -> MetadataSilent:
-    """The failure of a service; the text is read after its name."""
     return MetadataSilent(
         f"The metadata service {how}.",
         remedy="Set DR_INTERRUPTION_WATCH=off if this machine has none.",
@@ -81,24 +69,18 @@ def silent(how: str) -> MetadataSilent:
 
 
 class MetadataService:
-    """A metadata service at an address such as http://169.254.169.254."""
-
     def __init__(self, address: str, timeout_s: float = TIMEOUT_S) -> None:
         self._address = checked_address(address)
         self._timeout_s = timeout_s
 
     def ask(self, path: str, headers: Mapping[str, str], method: str = "GET") -> Answer:
-        """Send one request.
-
-        Raises:
-            MetadataSilent: There is no answer in time.
-        """
+        """Raises MetadataSilent without an answer in time."""
         import http.client
         from urllib.error import HTTPError, URLError
         from urllib.request import HTTPRedirectHandler, ProxyHandler, Request, build_opener
 
         class Stay(HTTPRedirectHandler):
-            """A hotel's login page redirects everything; the token must not go there."""
+            """Keeps tokens from login pages of hotels, which redirect everything."""
 
             def redirect_request(self, *_: Any) -> None:
                 return None
@@ -120,11 +102,7 @@ class MetadataService:
 
 
 def checked_address(address: str) -> str:
-    """An address without a slash at its end.
-
-    Raises:
-        SettingsError: It is no address of the web.
-    """
+    """Raises SettingsError for anything but an HTTP address."""
     from urllib.parse import urlsplit
 
     stripped = address.strip().rstrip("/")
@@ -144,7 +122,7 @@ def checked_address(address: str) -> str:
 
 
 class Ec2Metadata:
-    """What Amazon EC2 tells an instance about itself, read with the tokens of IMDSv2."""
+    """Reads with IMDSv2."""
 
     def __init__(self, service: MetadataService) -> None:
         self._service = service
@@ -152,10 +130,10 @@ class Ec2Metadata:
         self._token_s = -math.inf
 
     def read(self, path: str) -> Answer | None:
-        """What is at a path below `latest/meta-data/`; None if nothing is.
+        """What is below `latest/meta-data/`, or None.
 
         Raises:
-            MetadataSilent: There is no answer in time, or one that says nothing.
+            MetadataSilent: No usable answer in time.
         """
         answer = self._with_token(path)
         if answer.status == 401:  # the token has expired, or belongs to an earlier boot
@@ -180,11 +158,7 @@ class Ec2Metadata:
 
 
 def ec2_metadata(environment: Mapping[str, str], address: str = "") -> Ec2Metadata | None:
-    """The metadata service of EC2; None if the environment forbids asking it.
-
-    Args:
-        environment: Amazon's standard variables count.
-        address: Of the service; empty for that of the environment or the usual one.
+    """None if Amazon's variables forbid it; an empty address means theirs, or the usual one.
 
     Raises:
         SettingsError: The address is wrong.

@@ -1,4 +1,4 @@
-"""Where machines start, and from which disk image."""
+"""Network and disk image of machines."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ IMAGE_NAMES: Mapping[Architecture, str] = {
     "x86_64": "/aws/service/canonical/ubuntu/server/24.04/stable/current/amd64/hvm/ebs-gp3/ami-id",
     "arm64": "/aws/service/canonical/ubuntu/server/24.04/stable/current/arm64/hvm/ebs-gp3/ami-id",
 }
-"""Public parameters in which Ubuntu's maker keeps its newest images."""
+"""Canonical's public parameters."""
 
 _MISSING = frozenset(
     {
@@ -25,19 +25,16 @@ _MISSING = frozenset(
 
 @dataclass(frozen=True)
 class Network:
-    """A VPC and the subnets in it, by zone."""
-
     id: str
     subnets: tuple[str, ...]
     zones: tuple[str, ...]
 
 
 def find_network(account: Account, subnets: Sequence[str]) -> Network:
-    """The named subnets, or those of the region's default network: one in each zone.
+    """The named subnets, or the default network's: one per zone.
 
     Raises:
-        SettingsError: There are none, or they are not of one network.
-        StorageError: Amazon failed.
+        SettingsError: None, or not of one network.
     """
     from botocore.exceptions import ClientError
 
@@ -71,11 +68,10 @@ def find_network(account: Account, subnets: Sequence[str]) -> Network:
 def find_images(
     account: Account, kinds: Sequence[Architecture], image: str
 ) -> dict[Architecture, Image]:
-    """The image for each architecture: the newest Ubuntu 24.04, or the one that was named.
+    """The named image or the newest Ubuntu 24.04, by architecture.
 
     Raises:
-        SettingsError: The image does not exist, or is for other processors.
-        StorageError: Amazon failed.
+        SettingsError: It does not exist, or is for other processors.
     """
     from botocore.exceptions import ClientError
 

@@ -1,4 +1,4 @@
-"""Where notices of an interruption come from: the metadata services of EC2, Google and Azure."""
+"""Interruption notices of EC2, Google and Azure."""
 
 import math
 import time
@@ -19,33 +19,25 @@ GOOGLE_HOST = "metadata.google.internal"
 AZURE_ADDRESS = "http://169.254.169.254"
 
 EC2_NOTICE_S = 120.0
-"""Between the notice of an interruption and the interruption. Source: the EC2 user guide."""
+"""Source: EC2 user guide."""
 
 GOOGLE_NOTICE_S = 30.0
-"""The same at Google, after which the machine is switched off. Source: Compute Engine docs."""
+"""Source: Compute Engine docs."""
 
 GOOGLE_MAINTENANCE_S = 60.0
-"""Between the announcement of maintenance that ends the machine, and that end."""
-
 LEAVING_S = 60.0
-"""Assumed where a service announces the end of a machine without a time."""
+"""Assumed for an end announced without a time."""
 
 HIBERNATE_S = 10.0
-"""An instance that hibernates gets its notice when that begins."""
+"""The notice comes when hibernation begins."""
 
 AZURE_EVENTS = {"Preempt": math.inf, "Terminate": math.inf, "Redeploy": 120.0, "Reboot": 120.0}
-"""Events that end the processes of a machine, and how many seconds before they count: a
-redeployment is announced a quarter of an hour before, and until then the machine can train."""
+"""Events that end processes, and how many seconds before they count: a redeployment is announced
+15 minutes before, in which the machine can train.
+"""
 
 
 class Ec2Notices:
-    """Notices of Amazon EC2.
-
-    Args:
-        metadata: What EC2 tells this instance.
-        clock: Unix seconds, for tests.
-    """
-
     name = CLOUD_NAMES["aws"]
 
     def __init__(self, metadata: Ec2Metadata, clock: Callable[[], float] = time.time) -> None:
@@ -53,7 +45,6 @@ class Ec2Notices:
         self._clock = clock
 
     def ask(self) -> list[Notice]:
-        """An interruption, the end of the instance in its group, and a recommendation to move."""
         found = []
         action = self._metadata.read("spot/instance-action")
         if action is not None:
@@ -80,15 +71,12 @@ class Ec2Notices:
 
 
 class GoogleNotices:
-    """Notices of Google Compute Engine."""
-
     name = CLOUD_NAMES["gcp"]
 
     def __init__(self, service: MetadataService) -> None:
         self._service = service
 
     def ask(self) -> list[Notice]:
-        """The preemption of a spot machine, and maintenance that ends a machine."""
         found = []
         if self._read("instance/preempted") == "TRUE":
             text = f"Google preempts this machine; it is switched off in {GOOGLE_NOTICE_S:.0f} s."
@@ -108,12 +96,7 @@ class GoogleNotices:
 
 
 class AzureNotices:
-    """Scheduled events of Azure.
-
-    Args:
-        service: Its metadata service.
-        clock: Unix seconds, for tests.
-    """
+    """Scheduled events of Azure."""
 
     name = CLOUD_NAMES["azure"]
 
@@ -123,7 +106,6 @@ class AzureNotices:
         self._machine: str | None = None
 
     def ask(self) -> list[Notice]:
-        """Events that end this machine or its processes."""
         answer = self._read("metadata/scheduledevents?api-version=2020-07-01")
         events = answer.object().get("Events")
         found = []
@@ -146,7 +128,7 @@ class AzureNotices:
         return Notice("azure", "interruption", kind.lower(), left_s, text)
 
     def _concerns_this_machine(self, names: object) -> bool:
-        """Whether an event is about us: a scale set announces those of all its machines."""
+        """A scale set announces events of all its machines."""
         if not isinstance(names, list) or not names:
             return True
         if self._machine is None:
@@ -165,12 +147,7 @@ class AzureNotices:
 def source_of(
     cloud: Cloud, environment: Mapping[str, str], address: str = ""
 ) -> NoticeSource | None:
-    """The notices of a cloud; None if the environment forbids asking for them.
-
-    Args:
-        cloud: Which one.
-        environment: The standard variables with the address of its service count.
-        address: DR_METADATA_SERVICE_URL; empty for that of the environment or the usual one.
+    """None if the environment forbids asking; an empty address means its own or the usual one.
 
     Raises:
         SettingsError: The address is wrong.
@@ -187,7 +164,6 @@ def source_of(
 
 
 def _moment(value: object) -> float | None:
-    """A time in one of the two forms of the services, in Unix seconds; None for anything else."""
     from email.utils import parsedate_to_datetime
 
     text = str(value or "")

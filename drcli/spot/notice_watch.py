@@ -1,4 +1,4 @@
-"""Watches for notices in a thread: asks a metadata service, and runs the racer's own program."""
+"""Threads that watch a metadata service and the racer's program for notices."""
 
 import os
 import shlex
@@ -17,16 +17,14 @@ from drcli.config.secret_environment import split
 from drcli.spot.cloud_notices import Notice, NoticeSource
 
 POLL_S = 5.0
-"""How often a metadata service is asked. Source: the recommendation of EC2."""
+"""As EC2 recommends."""
 
 SILENT_POLL_S = 60.0
-"""The same after a few times without an answer."""
+"""After some failures."""
 
 SILENT_TIMES = 3
 
 COMMAND_PAUSE_S = 5.0
-"""Pause before the racer's program is started again."""
-
 COMMAND_EXIT_S = 2.0
 
 OUTPUT_BYTES = 1 << 16
@@ -36,29 +34,16 @@ _logger = get_logger(__name__)
 
 @dataclass(frozen=True)
 class Announced:
-    """A notice, and when it was read on the monotonic clock."""
-
     notice: Notice
     read_s: float
 
     def left_s(self, now_s: float) -> float | None:
-        """Seconds until the machine goes away; None if unknown."""
         if self.notice.seconds_left is None:
             return None
         return max(0.0, self.notice.seconds_left - (now_s - self.read_s))
 
 
 class NoticeWatch:
-    """Asks for notices until it is stopped. What it found is read without waiting.
-
-    Args:
-        source: The metadata service; None for none.
-        command: The racer's program and its arguments; empty for none.
-        folder: Where that program runs.
-        poll_s: How often the service is asked, for tests.
-        pause_s: Before the program is started again, for tests.
-    """
-
     def __init__(
         self,
         source: NoticeSource | None,
@@ -80,7 +65,6 @@ class NoticeWatch:
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
-        """Begin, in threads that end with the process."""
         if self._source is not None:
             threading.Thread(
                 target=self._poll, args=(self._source,), name="notices", daemon=True
@@ -89,7 +73,7 @@ class NoticeWatch:
             threading.Thread(target=self._run_command, name="notice command", daemon=True).start()
 
     def stop(self) -> None:
-        """End the threads and the racer's program; returns at once."""
+        """Returns at once."""
         self._stopped.set()
         with self._lock:
             process = self._process
@@ -100,16 +84,12 @@ class NoticeWatch:
             killer.start()
 
     def announced(self) -> list[Announced]:
-        """What is announced at the moment; a service may take a notice back."""
+        """A service may take notices back."""
         with self._lock:
             return [*self._of_command, *self._of_source]
 
     def ask_once(self) -> list[Announced]:
-        """Ask the metadata service now.
-
-        Raises:
-            MetadataSilent: It does not answer.
-        """
+        """Raises MetadataSilent without a usable answer."""
         if self._source is None:
             return []
         now_s = time.monotonic()
@@ -157,7 +137,6 @@ class NoticeWatch:
             self._stopped.wait(self._pause_s)
 
     def _run_once(self, *, say: bool) -> tuple[int | None, bytes]:
-        """Run the racer's program to its end; its exit code is None if it cannot be started."""
         try:
             with self._lock:
                 if self._stopped.is_set():
@@ -183,7 +162,7 @@ class NoticeWatch:
 
 
 def command_words(text: str, name: str = "DR_INTERRUPTION_COMMAND") -> list[str]:
-    """A command line as program and arguments; no shell reads it.
+    """Program and arguments; no shell reads them.
 
     Raises:
         SettingsError: A quotation mark is missing.
@@ -198,10 +177,7 @@ def command_words(text: str, name: str = "DR_INTERRUPTION_COMMAND") -> list[str]
 
 
 def notice_of_command(output: bytes) -> Notice:
-    """The notice of a program that ended with exit code 0.
-
-    The last line of its output may be the seconds that are left.
-    """
+    """The last line of a program's output may be the seconds left."""
     lines = [line.strip() for line in output.decode("utf-8", "replace").splitlines()]
     last = next((line for line in reversed(lines) if line), "")
     left_s: float | None = None
@@ -219,6 +195,6 @@ def _signal_group(process: "subprocess.Popen[bytes]", number: int) -> None:
 
 
 def soonest(announced: Sequence[Announced], now_s: float) -> Announced | None:
-    """The interruption that comes first; one without a time comes now."""
+    """The first interruption; one without a time comes now."""
     certain = [one for one in announced if one.notice.kind == "interruption"]
     return min(certain, key=lambda one: one.left_s(now_s) or 0.0, default=None)

@@ -1,4 +1,4 @@
-"""Prices of machines: spot prices by type, zone and region, and those of ordinary machines."""
+"""Prices of spot and ordinary machines."""
 
 import json
 import re
@@ -13,11 +13,9 @@ from drcli.spot.instance_types import InstanceType
 from drcli.spot.spot_advisor import CLASSES, Advisor
 
 PRICING_REGION = "us-east-1"
-"""One of the few regions that answer questions about prices of ordinary machines."""
+"""One of few that know on-demand prices."""
 
 LINUX = "Linux/UNIX"
-"""What Amazon calls a machine without a licence in its spot price."""
-
 SortKey = Literal[
     "SpotPrice",
     "PricePerWorkerHour",
@@ -39,8 +37,8 @@ class Offer:
         region: AWS region.
         zone: Zone of the region.
         usd_per_hour: Spot price now.
-        workers: Simulation workers that the machine has processor threads for.
-        interruptions: One of the advisor's classes; empty if unknown.
+        workers: Simulation workers that it has processor threads for.
+        interruptions: One of the advisor's classes, or empty.
     """
 
     type: str
@@ -62,7 +60,7 @@ class Offers:
 
     Attributes:
         offers: In the wanted order.
-        missing: What could not be found out, as sentences.
+        missing: What is unknown, as sentences.
     """
 
     offers: list[Offer]
@@ -70,11 +68,7 @@ class Offers:
 
 
 def current_prices(account: Account, names: Sequence[str]) -> dict[tuple[str, str], float]:
-    """Spot prices now in USD per hour, by type and zone of the account's region.
-
-    Raises:
-        StorageError: Amazon failed.
-    """
+    """USD per hour, by type and zone."""
     with account.trying(f"read the spot prices in {account.region}"):
         found = account.pages(
             "ec2",
@@ -94,7 +88,6 @@ def current_prices(account: Account, names: Sequence[str]) -> dict[tuple[str, st
 
 
 def offers_of(account: Account, types: Sequence[InstanceType], advisor: Advisor) -> list[Offer]:
-    """The spot machines of these types in the account's region."""
     workers = {each.name: each.workers for each in types}
     prices = current_prices(account, list(workers))
     return [
@@ -109,7 +102,6 @@ def offers_of(account: Account, types: Sequence[InstanceType], advisor: Advisor)
 def arranged(
     offers: Iterable[Offer], order: SortKey, allowed: Collection[str] | None
 ) -> list[Offer]:
-    """The offers with one of these classes of interruptions, in this order."""
     kept = [each for each in offers if allowed is None or each.interruptions in allowed]
     unknown = len(CLASSES)
     ranks = {name: rank for rank, name in enumerate(CLASSES)}
@@ -129,11 +121,7 @@ def arranged(
 
 
 def on_demand_prices(account: Account, names: Iterable[str]) -> dict[str, float]:
-    """Prices of ordinary machines in USD per hour, for the types that Amazon names one for.
-
-    Raises:
-        StorageError: Amazon failed.
-    """
+    """USD per hour where known."""
     found: dict[str, float] = {}
     with account.trying("read the prices of ordinary machines"):
         pricing = account.client("pricing", PRICING_REGION)
@@ -158,7 +146,6 @@ def on_demand_prices(account: Account, names: Iterable[str]) -> dict[str, float]
 
 
 def _hourly(text: str) -> float | None:
-    """The price per hour in an entry of Amazon's price list."""
     with suppress(ValueError, KeyError, AttributeError):
         for term in json.loads(text)["terms"]["OnDemand"].values():
             for dimension in term["priceDimensions"].values():

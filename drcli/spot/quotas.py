@@ -1,4 +1,4 @@
-"""Quotas of the account: how many processor threads may run at once."""
+"""How many processor threads the account may run."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,8 +8,6 @@ from drcli.spot.aws_account import Account
 from drcli.spot.instance_types import InstanceType
 
 _STANDARD = frozenset("acdhimrtz")
-"""First letters of the families that share the quota of standard machines."""
-
 _GRAPHICS = ("g", "vt")
 
 _CODES = {
@@ -18,24 +16,16 @@ _CODES = {
     ("graphics", True): "L-3819A6DF",
     ("graphics", False): "L-DB2E81BA",
 }
-"""Codes of Service Quotas, by family and by whether it is for spot machines."""
 
 
 @dataclass(frozen=True)
 class Room:
-    """What the quotas leave.
-
-    Attributes:
-        types: Types that fit into what is left.
-        notes: What is worth knowing, as sentences.
-    """
-
     types: list[InstanceType]
     notes: list[str]
 
 
 def check_quotas(account: Account, types: Sequence[InstanceType], *, spot: bool) -> Room:
-    """Leave out types that are larger than what the quota leaves.
+    """Leave out types larger than the free quota.
 
     Raises:
         SettingsError: None fits.
@@ -81,7 +71,6 @@ def _family(name: str) -> str:
 
 
 def _limit(account: Account, family: str, *, spot: bool, notes: list[str]) -> float | None:
-    """The quota in processor threads; None if it is not known."""
     code = _CODES.get((family, spot))
     if code is None:
         return None
@@ -97,7 +86,6 @@ def _limit(account: Account, family: str, *, spot: bool, notes: list[str]) -> fl
 
 
 def _used(account: Account, family: str, *, spot: bool, notes: list[str]) -> int:
-    """Processor threads of the machines that count for the quota and run now."""
     states = [{"Name": "instance-state-name", "Values": ["pending", "running", "stopping"]}]
     try:
         with account.trying("count the machines that run"):

@@ -1,4 +1,4 @@
-"""The files of a racer's working folder that a machine needs, and its environment there."""
+"""Files and environment that a machine needs."""
 
 import re
 import shutil
@@ -9,7 +9,7 @@ from drcli.config.settings import Settings
 from drcli.config.track_names import ROUTE_FILES
 
 OTS_FOLDER = "custom-files"
-"""Where users of deepracer-on-the-spot keep all their files, settings and others."""
+"""Of deepracer-on-the-spot, with all files of a user."""
 
 MOST_TRACK_BYTES = 20_000_000
 
@@ -17,14 +17,10 @@ _WORKER_FILE = re.compile(r"worker-\d+\.env")
 
 
 def lay_out(source: Path, folder: Path) -> None:
-    """Make a working folder from a folder that holds settings and the racer's files side by side.
-
-    Args:
-        source: As of deepracer-on-the-spot, with run.env in it.
-        folder: An empty folder.
+    """Make a working folder from one of deepracer-on-the-spot.
 
     Raises:
-        SettingsError: There is no run.env, or a file cannot be read.
+        SettingsError: There is no run.env, or a file is unreadable.
     """
     if not (source / "run.env").is_file():
         raise SettingsError(
@@ -46,14 +42,7 @@ def lay_out(source: Path, folder: Path) -> None:
 
 
 def environment(bucket: str, region: str, stack: str, upload_bucket: str) -> dict[str, str]:
-    """The variables of a training on a machine, which are stronger than its files.
-
-    Args:
-        bucket: Of the models.
-        region: Of the bucket and of the machines.
-        stack: Name of the stack.
-        upload_bucket: The racer's DR_UPLOAD_S3_BUCKET.
-    """
+    """Variables of a training; they override its files."""
     found = {
         "DR_CLOUD": "aws",
         "DR_LOCAL_S3_BUCKET": bucket,
@@ -75,10 +64,10 @@ def environment(bucket: str, region: str, stack: str, upload_bucket: str) -> dic
 
 
 def files_to_send(settings: Settings) -> dict[str, bytes]:
-    """Settings files and route files of the working folder, by their names below it.
+    """Settings and route files, by relative path.
 
     Raises:
-        SettingsError: A file cannot be read, or the tracks are too large.
+        SettingsError: A file is unreadable, or the tracks are too large.
     """
     folder = settings.directory
     places = [folder]

@@ -1,6 +1,6 @@
-"""What the role of a spot machine may do: every permission with the reason why it is needed.
+"""Permissions of a spot machine, each with a reason.
 
-Nothing here names a whole service, and no permission lets a machine start others or read secrets.
+None names a whole service, or lets a machine start others or read secrets.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,18 +11,11 @@ from typing import Any
 from drcli.store import keys
 
 ANY = "*"
-"""For actions that Amazon allows for all resources only."""
 
 
 @dataclass(frozen=True)
 class Permission:
-    """One action of a role.
-
-    Attributes:
-        action: As in a policy.
-        resources: Where: names of resources, which may hold CloudFormation's variables.
-        reason: What a training needs it for.
-    """
+    """`resources` may hold CloudFormation's variables."""
 
     action: str
     resources: tuple[str, ...]
@@ -34,13 +27,10 @@ class Places:
     """The objects that a machine works with.
 
     Attributes:
-        bucket: Of the models.
-        folders: Prefixes that the machine reads and writes, without a slash at the end.
-        read_only: Prefixes that it only reads.
-        upload_bucket: Of finished models; empty if it is the same, or if there is none.
-        upload_folder: The prefix there.
-        key_arn: The KMS key of the bucket; empty for Amazon's own encryption.
-        log_group: Log group of CloudWatch that the logs are sent to; empty if they are not.
+        folders: Prefixes to read and write, without a final slash.
+        upload_bucket: Empty if the same or none.
+        key_arn: KMS key; empty for Amazon's own.
+        log_group: Of CloudWatch, or empty.
     """
 
     bucket: str
@@ -53,7 +43,6 @@ class Places:
 
 
 def run_folders(prefix: str) -> tuple[str, ...]:
-    """The prefixes in which a training of this model writes."""
     folders = (
         keys.folder(prefix),
         keys.rollouts_folder(prefix),
@@ -64,13 +53,6 @@ def run_folders(prefix: str) -> tuple[str, ...]:
 
 
 def permissions(places: Places, groups: Sequence[str], topic: str) -> list[Permission]:
-    """Everything that the role of a machine may do.
-
-    Args:
-        places: Objects.
-        groups: Names of the stack's own groups of machines.
-        topic: Address of the topic for messages.
-    """
     files = _objects(places.bucket, places.folders)
     reads = _objects(places.bucket, places.read_only)
     away = _objects(places.upload_bucket, (places.upload_folder,)) if places.upload_bucket else ()
@@ -126,7 +108,6 @@ def permissions(places: Places, groups: Sequence[str], topic: str) -> list[Permi
 
 
 def policy(given: Sequence[Permission]) -> dict[str, Any]:
-    """The permissions as a policy: one statement for each set of resources."""
     ordered = sorted(given, key=lambda each: each.resources)
     statements: list[Mapping[str, Any]] = [
         {
@@ -140,12 +121,10 @@ def policy(given: Sequence[Permission]) -> dict[str, Any]:
 
 
 def _filled(resource: str) -> Any:
-    """A resource, with CloudFormation's variables filled in."""
     return {"Fn::Sub": resource} if "${" in resource else resource
 
 
 def _session_manager() -> list[Permission]:
-    """What the agent on the machine needs for shells and commands without an open port."""
     channels = ("CreateControlChannel", "CreateDataChannel", "OpenControlChannel")
     talks = "carries shells of `dr-spot ssh` without an open port"
     commands = ("AcknowledgeMessage", "DeleteMessage", "FailMessage", "GetEndpoint")

@@ -1,4 +1,4 @@
-"""How often spot machines of a type were interrupted, from Amazon's public Spot Advisor."""
+"""Interruption rates from Amazon's public Spot Advisor."""
 
 import os
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ ADDRESS = "https://spot-bid-advisor.s3.amazonaws.com/spot-advisor-data.json"
 ADDRESS_VARIABLE = "DRCLI_SPOT_ADVISOR_URL"
 
 CLASSES = ("<5%", "5-10%", "10-15%", "15-20%", ">20%")
-"""How many of the machines were interrupted within a month."""
+"""Machines interrupted within a month."""
 
 _TIMEOUT_S = 15.0
 _MOST_BYTES = 50_000_000
@@ -19,17 +19,15 @@ _MOST_BYTES = 50_000_000
 
 @dataclass(frozen=True)
 class Advisor:
-    """Classes of interruptions, by region and type."""
-
     values: dict[tuple[str, str], str]
 
     def frequency(self, region: str, name: str) -> str:
-        """One of `CLASSES`; empty if it is not known."""
+        """One of `CLASSES`, or empty."""
         return self.values.get((region, name), "")
 
 
 def read_advisor() -> Advisor:
-    """Read the public file; another address may stand in the environment.
+    """Read the public file, or the environment's.
 
     Raises:
         StorageError: It cannot be read.
@@ -51,7 +49,7 @@ def read_advisor() -> Advisor:
 
 
 def advisor_of(content: Any) -> Advisor:
-    """What the file says; entries in another form are left out."""
+    """Leaves out entries of unknown form."""
     found: dict[tuple[str, str], str] = {}
     regions = content.get("spot_advisor") if isinstance(content, dict) else None
     for region, systems in _entries(regions):

@@ -1,4 +1,4 @@
-"""Asks EC2 what the spot instance costs on which this program runs."""
+"""Price of the spot instance that runs this."""
 
 import os
 from dataclasses import dataclass
@@ -13,22 +13,20 @@ from drcli.spot.prices import LINUX
 from drcli.store.profiles import session_of
 
 _TIMEOUT_S = 10.0
-"""Less than for other questions to Amazon: the count of the machine hours waits for the answer."""
+"""The count of machine hours waits for the answer."""
 
 
 @dataclass(frozen=True)
 class SpotPrice:
-    """A price in USD per hour, and what it is the price of."""
-
     usd_per_hour: float
     place: str
 
 
 def own_spot_price(profile: str | None = None) -> SpotPrice:
-    """The present spot price of this instance. Its keys need ec2:DescribeSpotPriceHistory.
+    """Needs ec2:DescribeSpotPriceHistory.
 
     Raises:
-        StorageError: This is no spot instance of EC2, or EC2 does not tell its price.
+        StorageError: This is not a spot instance, or EC2 does not tell.
     """
     kind, zone, region = _instance()
     place = f"{kind} in {zone}"
@@ -51,7 +49,6 @@ def own_spot_price(profile: str | None = None) -> SpotPrice:
 
 
 def _instance() -> tuple[str, str, str]:
-    """Type, zone and region of this spot instance, from its metadata service."""
     names = (
         "instance-type",
         "placement/availability-zone",

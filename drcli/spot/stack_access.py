@@ -1,4 +1,4 @@
-"""Who may reach a stack: addresses of machines, and mail addresses of people."""
+"""Access to a stack: addresses of machines and of mail."""
 
 import ipaddress
 from typing import Any
@@ -10,21 +10,16 @@ from drcli.store.s3_errors import error_code
 
 
 def subscribe(account: Account, topic: str, email: str) -> None:
-    """Send messages of a topic to a mail address, which must agree first.
-
-    Raises:
-        StorageError: Amazon failed.
-    """
+    """The receiver of the mail must agree first."""
     with account.trying(f"send messages to {email}"):
         account.client("sns").subscribe(TopicArn=topic, Protocol="email", Endpoint=email)
 
 
 def add_access(account: Account, stack: Stack, address: str) -> str:
-    """Let one address reach port 22 of a stack's machines; returns the address as a range.
+    """Open port 22 of a stack to one address; returns its range.
 
     Raises:
         SettingsError: It is not a single address.
-        StorageError: Amazon failed.
     """
     from botocore.exceptions import ClientError
 

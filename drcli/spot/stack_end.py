@@ -1,4 +1,4 @@
-"""The end of a stack: the training is stopped, the model is checked, everything is removed."""
+"""Ends a stack: stops training, checks the model, removes everything."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ STOP_COMMAND = (
     "cd /opt/drcli/racer && exec runuser -u drcli -- "
     "env $(cat /opt/drcli/environment) /opt/drcli/venv/bin/dr-stop-training"
 )
-"""What Systems Manager runs on the machine, as root."""
+"""Run as root by Systems Manager."""
 
 _POLL_S = 5.0
 _DELIVERY_S = 60
@@ -34,11 +34,11 @@ class StoppedStack:
 
     Attributes:
         stack: Name of the stack.
-        model: Prefix of the model in the bucket.
-        checkpoint: Newest one in the bucket; empty if there is none.
-        whole: Whether its files were found whole.
+        model: Prefix in the bucket.
+        checkpoint: Newest one in the bucket, or empty.
+        whole: Whether its files are whole.
         machines: Machines that ran.
-        objects: Objects of the machines that were removed from the bucket; models stay.
+        objects: Objects removed from the bucket; models stay.
     """
 
     stack: str
@@ -51,8 +51,6 @@ class StoppedStack:
 
 @dataclass(frozen=True)
 class BucketContent:
-    """What is in the bucket of a base stack."""
-
     bucket: str
     objects: int
     size_bytes: int
@@ -67,10 +65,7 @@ def stop_training_there(
     pause: Pause = time.sleep,
     clock: Callable[[], float] = time.monotonic,
 ) -> tuple[str, ...]:
-    """Ask the machines of a stack to stop their training, and wait until they have.
-
-    Returns:
-        The machines that ran.
+    """Stop the training and wait; returns the machines.
 
     Raises:
         StorageError: A machine cannot be asked, or does not stop in time.
@@ -100,12 +95,12 @@ def stop_training_there(
 
 
 def verified_checkpoint(account: Account, stack: Stack) -> str:
-    """The newest checkpoint of a stack's model if its files are whole.
+    """The newest checkpoint if its files are whole.
 
-    Empty if there is none, or only one of the reference's, whose files are not checked.
+    Empty without one, or for the reference's, whose files are not checked.
 
     Raises:
-        StorageError: The model in the bucket is not whole, or is still being written.
+        StorageError: Its files are not whole, or still being written.
     """
     bucket = account.bucket(stack.bucket)
     model = f"s3://{stack.bucket}/{stack.model}"
@@ -132,11 +127,7 @@ def verified_checkpoint(account: Account, stack: Stack) -> str:
 
 
 def end_groups(account: Account, stack: Stack) -> None:
-    """Set the groups of a stack to no machine.
-
-    Raises:
-        StorageError: Amazon failed.
-    """
+    """Set the groups to 0."""
     from botocore.exceptions import ClientError
 
     for group in stack.groups:
@@ -153,17 +144,7 @@ def end_groups(account: Account, stack: Stack) -> None:
 def remove_training(
     account: Account, stack: Stack, checkpoint: str, pause: Pause = time.sleep
 ) -> StoppedStack:
-    """End the machines, and delete the stack and its files; models stay.
-
-    Args:
-        account: Holds the stack.
-        stack: What is removed.
-        checkpoint: The newest one if its files were found whole, else empty.
-        pause: Waits, for tests.
-
-    Raises:
-        StorageError: Amazon failed.
-    """
+    """End the machines, and delete stack and files; models stay."""
     there = tuple(each.instance for each in _running(account, stack))
     with suppress(DrError):  # a stack that was never made has no groups
         end_groups(account, stack)
@@ -175,11 +156,10 @@ def remove_training(
 
 
 def content_of_bucket(account: Account, stack: Stack) -> BucketContent | None:
-    """What is in the bucket of a base stack; None if there is no such bucket any more.
+    """None if a base stack has no bucket any more.
 
     Raises:
         SettingsError: A training uses it.
-        StorageError: Amazon failed.
     """
     from botocore.exceptions import ClientError
 
@@ -209,11 +189,7 @@ def content_of_bucket(account: Account, stack: Stack) -> BucketContent | None:
 def remove_base(
     account: Account, stack: Stack, *, keep_bucket: bool, pause: Pause = time.sleep
 ) -> None:
-    """Delete a base stack, and its bucket with everything in it unless that is kept.
-
-    Raises:
-        StorageError: Amazon failed.
-    """
+    """Delete a base stack, and its bucket unless that is kept."""
     delete_stack(account, stack.name, pause)
     if keep_bucket:
         return
@@ -250,7 +226,6 @@ def _running(account: Account, stack: Stack) -> list[Machine]:
 
 
 def _send(account: Account, instances: Sequence[str]) -> str:
-    """Send the command that stops a training; returns its number."""
     from botocore.exceptions import ClientError
 
     with account.trying("ask the machine to stop the training"):
@@ -274,7 +249,6 @@ def _send(account: Account, instances: Sequence[str]) -> str:
 
 
 def _done(account: Account, command: str, instances: Sequence[str]) -> bool:
-    """Whether the command has run on all these machines."""
     from botocore.exceptions import ClientError
 
     client = account.client("ssm")

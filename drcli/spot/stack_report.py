@@ -1,4 +1,4 @@
-"""What `dr-spot list` says about stacks: machines, training, cost so far."""
+"""What `dr-spot list` says about stacks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,12 +23,12 @@ class StackReport:
         kind: `training` or `base`.
         status: CloudFormation's word.
         state: In a word: `training`, `booting`, `failed`, ...
-        reason: Why it is so, as a sentence; may be empty.
-        model: Prefix of the model in the bucket.
+        reason: Why, as a sentence, or empty.
+        model: Prefix in the bucket.
         bucket: Name of the bucket.
-        checkpoint: Newest one; empty if there is none.
-        machines: Its machines, the oldest first.
-        usd: Cost so far; None if it was not asked for, or if it is not known.
+        checkpoint: Newest one, or empty.
+        machines: The oldest first.
+        usd: Cost so far; None if unknown or not asked for.
         created: When the stack was made, in Unix seconds.
         ends: When the machines end, in Unix seconds; 0 for never.
     """
@@ -53,7 +53,7 @@ class StackReports:
 
     Attributes:
         region: AWS region.
-        stacks: Each stack, by name.
+        stacks: By name.
     """
 
     region: str
@@ -61,11 +61,6 @@ class StackReports:
 
 
 def report_on(account: Account, stack: Stack, *, with_cost: bool = True) -> StackReport:
-    """What is known about a stack.
-
-    Raises:
-        StorageError: Amazon failed.
-    """
     blank = StackReport(
         stack.name,
         stack.kind,
@@ -106,14 +101,12 @@ def report_on(account: Account, stack: Stack, *, with_cost: bool = True) -> Stac
 
 
 def _training(bucket: Bucket, prefix: str) -> tuple[str, bool]:
-    """The newest checkpoint, and whether a machine trains."""
     newest = newest_checkpoint(bucket, prefix) if keys.is_valid_prefix(prefix) else None
     owned = lease.holder(bucket, prefix) is not None
     return str(newest or ""), owned
 
 
 def _state(machines: Sequence[Machine], *, owned: bool) -> tuple[str, str]:
-    """The state of a stack in a word, and the reason."""
     there = [each for each in machines if each.running]
     if there:
         last = there[-1]

@@ -1,4 +1,4 @@
-"""CloudFormation stacks of ours: made, found, and deleted, with waiting and reasons."""
+"""drcli's CloudFormation stacks."""
 
 import json
 import re
@@ -22,12 +22,7 @@ Pause = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Stack:
-    """A stack of ours.
-
-    Attributes:
-        status: CloudFormation's word.
-        created: Unix seconds.
-    """
+    """A stack of ours; `created` is Unix seconds."""
 
     name: str
     status: str
@@ -42,32 +37,25 @@ class Stack:
 
     @property
     def model(self) -> str:
-        """Prefix of the model."""
         return self.tags.get(MODEL_TAG, "")
 
     @property
     def bucket(self) -> str:
-        """Name of the bucket."""
         return self.outputs.get("Bucket") or self.tags.get(BUCKET_TAG, "")
 
     @property
     def ends(self) -> float:
-        """When its machines end, in Unix seconds; 0 for never."""
+        """Unix seconds; 0 for never."""
         text = self.tags.get(ENDS_TAG, "")
         return float(text) if text.isdigit() else 0.0
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Names that its groups of machines may have."""
         return (self.name, f"{self.name}-on-demand")
 
 
 def check_name(name: str) -> None:
-    """V-01: the name of a stack.
-
-    Raises:
-        SettingsError: Amazon would not take it.
-    """
+    """V-01; raises SettingsError for a name that Amazon would refuse."""
     if not _NAME.fullmatch(name):
         raise SettingsError(
             f"'{name[:80]}' cannot be the name of a stack (rule V-01).",
@@ -76,12 +64,7 @@ def check_name(name: str) -> None:
 
 
 def find_stack(account: Account, name: str) -> Stack | None:
-    """The stack of this name; None if there is none.
-
-    Raises:
-        SettingsError: It is not one of ours.
-        StorageError: Amazon failed.
-    """
+    """Raises SettingsError for a stack of others."""
     from botocore.exceptions import ClientError
 
     check_name(name)
@@ -102,12 +85,7 @@ def find_stack(account: Account, name: str) -> Stack | None:
 
 
 def need_stack(account: Account, name: str, kind: str = "") -> Stack:
-    """The stack of this name.
-
-    Raises:
-        SettingsError: There is none, or it is of another kind.
-        StorageError: Amazon failed.
-    """
+    """Raises SettingsError without a stack of this kind."""
     found = find_stack(account, name)
     if found is None:
         raise SettingsError(
@@ -124,11 +102,7 @@ def need_stack(account: Account, name: str, kind: str = "") -> Stack:
 
 
 def our_stacks(account: Account) -> list[Stack]:
-    """All stacks that drcli has made in the region, by name.
-
-    Raises:
-        StorageError: Amazon failed.
-    """
+    """All in the region, by name."""
     with account.trying(f"list the stacks in {account.region}"):
         found = account.pages("cloudformation", "describe_stacks", "Stacks")
     return sorted((each for each in map(_stack, found) if each.kind), key=lambda each: each.name)
@@ -143,19 +117,11 @@ def create_stack(
     roles: bool,
     pause: Pause = time.sleep,
 ) -> Stack:
-    """Make a stack and wait for it; if that fails, nothing of it is left.
-
-    Args:
-        account: Whose.
-        name: Of the stack.
-        template: As for JSON.
-        tags: For everything in it.
-        roles: Whether it makes roles.
-        pause: Waits that many seconds.
+    """Make a stack and wait; a failure leaves nothing.
 
     Raises:
         SettingsError: A stack has that name.
-        StorageError: It cannot be made; the sentence says which part and why.
+        StorageError: It cannot be made, and why.
     """
     from botocore.exceptions import ClientError
 
@@ -183,11 +149,7 @@ def create_stack(
 
 
 def delete_stack(account: Account, name: str, pause: Pause = time.sleep) -> None:
-    """Delete a stack and wait until it is gone.
-
-    Raises:
-        StorageError: It cannot be deleted; the sentence says why.
-    """
+    """Raises StorageError, with the reason."""
     with account.trying(f"delete the stack {name}"):
         client = account.client("cloudformation")
         stack_id = client.describe_stacks(StackName=name)["Stacks"][0]["StackId"]
@@ -202,7 +164,6 @@ def delete_stack(account: Account, name: str, pause: Pause = time.sleep) -> None
 
 
 def refuse_existing(account: Account, name: str) -> None:
-    """Raise SettingsError if a stack has this name."""
     if find_stack(account, name) is not None:
         raise _exists(account, name)
 
@@ -215,7 +176,6 @@ def _exists(account: Account, name: str) -> DrError:
 
 
 def _settled(account: Account, stack_id: str, pause: Pause) -> str:
-    """The status of a stack when nothing more happens to it."""
     client = account.client("cloudformation")
     waited_s = 0.0
     while True:
@@ -227,7 +187,6 @@ def _settled(account: Account, stack_id: str, pause: Pause) -> str:
 
 
 def _reason(account: Account, stack_id: str) -> str:
-    """Why the first part of a stack failed."""
     events = account.pages(
         "cloudformation", "describe_stack_events", "StackEvents", StackName=stack_id
     )

@@ -1,4 +1,4 @@
-"""The CloudFormation template of a training: one machine, replaced whenever it is taken away."""
+"""CloudFormation template of a training on one machine, replaced when taken away."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,16 +11,12 @@ from drcli.spot.user_data import user_data
 Architecture = Literal["x86_64", "arm64"]
 
 STACK_TAG, MODEL_TAG, KIND_TAG = "drcli:stack", "drcli:model", "drcli:kind"
-"""Tags on everything that a stack holds."""
-
 PATIENCE_MINUTES = 10
-"""How long no spot machine runs before an ordinary one takes over."""
+"""Without a spot machine, before an ordinary one starts."""
 
 
 @dataclass(frozen=True)
 class Image:
-    """A disk image, and the name of its root device."""
-
     id: str
     root_device: str = "/dev/sda1"
 
@@ -30,16 +26,10 @@ class Group:
     """Which machines may train.
 
     Attributes:
-        types: Instance types with their architecture, the preferred first.
-        images: An image for each architecture.
-        subnets: One or more, best in several zones.
-        network: The VPC of these subnets.
-        market: Spot machines, spot machines and an ordinary one while there are none, or an
-            ordinary one.
-        most_usd: Highest price of a spot machine per hour; None for that of an ordinary machine.
-        ends: When the group ends, in Unix seconds; 0 for never.
-        disk_gb: Size of the disk.
-        key_name: A key pair for SSH; empty for none.
+        types: Preferred first.
+        market: "spot-or-on-demand" starts an ordinary machine only without spot machines.
+        most_usd: Per spot hour; None for the on-demand price.
+        ends: Unix seconds; 0 for never.
     """
 
     types: Mapping[str, Architecture]
@@ -54,21 +44,12 @@ class Group:
 
 
 def group_names(group: Group) -> list[str]:
-    """Names of the groups, for CloudFormation."""
     more = ["${AWS::StackName}-on-demand"] if group.market == "spot-or-on-demand" else []
     return ["${AWS::StackName}", *more]
 
 
 def training_template(stack: str, model: str, group: Group, places: Places, topic: str) -> Any:
-    """The template, to be written as JSON.
-
-    Args:
-        stack: Its name, for descriptions.
-        model: Prefix of the model, for tags.
-        group: The machines.
-        places: Objects that the machines work with.
-        topic: Address of the topic for messages; empty to make one.
-    """
+    """An empty topic makes one."""
     names = group_names(group)
     topic_name = topic or "${Topic}"
     data = user_data(places.bucket, names, topic_name, group.ends)
@@ -127,7 +108,6 @@ def _role(given: Any, tags: Any) -> Any:
 
 
 def _machine(group: Group, image: Image, data: str, tags: Any) -> Any:
-    """How a machine is launched."""
     disk = {
         "VolumeSize": group.disk_gb,
         "VolumeType": "gp3",
@@ -190,7 +170,7 @@ def _scaling_group(name: str, group: Group, on_demand_percent: int, desired: int
 
 
 def _end(group: str, ends: float) -> Any:
-    """The end of the time, which needs nobody: not the machine, nor the racer's computer."""
+    """Works even if machine and racer's computer are dead."""
     moment = datetime.fromtimestamp(ends, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return _resource(
         "AutoScaling::ScheduledAction",
@@ -203,9 +183,9 @@ def _end(group: str, ends: float) -> Any:
 
 
 def _fallback(name: str, group: Group, tags: Any) -> dict[str, Any]:
-    """An ordinary machine while the spot group wants one and has had none for some minutes.
+    """An ordinary machine after some minutes without a spot machine.
 
-    The lease of the model keeps the two apart: the second one waits until the first has gone.
+    The model's lease keeps them apart: the second waits until the first has gone.
     """
 
     def policy_to(size: int) -> Any:

@@ -1,4 +1,4 @@
-"""The user data of a spot machine: a small file for cloud-init, with the boot program in it."""
+"""cloud-init's user data, with the boot program."""
 
 import base64
 import gzip
@@ -10,18 +10,11 @@ from typing import Any
 import yaml
 
 MOST_BYTES = 16_384
-"""Amazon takes no more."""
+"""Amazon's limit."""
 
 
 def user_data(bucket: str, groups: Sequence[str], topic: str, ends: float) -> str:
-    """The text that cloud-init gets; names such as ${AWS::Region} are for CloudFormation.
-
-    Args:
-        bucket: Of the models.
-        groups: The groups of machines that the end of a training sets to 0.
-        topic: Address of the topic, or a name for CloudFormation.
-        ends: When the group ends, in Unix seconds; 0 for never.
-    """
+    """Names such as ${AWS::Region} are for CloudFormation; `ends` is Unix seconds, 0 for never."""
     facts = {
         "stack": "${AWS::StackName}",
         "bucket": bucket,

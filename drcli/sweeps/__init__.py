@@ -1,1 +1,1 @@
-"""Sweeps: several trainings that differ in what a file says, and the best of them."""
+"""Sweeps: trainings that differ as a file says."""

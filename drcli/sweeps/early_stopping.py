@@ -1,4 +1,4 @@
-"""When the trainings of a sweep are compared, and which of them end or are replaced then."""
+"""Comparisons of trainings, and which end or are replaced then."""
 
 import math
 import random
@@ -10,21 +10,19 @@ from drcli.sweeps.sweep_file import Budget, Choices, EarlyStopping, Span
 from drcli.sweeps.trials import rounded
 
 FACTORS = (0.8, 1.25)
-"""A number of a copied training is multiplied by one of them. Source: Jaderberg et al., Population
-Based Training of Neural Networks (2017), who use 0.8 and 1.2."""
+"""Jaderberg et al., Population Based Training of Neural Networks (2017), use 0.8 and 1.2."""
 
 REDRAWN = 0.25
-"""Probability that it is drawn anew instead."""
+"""Probability of a new draw instead."""
 
 
 def levels_of(budget: Budget, stopping: EarlyStopping) -> list[float]:
-    """The amounts of the budget at which the trainings are compared; the last is all of it."""
+    """Amounts of the budget for comparisons; the last is all of it."""
     amounts = [_amount(budget, share) for share in shares_of(stopping)]
     return [*dict.fromkeys(a for a in amounts if a < budget.most), budget.most]
 
 
 def shares_of(stopping: EarlyStopping) -> list[float]:
-    """The shares of the budget at which the trainings are compared, without all of it."""
     if stopping.method == "none":
         return []
     if stopping.method == "population":
@@ -38,7 +36,7 @@ def shares_of(stopping: EarlyStopping) -> list[float]:
 
 
 def share_at(budget: Budget, stopping: EarlyStopping, level: float) -> float:
-    """The share of the budget whose comparison comes at a level; levels are rounded."""
+    """The share of a level; levels are rounded."""
     found = [share for share in shares_of(stopping) if _amount(budget, share) <= level]
     return max(found) if found and level < budget.most else level / budget.most
 
@@ -49,19 +47,13 @@ def _amount(budget: Budget, share: float) -> float:
 
 
 def kept_of(count: int, reduction_factor: float) -> int:
-    """How many of so many trainings go on after a check: one at least."""
+    """One at least."""
     return max(1, math.ceil(count / reduction_factor - 1e-9))
 
 
 @dataclass(frozen=True)
 class Replacement:
-    """A training of a population that goes on with the weights of another one.
-
-    Attributes:
-        name: Of the training.
-        source: Of the one whose newest weights it gets.
-        hyperparameters: Its new ones.
-    """
+    """The training `name` goes on with the newest weights of `source`."""
 
     name: str
     source: str
@@ -75,14 +67,9 @@ def replacements(
     quantile: float,
     chance: random.Random,
 ) -> list[Replacement]:
-    """The worst trainings of a population, each with one of the best that it copies.
+    """The worst trainings of a population, each with one of the best to copy.
 
-    Args:
-        ranked: Names of all that can go on, the best first.
-        own: Their hyperparameters among those that vary.
-        vary: What these may be.
-        quantile: Share of the trainings that is replaced; half of them at most.
-        chance: Decides who copies whom, and how numbers change.
+    `ranked` has the best first; `quantile` is the share replaced, at most half.
     """
     count = min(len(ranked) // 2, max(1, round(len(ranked) * quantile)))
     found = []
@@ -94,7 +81,6 @@ def replacements(
 
 
 def changed_value(value: float, choices: Choices, chance: random.Random) -> float:
-    """A hyperparameter near that of another training, or drawn anew."""
     again = chance.random() < REDRAWN
     if isinstance(choices, Span):
         whole = isinstance(choices.low, int) and isinstance(choices.high, int)
@@ -115,7 +101,6 @@ def changed_value(value: float, choices: Choices, chance: random.Random) -> floa
 
 
 def comparable(resource: Resource, amount: float) -> str:
-    """An amount of a resource in words."""
     if resource == "minutes":
         return f"{amount:.1f} minutes" if amount >= 1.0 else f"{60.0 * amount:.0f} s"
     return f"{amount:,.0f} {resource}"

@@ -1,4 +1,4 @@
-"""Writes the example of the file of a sweep."""
+"""Writes an example sweep file."""
 
 from pathlib import Path
 
@@ -9,11 +9,7 @@ from drcli.config.example_files import model_file
 
 
 def write_example(path: Path, *, force: bool = False) -> Path:
-    """Write the example; over an existing file only with `force`.
-
-    Raises:
-        SettingsError: There is a file, or it cannot be written.
-    """
+    """Raises SettingsError for an existing file without `force`, or an unwritable one."""
     refuse_existing(path, force=force)
     if not path.parent.is_dir():
         raise SettingsError(f"{path.parent} is not a folder.", remedy="Create it first.")

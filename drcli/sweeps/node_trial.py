@@ -1,6 +1,6 @@
-"""One training of a sweep on a node of a cluster: it trains on until its next check.
+"""A training of a sweep on a node of a cluster, up to its next check.
 
-Ray is not used here: the actor of Ray Tune calls this, and tests do.
+Free of Ray, for tests.
 """
 
 import os
@@ -40,25 +40,21 @@ from drcli.sweeps.trial_run import (
 from drcli.sweeps.trial_score import amount_of, number_of, score_of, until
 
 STEP_S = 2.0
-"""How long a step may take: only between two steps can Ray end the training."""
+"""Ray can end a training only between steps."""
 
 LOOK_S = 0.5
-"""How often the training is looked at."""
-
 MILLION = 1_000_000
-"""The whole budget, as ASHA counts it: in whole numbers."""
+"""The whole budget, in ASHA's whole numbers."""
 
 MOST_STARTS = 3
-"""How often a training is started again that failed for a reason which may pass."""
+"""For failures that may pass."""
 
 END_S = 60.0
-"""How long a training may take to save its checkpoint."""
-
 FINISH_S = 20.0
-"""How long a training whose budget is used up may take to end by itself."""
+"""Until a training with a used-up budget ends by itself."""
 
 ELSEWHERE_S = STALE_S + 60.0
-"""How long to try to take over a training whose node may be gone."""
+"""For taking over when a node may be gone."""
 
 
 @dataclass(frozen=True)
@@ -66,17 +62,11 @@ class TrialTask:
     """What a node has to know of a training.
 
     Attributes:
-        trial: The training, as the record of the sweep has it.
-        budget: Of each training.
-        stopping: When they are compared.
-        levels: The amounts at which they are compared; the last is the budget.
-        compared: How many of these checks are over, and are not told again.
-        metric: What is best.
-        limits: Of the start.
-        directory: The working folder of the sweep.
-        host: The machine that has it.
-        files: What other machines need of it: contents by path below the folder.
-        environment: Settings by DR_ name that the command was started with.
+        levels: Amounts of comparisons; the last is the budget.
+        compared: Checks that are over.
+        directory: On `host`.
+        files: Contents by relative path, for other machines.
+        environment: DR_ settings of the command.
         secrets: Access keys of the bucket.
     """
 
@@ -99,16 +89,12 @@ class TrialStep:
     """How far a training is.
 
     Attributes:
-        name: Of the training.
-        state: "running", or how it has ended; "paused" if the sweep was interrupted.
-        done: Whether there is nothing more to do for it here.
-        amount: How much of its budget it has used.
-        checks: How many checks it has reached.
-        millionths: The share of the budget that the last of them stands for, in millionths; at
-            least that, whatever was rounded.
-        score: How well it drives, at that check if it has just been reached; larger is better.
-        trial: Fields of its record that a copy of another training has changed.
-        code: Exit code of the error with which it failed; 0 without one.
+        state: "paused" if the sweep was interrupted.
+        done: Whether nothing more is to do here.
+        millionths: Share of the budget of the last check; at least that, after rounding.
+        score: At a check just reached; larger is better.
+        trial: Fields of its record that copying has changed.
+        code: Exit code of its failure, or 0.
     """
 
     name: str
@@ -125,15 +111,7 @@ class TrialStep:
 
 
 class NodeTrial:
-    """A training on this node.
-
-    Args:
-        task: The training.
-        directory: The working folder on this node.
-        bucket: Where its model is.
-        open_run: Gives the training its processes; for tests.
-        pause: Waits so many seconds, for tests.
-    """
+    """A training on this node."""
 
     def __init__(
         self,
@@ -159,9 +137,6 @@ class NodeTrial:
     def step(self, stopping: Callable[[], bool] = lambda: False) -> TrialStep:
         """Train for a moment, or until the next check.
 
-        Args:
-            stopping: Whether the sweep is being interrupted.
-
         Raises:
             StorageError: The bucket does not answer.
         """
@@ -186,12 +161,10 @@ class NodeTrial:
             self._pause(LOOK_S)
 
     def end(self) -> None:
-        """Interrupt the training, and wait until it has saved its checkpoint."""
         self._run.interrupt()
         self._wait(END_S)
 
     def state(self) -> dict[str, Any]:
-        """What `restore` needs, here or for a training that copies this one."""
         trial = self._trial
         return {
             "name": trial.name,
@@ -203,13 +176,7 @@ class NodeTrial:
     def restore(
         self, state: Mapping[str, Any], number: int, hyperparameters: Mapping[str, float]
     ) -> None:
-        """Go on with a state: its own, or that of another training, whose weights it copies.
-
-        Args:
-            state: What `state` has returned.
-            number: Of the copy, among all of the sweep.
-            hyperparameters: Those that a copy gets.
-        """
+        """Go on, or copy another training as copy `number` of the sweep."""
         self._checks = state["checks"]
         trial = self._task.trial
         if state["name"] == trial.name:
@@ -244,7 +211,6 @@ class NodeTrial:
         )
 
     def _keep_going(self) -> Ended | None:
-        """Start the training if it does not run; how it has ended if it does not go on."""
         trial, run = self._task.trial, self._run
         if trial.is_over:  # only its checks are told again
             return Ended(trial.state, trial.message, trial.remedy)
@@ -288,7 +254,6 @@ class NodeTrial:
         return None if ended.may_pass and self._starts <= MOST_STARTS else ended
 
     def _wait(self, seconds: float) -> None:
-        """Wait until the training has ended, at most so long."""
         ends_s = time.monotonic() + seconds
         while self._run.runs and time.monotonic() < ends_s:
             self._pause(LOOK_S)
@@ -330,10 +295,10 @@ class NodeTrial:
 
 
 def open_on_node(task: TrialTask) -> NodeTrial:
-    """Prepare this node for a training: its folder, settings and keys.
+    """Prepare this node.
 
     Raises:
-        SettingsError: The settings are wrong here, or the folder cannot be written.
+        SettingsError: Settings are wrong here, or the folder cannot be written.
         StorageError: The bucket does not answer.
     """
     for name in [each for each in os.environ if each.startswith("DR_")]:
@@ -346,12 +311,7 @@ def open_on_node(task: TrialTask) -> NodeTrial:
 
 
 def folder_on_node(task: TrialTask, beside: Path) -> Path:
-    """The working folder on this node: that of the sweep on its own machine, elsewhere a copy.
-
-    Args:
-        task: The training.
-        beside: Where copies are.
-    """
+    """The sweep's own folder on its machine, elsewhere a copy."""
     if task.host == socket.gethostname() and task.directory.is_dir():
         return task.directory
     folder = beside / re.sub(r"\W+", "-", f"{task.host}{task.directory}")
@@ -363,7 +323,6 @@ def folder_on_node(task: TrialTask, beside: Path) -> Path:
 
 
 def files_for_nodes(directory: Path, name: str) -> dict[str, bytes]:
-    """What other machines need of a working folder for the experiment of a training."""
     places = [
         *directory.glob("*.env"),
         *(directory / "experiments" / name).rglob("*"),
@@ -377,7 +336,6 @@ def files_for_nodes(directory: Path, name: str) -> dict[str, bytes]:
 
 
 def _changed(trial: TrialRecord) -> dict[str, Any]:
-    """The fields of a record that change when a training copies another one."""
     return {
         "prefix": trial.prefix,
         "source": trial.source,

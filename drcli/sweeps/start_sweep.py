@@ -1,4 +1,4 @@
-"""Starts or continues a sweep, and compares its trainings at the end."""
+"""Starts, continues and compares sweeps."""
 
 import os
 from collections.abc import Callable
@@ -32,7 +32,7 @@ from drcli.workers.cores import usable_cores
 from drcli.workers.ray_extra import require_tune
 
 CORES = 2
-"""Processor cores for each training if several run at a time: one drives, one learns."""
+"""One drives, one learns."""
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,10 @@ class SweepPlanned:
 
 
 class SweepStart:
-    """A sweep that was checked and has not begun.
-
-    Args:
-        settings: Of the working folder, without an experiment.
-        path: The file of the sweep.
+    """A checked sweep before its begin.
 
     Raises:
-        SettingsError: Something is wrong with the file, what it names, or the settings.
+        SettingsError: The file, what it names, or the settings are wrong.
         StorageError: The bucket does not answer.
     """
 
@@ -78,12 +74,10 @@ class SweepStart:
 
     @property
     def worlds(self) -> list[str]:
-        """The tracks of all trainings."""
         own = self._settings.world_name
         return sorted({trial.settings.get("DR_WORLD_NAME", own) for trial in self._trials})
 
     def planned(self, parallel: int | None) -> SweepPlanned:
-        """What would be trained."""
         return SweepPlanned(
             self._sweep.name,
             {trial.name: dict(trial.varied) for trial in self._trials},
@@ -92,10 +86,7 @@ class SweepStart:
         )
 
     def wipe(self) -> int:
-        """Delete the models and the record of an earlier sweep of this name.
-
-        Returns:
-            The number of its trainings.
+        """Delete an earlier sweep's models and record; returns the number of trainings.
 
         Raises:
             SettingsError: One of them is being trained.
@@ -121,13 +112,7 @@ class SweepStart:
         warn: Callable[[str], None],
         on_change: Callable[[SweepReport], None],
     ) -> SweepReport:
-        """Train, until all trainings are over.
-
-        Args:
-            parallel: How many at a time; None for what the file or the cores say.
-            say: Shows a sentence on what happens.
-            warn: Shows a sentence on a training that is going to fail.
-            on_change: Called after each change.
+        """Train all; `parallel` of None leaves it to file or cores.
 
         Raises:
             SettingsError: A model of this name exists, or something cannot be written.
@@ -170,11 +155,7 @@ class SweepStart:
         return report_of(record, self._bucket.name)
 
     def compare(self, report: SweepReport, page: Path) -> SweepReport:
-        """Write the page of `dr-analyze compare` about all trainings with results.
-
-        Raises:
-            DrError: It cannot be made.
-        """
+        """Write the page of `dr-analyze compare`; raises DrError."""
         from drcli.analysis.outputs import check_targets, write_comparison_of
         from drcli.analysis.read_run import read_runs
 
@@ -225,7 +206,7 @@ class SweepStart:
         return Pace(many, 0 if given or many == 1 else max(1, cores // many))
 
     def _warnings(self, record: SweepRecord) -> list[str]:
-        """A sentence for each file that a training cannot start with, before hours have passed."""
+        """Files that would fail only after hours."""
         found = []
         seen: set[tuple[str, str]] = set()
         fresh = {trial.name for trial in record.trials if trial.state == "waiting"}
@@ -244,12 +225,10 @@ class SweepStart:
 
 
 def comparison_page(directory: Path, name: str) -> Path:
-    """Where the page that compares the trainings of a sweep is written."""
     return directory / f"{name}-comparison.html"
 
 
 def try_to_compare(start: SweepStart, report: SweepReport, page: Path) -> tuple[SweepReport, str]:
-    """Compare the trainings; if that is not possible, say why."""
     try:
         return start.compare(report, page), ""
     except NotAvailable as error:

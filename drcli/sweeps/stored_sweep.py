@@ -1,4 +1,4 @@
-"""The record of a sweep in the bucket: read, write, and refuse what does not fit it."""
+"""The record of a sweep in the bucket."""
 
 from collections.abc import Mapping
 
@@ -14,16 +14,11 @@ from drcli.sweeps.trials import Trial
 
 
 def put_sweep(bucket: Bucket, record: SweepRecord) -> None:
-    """Write the record of a sweep."""
     bucket.put(sweep_keys.sweep(record.name), record.encode())
 
 
 def read_sweep(bucket: Bucket, name: str) -> SweepRecord | None:
-    """The record of a sweep; None without one.
-
-    Raises:
-        StorageError: It cannot be read.
-    """
+    """None without a record; raises StorageError for an unreadable one."""
     key = sweep_keys.sweep(name)
     try:
         return read_record(bucket, key, SweepRecord.decode, remedy_of(key))
@@ -32,11 +27,7 @@ def read_sweep(bucket: Bucket, name: str) -> SweepRecord | None:
 
 
 def refuse_other_trials(record: SweepRecord, sweep: SweepFile, trials: list[Trial]) -> None:
-    """Refuse to continue a sweep with a file that has other trainings.
-
-    Raises:
-        ProblemsError: The trainings are others.
-    """
+    """Raises ProblemsError for other trainings than recorded."""
     before = {trial.name: dict(trial.varied) for trial in record.trials}
     now = {trial.name: dict(trial.varied) for trial in trials}
     if before != now:
@@ -48,11 +39,7 @@ def refuse_other_trials(record: SweepRecord, sweep: SweepFile, trials: list[Tria
 
 
 def refuse_used_models(bucket: Bucket, trials: list[Trial]) -> None:
-    """Refuse names of models that exist and are not of the sweep.
-
-    Raises:
-        SettingsError: There is such a model.
-    """
+    """Raises SettingsError for models that are not of the sweep."""
     for trial in trials:
         if is_used(bucket, trial.name):
             raise SettingsError(
@@ -62,13 +49,13 @@ def refuse_used_models(bucket: Bucket, trials: list[Trial]) -> None:
 
 
 def varied_now(trial: TrialRecord) -> Mapping[str, str]:
-    """What distinguishes a training, with hyperparameters that a population has changed."""
+    """With what a population has changed."""
     changed = {key: f"{value:g}" for key, value in trial.hyperparameters.items()}
     return {**trial.varied, **changed}
 
 
 def wipe_sweep(bucket: Bucket, record: SweepRecord) -> None:
-    """Delete the models of a sweep, and its record last."""
+    """Deletes the models, and the record last."""
     for trial in record.trials:
         for prefix in [
             trial.name,
@@ -79,5 +66,5 @@ def wipe_sweep(bucket: Bucket, record: SweepRecord) -> None:
 
 
 def copy_of(trial: TrialRecord, check: int) -> str:
-    """Prefix of the model with which a training goes on after a check, if it copies another."""
+    """Prefix of a copy's model."""
     return f"{trial.name}-g{check + 1}"

@@ -1,4 +1,4 @@
-"""sweep.yaml: what the trainings of a sweep vary, how long each may take, which ends early."""
+"""sweep.yaml: what trainings vary, and when they end."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -18,7 +18,7 @@ from drcli.modelfiles.json_file import JsonFile, KeyPath, Number, Whole, dotted,
 from drcli.modelfiles.yaml_file import read_yaml_object
 
 MOST_TRIALS = 200
-"""Trainings of a sweep; more were probably not meant."""
+"""More were probably not meant."""
 
 _REMEDY = "Compare it with the one that `dr-sweep init` writes."
 
@@ -33,8 +33,6 @@ OWN_SETTINGS = (
     "DR_MODEL_DESCRIPTION",
     "DR_LAUNCHER",
 )
-"""Settings that the sweep itself gives to each training."""
-
 Method = Literal["none", "halving", "asha", "population"]
 Search = Literal["grid", "random"]
 RESOURCES: tuple[Resource, ...] = get_args(Resource)
@@ -74,7 +72,7 @@ def _positive(written: Any) -> Any:
 
 
 def _choices(written: Any) -> Any:
-    """A list of values, a single value, or a range {min, max}."""
+    """A list, a single value, or a range {min, max}."""
     if isinstance(written, dict):
         return _range(written)
     values = written if isinstance(written, list) else [written]
@@ -98,10 +96,10 @@ def _range(written: dict[Any, Any]) -> "Span":
 
 @dataclass(frozen=True)
 class Span:
-    """A range of numbers; whole ones if both ends are whole.
+    """A range; of whole numbers if both ends are.
 
     Attributes:
-        log: Whether each size is as likely as the others: 0.001 to 0.01 like 0.01 to 0.1.
+        log: Whether 0.001 to 0.01 is as likely as 0.01 to 0.1.
     """
 
     low: float
@@ -117,7 +115,7 @@ _Count = Annotated[Whole, Field(ge=1)]
 
 
 class Vary(BaseModel):
-    """What differs between the trainings; see docs/sweeps.md."""
+    """See docs/sweeps.md."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -129,7 +127,7 @@ class Vary(BaseModel):
 
 
 class Budget(BaseModel):
-    """The most that each training gets of one resource."""
+    """The most of one resource for each training."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -140,24 +138,21 @@ class Budget(BaseModel):
 
     @property
     def resource(self) -> Resource:
-        """What is counted."""
         return next(name for name in RESOURCES if getattr(self, name) is not None)
 
     @property
     def most(self) -> float:
-        """How much of it."""
         return float(getattr(self, self.resource))
 
 
 class EarlyStopping(BaseModel):
-    """Which trainings end before their budget is used up.
+    """Which trainings end early.
 
     Attributes:
-        first_check: Share of the budget after which the trainings are compared first.
-        reduction_factor: One of so many goes on at each check, which come each time at so many
-            times the amount.
-        every: Share of the budget between two checks of a population.
-        quantile: Share of a population that is replaced at each check, and as many are copied.
+        first_check: Share of the budget.
+        reduction_factor: One of so many goes on at each check; amounts grow by it, too.
+        every: Share of the budget between a population's checks.
+        quantile: Share of a population that is replaced; as many are copied.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -170,13 +165,10 @@ class EarlyStopping(BaseModel):
 
     @property
     def halves(self) -> bool:
-        """Whether the worst trainings end at each check."""
         return self.method in ("halving", "asha")
 
 
 class SweepPlan(BaseModel):
-    """The file."""
-
     model_config = ConfigDict(frozen=True)
 
     name: Annotated[str, BeforeValidator(_name)] = ""
@@ -212,36 +204,21 @@ EXAMPLES = {
     "every": 0.2,
     "quantile": 0.25,
 }
-"""Values for remedies."""
 
 
 @dataclass(frozen=True)
 class SweepFile:
-    """The content of the file.
-
-    Attributes:
-        name: Of the sweep: that in the file, or the name of the file.
-        folder: Where the files are that it names.
-        file: Its name and lines, for problems that only other files show.
-    """
-
     name: str
     folder: Path
     file: JsonFile
     plan: SweepPlan
 
     def problem(self, path: KeyPath, message: str, remedy: str) -> Problem:
-        """A problem with the value of a key."""
         return self.file.problem(RULE, path, message, remedy)
 
 
 def read_sweep_file(path: Path) -> SweepFile:
-    """Read and check a file.
-
-    Raises:
-        SettingsError: There is no such file.
-        ProblemsError: It is not YAML, a key is unknown, or a value is wrong or does not fit.
-    """
+    """Raises SettingsError for a missing file, ProblemsError for wrong content."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -286,7 +263,6 @@ def _unknown_keys(file: JsonFile) -> Iterator[Problem]:
 
 
 def _contradictions(found: SweepFile) -> Iterator[Problem]:
-    """Values that are good on their own but do not fit together, or settings."""
     plan, problem = found.plan, found.problem
     given = [name for name, value in plan.budget if value is not None]
     if len(given) != 1:
@@ -315,7 +291,6 @@ def _contradictions(found: SweepFile) -> Iterator[Problem]:
 
 
 def _twice(found: SweepFile) -> Iterator[Problem]:
-    """Values that stand twice in a list: the same training twice."""
     vary, problem = found.plan.vary, found.problem
     lists: dict[KeyPath, Choices] = {
         ("vary", "reward_function"): list(vary.reward_function),
@@ -336,7 +311,6 @@ def _twice(found: SweepFile) -> Iterator[Problem]:
 
 
 def _names(found: SweepFile) -> Iterator[Problem]:
-    """Names of settings and hyperparameters that do not exist, or belong to the sweep."""
     plan, problem = found.plan, found.problem
     known_settings = set(catalogue())
     for path, names in ((("settings",), plan.settings), (("vary", "settings"), plan.vary.settings)):

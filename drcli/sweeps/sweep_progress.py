@@ -1,4 +1,4 @@
-"""How far the trainings of a sweep have come: the record in the bucket, and their experiments."""
+"""The record of a sweep's progress, and its experiments."""
 
 import time
 from collections.abc import Callable
@@ -21,26 +21,11 @@ from drcli.sweeps.trials import Trial
 
 
 class SweepProgress:
-    """The record of a sweep, which is written to the bucket after each change.
-
-    Begins a new one, with an experiment for each training, or continues that of an earlier start.
-
-    Args:
-        directory: The working folder.
-        sweep: The file of the sweep.
-        trials: Its trainings, which have been checked.
-        files: Writes their experiments.
-        bucket: Where models and record are.
-        say: Shows a sentence on what happens.
-        on_change: Called with the record after each change.
+    """The record of a sweep, new or continued, written to the bucket after each change.
 
     Raises:
         ProblemsError: An earlier start had other trainings.
         SettingsError: An experiment cannot be written.
-
-    Attributes:
-        record: The record.
-        trials: The trainings as the file has them, by name.
     """
 
     def __init__(
@@ -67,28 +52,22 @@ class SweepProgress:
             self.put(self._continued(found, directory, say))
 
     def trial(self, name: str) -> TrialRecord:
-        """A training by its name."""
         return next(trial for trial in self.record.trials if trial.name == name)
 
     def in_state(self, state: TrialState) -> list[TrialRecord]:
-        """The trainings that are in a state now."""
         return [trial for trial in self.record.trials if trial.state == state]
 
     def change(self, name: str, **values: object) -> None:
-        """Give fields of a training new values."""
         trial = replace(self.trial(name), **values)  # type: ignore[arg-type]
         self.replace(trial)
 
     def replace(self, trial: TrialRecord) -> None:
-        """Replace the training of this name."""
         self.put(_with(self.record, trial))
 
     def note_check(self, number: int) -> None:
-        """Note that the trainings were compared for the `number`th time."""
         self.put(replace(self.record, checks=number))
 
     def end(self) -> None:
-        """Note that all trainings are over, and mark the model of the best."""
         self.put(replace(self.record, ended_at=time.time()))
         if self.record.best:
             trial = self.trial(self.record.best)
@@ -96,14 +75,14 @@ class SweepProgress:
             write_description(self._bucket, trial.prefix, text)
 
     def put(self, record: SweepRecord) -> None:
-        """Replace the record; which training is best follows from the others."""
+        """Also works out the best training."""
         record = replace(record, best=best_of(record.trials, record.metric))
         put_sweep(self._bucket, record)
         self.record = record
         self._on_change(record)
 
     def write_experiment(self, trial: TrialRecord) -> int:
-        """Write the experiment of a training as it is now; returns its DR_RUN_ID."""
+        """Returns its DR_RUN_ID."""
         return self._files.write(
             self.trials[trial.name],
             trial.prefix,
@@ -148,7 +127,6 @@ class SweepProgress:
 
 
 def text_of(trial: TrialRecord) -> str:
-    """What distinguishes a training now, in one line."""
     return ", ".join(f"{key}={value}" for key, value in varied_now(trial).items())
 
 

@@ -1,4 +1,4 @@
-"""What the commands show about a sweep: its trainings, the best first."""
+"""What commands show about sweeps."""
 
 from dataclasses import dataclass, field
 
@@ -15,16 +15,16 @@ class TrialReport:
 
     Attributes:
         name: Of its experiment.
-        model: Prefix of its model in the bucket.
+        model: Prefix in the bucket.
         varied: What distinguishes it from the others, by name.
         state: waiting, running, paused, finished, stopped early, stopped or failed.
         amount: How much of its budget it has used.
         laps: Completed laps of its best evaluation.
-        episodes: Episodes of that; 0 if it was not evaluated.
+        episodes: Episodes of that; 0 without one.
         progress: Mean progress of that, percent; null before the first iteration.
-        lap_s: Median time of the clean laps, simulated seconds; null without one.
-        reward: Mean reward of an episode in its best iteration; null before the first.
-        checkpoint: Number of the checkpoint that was evaluated; null without one.
+        lap_s: Median time of the clean laps, simulated seconds, or null.
+        reward: Mean of an episode in its best iteration, or null.
+        checkpoint: Number of the evaluated checkpoint, or null.
         best: Whether it is the best training.
         message: Why it ended.
         remedy: What to do then.
@@ -53,14 +53,14 @@ class SweepReport:
     Attributes:
         name: Of the sweep.
         bucket: Name of the bucket.
-        metric: What decides which training is best: lap_time, progress or reward.
+        metric: What decides: lap_time, progress or reward.
         resource: What the budget counts: minutes, steps, episodes or iterations.
-        most: How much of it each training gets.
-        checks: How often the trainings were compared so far.
+        most: How much each training gets.
+        checks: Comparisons so far.
         ended: Whether all trainings are over.
-        best: Name of the best training; empty before the first result.
-        trials: The trainings, the best first.
-        comparison: The page that compares them; null if none was written.
+        best: Name of the best training, or empty.
+        trials: The best first.
+        comparison: The page that compares them, or null.
     """
 
     name: str
@@ -82,7 +82,7 @@ class SweepList:
     Attributes:
         bucket: Name of the bucket.
         sweeps: The newest first.
-        damaged: A sentence about each record that cannot be read.
+        damaged: A sentence about each unreadable record.
     """
 
     bucket: str
@@ -91,7 +91,6 @@ class SweepList:
 
 
 def report_of(record: SweepRecord, bucket: str) -> SweepReport:
-    """What is shown about a sweep."""
     ranked = sorted(record.trials, key=lambda trial: rank(trial.score, record.metric), reverse=True)
     return SweepReport(
         name=record.name,
@@ -107,11 +106,7 @@ def report_of(record: SweepRecord, bucket: str) -> SweepReport:
 
 
 def list_sweeps(bucket: Bucket) -> SweepList:
-    """All sweeps of a bucket, the newest first.
-
-    Raises:
-        StorageError: The bucket cannot be read.
-    """
+    """The newest first; raises StorageError."""
     found: list[SweepRecord] = []
     damaged: list[str] = []
     for info in bucket.list(sweep_keys.FOLDER):

@@ -1,8 +1,7 @@
-"""Runs the trainings of a sweep: so many at a time, compared at some amounts of their budget.
+"""Runs the trainings of a sweep, several at a time, compared at some amounts of their budget.
 
-All trainings get to the same amount before they are compared, so on a machine with room for one
-they take turns: a training that has got there is interrupted, and resumed if it may go on. It loses
-the episodes of the iteration that it was driving, and some seconds for the start of its processes.
+All get to the same amount before they are compared, so they may take turns. One that is
+interrupted for it loses its current episodes, and some seconds for a new start.
 """
 
 import random
@@ -32,44 +31,24 @@ from drcli.sweeps.trial_run import (
 from drcli.sweeps.trial_score import amount_of, rank, score_of, until
 
 LOOK_S = 1.0
-"""How often the trainings are looked at."""
-
 MOST_STARTS = 3
-"""How often a training is started again that failed for a reason which may pass."""
+"""For failures that may pass."""
 
 END_S = 60.0
-"""How long the trainings may take to save their checkpoints when the sweep ends."""
-
 ELSEWHERE_S = STALE_S + 60.0
-"""How long to try to take over a training whose machine may be gone."""
+"""For taking over when a machine may be gone."""
 
 
 @dataclass(frozen=True)
 class Pace:
-    """How many trainings run at a time, and on how many cores each.
-
-    Attributes:
-        parallel: Trainings at a time.
-        threads: Cores of each; 0 leaves it to their settings.
-    """
+    """Trainings at a time, and cores of each (0: their settings)."""
 
     parallel: int
     threads: int = 0
 
 
 class SweepRun:
-    """The trainings of a sweep, from the first start to the best of them.
-
-    Args:
-        progress: The record of the sweep.
-        sweep: The file of the sweep.
-        bucket: Where the models are.
-        pace: How many run at a time.
-        say: Shows a sentence on what happens.
-        signals: Notes what interrupts it.
-        open_run: Gives a training of the sweep its processes.
-        pause: Waits so many seconds, for tests.
-    """
+    """A sweep from start to best training."""
 
     def __init__(
         self,
@@ -98,13 +77,13 @@ class SweepRun:
         self._runs: dict[str, Run] = {}
 
     def run(self) -> SweepRecord:
-        """Train until all trainings are over, and mark the best.
+        """Train all, and mark the best.
 
         Raises:
             StorageError: The bucket does not answer; nothing is lost.
             TrainedElsewhere: Another machine runs one of the trainings.
-            BudgetUsedUp: That of the day is.
-            Stopped: SIGTERM came, and all trainings are interrupted; or KeyboardInterrupt.
+            BudgetUsedUp: That of the day.
+            Stopped: SIGTERM came, and all are interrupted; or KeyboardInterrupt.
         """
         try:
             self._adopt()
@@ -120,7 +99,7 @@ class SweepRun:
         return self._progress.record
 
     def _adopt(self) -> None:
-        """Go on with trainings that an earlier sweep, which was killed, has left running."""
+        """A killed sweep may have left trainings running."""
         for trial in self._all:
             if trial.state == "running":
                 self._progress.change(
@@ -130,7 +109,6 @@ class SweepRun:
     # --- To the next comparison -------------------------------------------------------------
 
     def _drive_to(self, level: float) -> None:
-        """Train until every training has used `level` of its budget or is over."""
         while True:
             for trial in self._progress.in_state("running"):
                 self._look_at(trial)
@@ -187,7 +165,6 @@ class SweepRun:
         self._progress.change(trial.name, state="running")
 
     def _look_at(self, trial: TrialRecord) -> None:
-        """Note how far a running training has come, and how it has ended."""
         run = self._run(trial)
         runs = run.runs  # before its iterations are read, so that none is missed
         self._measure(trial)
@@ -203,7 +180,6 @@ class SweepRun:
             self._say(f"{trial.name}: {ended.message}")
 
     def _measure(self, trial: TrialRecord) -> None:
-        """Note how much of its budget a training has used, and its score."""
         try:
             records = self._run(trial).iterations()
         except ObjectDamaged as error:
@@ -226,7 +202,6 @@ class SweepRun:
     # --- Comparisons ------------------------------------------------------------------------
 
     def _compare(self, level: float) -> None:
-        """Compare the trainings at a level, and end, replace or continue them."""
         number = self._checks + 1
         if number >= len(self._levels):
             self._finish()
@@ -240,7 +215,7 @@ class SweepRun:
         self._progress.note_check(number)
 
     def _changes_nothing(self) -> bool:
-        """Whether all trainings would go on after a check: taking turns for it would cost time."""
+        """If all go on after a check, turns for it would cost time."""
         stopping = self._plan.early_stopping
         compared = [t for t in self._all if t.state not in ("failed", "stopped early")]
         is_last = self._checks + 1 >= len(self._levels)
@@ -248,7 +223,6 @@ class SweepRun:
         return stopping.halves and not is_last and kept >= len(compared)
 
     def _ranked(self, level: float) -> list[TrialRecord]:
-        """The trainings that may be the best, by what they could at this level."""
         scores = {}
         for trial in self._all:
             if trial.state not in ("failed", "stopped early"):
@@ -259,7 +233,6 @@ class SweepRun:
         return [self._progress.trial(name) for name in names]
 
     def _halve(self, number: int, level: float, ranked: list[TrialRecord]) -> None:
-        """End the worst trainings."""
         kept = kept_of(len(ranked), self._plan.early_stopping.reduction_factor)
         at = comparable(self._plan.budget.resource, level)
         self._say(f"Check {number} at {at}: {kept} of {len(ranked)} go on.")
@@ -272,7 +245,6 @@ class SweepRun:
             self._say(f"{trial.name} is stopped early: place {place} of {len(ranked)}.")
 
     def _replace_worst(self, number: int, level: float, ranked: list[TrialRecord]) -> None:
-        """Let the worst trainings of a population go on with copies of the best."""
         vary = {
             key: choices
             for key, choices in self._plan.vary.hyperparameters.items()
@@ -294,7 +266,6 @@ class SweepRun:
             self._copy(number, each)
 
     def _copy(self, number: int, each: Replacement) -> None:
-        """Go on with the weights of another training, as a new model."""
         trial, source = self._progress.trial(each.name), self._progress.trial(each.source)
         self._interrupt(trial.name, wait=True)
         prefix = copy_of(trial, number)
@@ -315,7 +286,6 @@ class SweepRun:
         self._say(f"{trial.name} goes on with the weights of {source.name} and {changed}.")
 
     def _finish(self) -> None:
-        """All trainings have used their budget: mark the best."""
         for trial in self._progress.in_state("running"):
             self._interrupt(trial.name, wait=True)
         for trial in self._all:
@@ -328,7 +298,6 @@ class SweepRun:
     # --- Records and processes --------------------------------------------------------------
 
     def _pause(self, seconds: float) -> None:
-        """Wait, unless the sweep is interrupted."""
         self._refuse_interruption()
         self._sleep(seconds)
         self._refuse_interruption()
@@ -352,7 +321,6 @@ class SweepRun:
         return self._runs[trial.name]
 
     def _interrupt(self, name: str, *, wait: bool = False) -> None:
-        """Ask a training to end; it is not lost."""
         run = self._run(self._progress.trial(name))
         if name not in self._asked:
             self._asked.add(name)
@@ -361,7 +329,7 @@ class SweepRun:
             self._sleep(LOOK_S)
 
     def _end_all(self) -> None:
-        """Interrupt what runs, and wait for it: nobody looks after it any more."""
+        """Interrupt and wait: nobody looks after them any more."""
         running = [trial for trial in self._all if self._run(trial).runs]
         for trial in running:
             self._interrupt(trial.name)

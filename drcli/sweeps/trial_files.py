@@ -1,4 +1,4 @@
-"""The files of a training of a sweep: an experiment, as the racer could have made it."""
+"""Writes trainings of a sweep as experiments."""
 
 from collections.abc import Mapping
 
@@ -22,20 +22,12 @@ _LIMITS = {
     "episodes": "DR_TRAIN_MAX_EPISODES",
     "iterations": "DR_TRAIN_MAX_ITERATIONS",
 }
-"""Settings that end a training once its budget is used up."""
 
 
 def settings_of_model(
     budget: Budget, prefix: str, *, used: float = 0.0, source: str = ""
 ) -> dict[str, str]:
-    """The settings of one of the models that a training may have, in a population.
-
-    Args:
-        budget: Of the training.
-        prefix: The model.
-        used: How much of the budget earlier models have used.
-        source: Model whose weights it begins with; empty for its own.
-    """
+    """Earlier models of a population `used` budget; `source` gives weights."""
     found = {
         "DR_LOCAL_S3_MODEL_PREFIX": prefix,
         "DR_LOCAL_S3_METRICS_PREFIX": f"{prefix}/metrics",
@@ -52,15 +44,10 @@ def settings_of_model(
 
 
 class TrialFiles:
-    """Writes the experiments of a sweep into the working folder.
-
-    Args:
-        settings: Of the working folder, without an experiment.
-        sweep: The file of the sweep.
-        bucket: Where the racer's three files are, if not in custom_files/.
+    """Writes experiments; `bucket` has the racer's files if custom_files/ does not.
 
     Raises:
-        ProblemsError: One of the racer's files is missing.
+        ProblemsError: One of them is missing.
     """
 
     def __init__(self, settings: Settings, sweep: SweepFile, bucket: Bucket) -> None:
@@ -70,11 +57,7 @@ class TrialFiles:
         refuse(missing_files(self._own, settings.custom_files, bucket.name))
 
     def check(self, trials: list[Trial]) -> None:
-        """Check what the file of the sweep says, for all trainings, before any is written.
-
-        Raises:
-            ProblemsError: A file cannot be read, or a value is wrong.
-        """
+        """Check all before writing any; raises ProblemsError."""
         for trial in trials:
             self._plan(trial, {}, settings_of_model(self._sweep.plan.budget, trial.name))
 
@@ -87,17 +70,7 @@ class TrialFiles:
         hyperparameters: Mapping[str, float],
         source: str = "",
     ) -> int:
-        """Write the experiment of a training, or write it again.
-
-        Args:
-            trial: The training.
-            prefix: Its model.
-            used: How much of its budget earlier models have used.
-            hyperparameters: Those that it has now instead of its own.
-            source: Model whose weights it begins with; empty for its own.
-
-        Returns:
-            Its DR_RUN_ID.
+        """Write an experiment; returns its DR_RUN_ID.
 
         Raises:
             ProblemsError: A value is wrong.
@@ -159,7 +132,6 @@ class TrialFiles:
         return files
 
     def _of_sweep(self, trial: Trial, error: ProblemsError) -> ProblemsError:
-        """The problems of hyperparameters, in the lines of the sweep that caused them."""
         found = []
         for each in error.problems:
             key = each.key.split(".")[0].split("[")[0]
@@ -170,7 +142,6 @@ class TrialFiles:
         return ProblemsError(found)
 
     def _of_settings(self, trial: Trial, error: ProblemsError) -> ProblemsError:
-        """The problems of settings, in the lines of the sweep that caused them."""
         found = []
         for each in error.problems:
             if each.key not in trial.settings:
@@ -183,7 +154,6 @@ class TrialFiles:
         return ProblemsError(found)
 
     def _read(self, section: str, name: str) -> bytes:
-        """A file that the sweep names: beside it, or in custom_files/."""
         for path in (self._sweep.folder / name, self._folder / "custom_files" / name):
             if path.is_file():
                 try:

@@ -1,4 +1,4 @@
-"""Starts, watches and interrupts one training of a sweep, as `dr-start-training` would."""
+"""Runs a training of a sweep as `dr-start-training` would."""
 
 import os
 import signal
@@ -28,19 +28,11 @@ _ALONE = {
     "DR_CONTINUE_ON_SPOT_INTERRUPTION": "True",  # a paused training goes on
     "DR_LAUNCHER": "local",  # with Ray, all of a training is on one node
 }
-"""Settings of a training that is one of several on this machine."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """When a training ends by itself.
-
-    Attributes:
-        minutes: Of training.
-        laps: Evaluation laps to be completed.
-        lap_time_s: How long each of them may take, simulated seconds.
-        threads: Cores that it may use; 0 for those of its settings.
-    """
+    """When a training ends; `lap_time_s` is simulated."""
 
     minutes: float | None = None
     laps: int | None = None
@@ -52,12 +44,10 @@ class Run(Protocol):
     """A training of a sweep, wherever it runs."""
 
     def start(self, limits: Limits) -> str:
-        """Start it, or resume it; says why if there is nothing to do."""
+        """Start or resume it; says why if nothing is to do."""
         ...
 
-    def record(self) -> RunRecord | None:
-        """Its newest start; None without one."""
-        ...
+    def record(self) -> RunRecord | None: ...
 
     @property
     def runs(self) -> bool:
@@ -65,24 +55,16 @@ class Run(Protocol):
         ...
 
     def iterations(self) -> list[IterationRecord]:
-        """Its iterations so far, oldest first."""
+        """Oldest first."""
         ...
 
     def interrupt(self) -> None:
-        """Let it save its checkpoint and end, without waiting; the next start resumes it."""
+        """Let it save and end, without waiting."""
         ...
 
 
 class TrialRun:
-    """A training of a sweep on this machine.
-
-    Args:
-        directory: The working folder.
-        trial: The training.
-        bucket: Where its model is.
-        changes: Settings by DR_ name that differ from those of its experiment.
-        ends_with_parent: Whether it is interrupted when this process ends.
-    """
+    """A training of a sweep on this machine; `changes` are DR_ settings."""
 
     def __init__(
         self,
@@ -103,25 +85,18 @@ class TrialRun:
         self._ends_with = os.getpid() if ends_with_parent else 0
 
     def settings(self, threads: int = 0) -> Settings:
-        """Its settings: those of its experiment, whatever the shell was activated for.
-
-        Raises:
-            ProblemsError: Something is wrong.
-        """
+        """Whatever the shell was activated for; raises ProblemsError."""
         flags = {EXPERIMENT: self._name, **self._changes, **_ALONE}
         if threads:
             flags["DR_THREADS"] = str(threads)
         return load_settings(self._directory, flags=flags)
 
     def start(self, limits: Limits) -> str:
-        """Start it, or resume it.
-
-        Returns:
-            Why there is nothing to do; empty if it runs now.
+        """As `Run.start`.
 
         Raises:
             TrainedElsewhere: Another machine trains its model.
-            DrError: It cannot start, with the reason.
+            DrError: It cannot start.
         """
         options = StartOptions(
             max_minutes=limits.minutes,
@@ -136,22 +111,18 @@ class TrialRun:
         return ""
 
     def record(self) -> RunRecord | None:
-        """Its newest start on this machine; None without one of this model."""
         found = RunRecord.read(self._folder)
         return found if found is not None and found.prefix == self._prefix else None
 
     @property
     def runs(self) -> bool:
-        """Whether it runs on this machine."""
         found = self.record()
         return found is not None and found.alive
 
     def iterations(self) -> list[IterationRecord]:
-        """Its iterations so far, oldest first."""
         return self._history.read(self._bucket, self._prefix)
 
     def interrupt(self) -> None:
-        """Let it save its checkpoint and end, without waiting; the next start resumes it."""
         found = self.record()
         if found is not None and found.alive:
             with suppress(ProcessLookupError, PermissionError):
@@ -160,12 +131,10 @@ class TrialRun:
 
 @dataclass(frozen=True)
 class Ended:
-    """How a training has ended that does not run any more.
+    """How a training has ended.
 
     Attributes:
         state: "paused" if it can go on.
-        message: Why.
-        remedy: What to do then.
         may_pass: Whether another start may succeed.
     """
 
@@ -176,12 +145,6 @@ class Ended:
 
 
 def how_it_ended(record: RunRecord | None, *, asked: bool) -> Ended:
-    """How a training has ended.
-
-    Args:
-        record: Its newest start.
-        asked: Whether the sweep has interrupted it.
-    """
     if record is None or record.state in ("interrupted", "lost", "starting", "running"):
         if asked or (record is not None and record.state == "interrupted"):
             return Ended("paused")
@@ -194,19 +157,16 @@ def how_it_ended(record: RunRecord | None, *, asked: bool) -> Ended:
 
 
 def refused_start(error: DrError) -> Ended:
-    """A training that could not start."""
     return Ended("failed", _in_short(error), error.remedy, isinstance(error, WorkerDied))
 
 
 def nothing_to_do(bucket: Bucket, prefix: str, sentence: str) -> Ended:
-    """A training that a start finds at its end, with the sentence that says so."""
     outcome = read_outcome(bucket, prefix)
     stopped = outcome is not None and outcome.stays_ended
     return Ended("stopped" if stopped else "finished", sentence)
 
 
 def _in_short(error: DrError) -> str:
-    """An error in one line, without the parameters with which a reward function failed."""
     if isinstance(error, ProblemsError):
         return " ".join(str(problem).splitlines()[0] for problem in error.errors)
     return str(error)

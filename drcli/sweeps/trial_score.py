@@ -1,4 +1,4 @@
-"""How well a training of a sweep drives at a certain amount of its budget, and who is best."""
+"""Scores of trainings at an amount of their budget."""
 
 from collections.abc import Sequence
 from statistics import fmean
@@ -9,17 +9,15 @@ from drcli.exchange.sweep_record import Metric, Resource, TrialRecord, TrialScor
 from drcli.store.best_checkpoint import RELIABLE
 
 SMOOTH = 3
-"""Iterations over which training episodes are averaged, because they vary by chance."""
+"""Averaged iterations, as episodes vary by chance."""
 
 _FIRST = 1e6
-"""How much more the first value of a rank counts than the second, in `number_of`."""
-
 Rank = tuple[float, float, float]
 """Larger is better."""
 
 
 def amount_of(records: Sequence[IterationRecord], resource: Resource) -> float:
-    """How much of a resource the iterations have used: minutes, steps, episodes or their number."""
+    """Used minutes, steps, episodes or iterations."""
     if not records:
         return 0.0
     episodes = sum(record.episodes for record in records)
@@ -29,10 +27,7 @@ def amount_of(records: Sequence[IterationRecord], resource: Resource) -> float:
 def until(
     records: Sequence[IterationRecord], resource: Resource, amount: float
 ) -> Sequence[IterationRecord]:
-    """The iterations that ended within an amount, so that trainings are compared at the same one.
-
-    The first iteration is always among them.
-    """
+    """The iterations within an amount, and always the first."""
     episodes = 0
     for index, record in enumerate(records):
         episodes += record.episodes
@@ -42,7 +37,7 @@ def until(
 
 
 def score_of(records: Sequence[IterationRecord], metric: Metric) -> TrialScore | None:
-    """The score of the iterations: their best evaluation; None without an iteration."""
+    """None without an iteration."""
     if not records:
         return None
     reward = max(_smoothed([record.mean_reward for record in records]))
@@ -57,9 +52,9 @@ def score_of(records: Sequence[IterationRecord], metric: Metric) -> TrialScore |
 def rank(score: TrialScore | None, metric: Metric) -> Rank:
     """What decides between two trainings.
 
-    By `lap_time`, as two checkpoints of a training are compared: the lower bound of the share of
-    clean laps, up to that of a reliable checkpoint, then their median time, without any the
-    progress. A training that was not evaluated has only the progress of its training episodes.
+    By `lap_time` as between checkpoints: the lower bound of the share of clean laps, up to that
+    of a reliable checkpoint, then their median time, or without any the progress. Without an
+    evaluation, only the progress of training episodes.
     """
     if score is None:
         return (-1.0, 0.0, 0.0)
@@ -75,16 +70,13 @@ def rank(score: TrialScore | None, metric: Metric) -> Rank:
 
 
 def number_of(score: TrialScore | None, metric: Metric) -> float:
-    """The same in one number, for those who compare numbers; the third value does not count."""
+    """Leaves out a rank's third value."""
     first, second, _ = rank(score, metric)
     return _FIRST * first + second
 
 
 def best_of(trials: Sequence[TrialRecord], metric: Metric) -> str:
-    """Name of the best training; empty if none has a result.
-
-    That is an evaluation, or the reward of an iteration if that is what counts.
-    """
+    """Empty without evaluations, or iterations where reward counts."""
     scored = [
         trial
         for trial in trials
@@ -96,7 +88,6 @@ def best_of(trials: Sequence[TrialRecord], metric: Metric) -> str:
 
 
 def _used(record: IterationRecord, resource: Resource, count: int, episodes: int) -> float:
-    """What has been used at the end of an iteration, the `count`th of a training."""
     if resource == "minutes":
         return record.elapsed_s / 60.0
     return float({"steps": record.total_steps, "episodes": episodes, "iterations": count}[resource])

@@ -1,4 +1,4 @@
-"""The trainings of a sweep: every combination of what it varies, or some drawn at random."""
+"""The trainings of a sweep: all combinations, or a random choice."""
 
 import itertools
 import math
@@ -13,10 +13,10 @@ from drcli.sweeps.sweep_file import MOST_TRIALS, Choices, Span, SweepFile, Vary
 Value = str | int | float
 
 _ATTEMPTS = 100
-"""Draws for each training before there seem to be no further combinations."""
+"""Draws before combinations count as used up."""
 
 _DIGITS = 4
-"""Significant digits of a number that is drawn, so that a table can show it whole."""
+"""So that tables show drawn numbers whole."""
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,10 @@ class Trial:
     """One training of a sweep.
 
     Attributes:
-        name: Of its experiment and its model.
         reward_function: Path beside the sweep's file; empty for the racer's own.
-        model_metadata: The same.
-        hyperparameters: Those that differ from hyperparameters.json.
-        settings: Those that differ from run.env, as they are written there.
-        varied: What distinguishes it from the others, by a short name.
+        hyperparameters: That differ from hyperparameters.json.
+        settings: That differ from run.env.
+        varied: By a short name.
     """
 
     name: str
@@ -41,15 +39,14 @@ class Trial:
 
     @property
     def text(self) -> str:
-        """What distinguishes it, in one line."""
         return ", ".join(f"{name}={value}" for name, value in self.varied.items())
 
 
 def trials_of(sweep: SweepFile) -> list[Trial]:
-    """All trainings of a sweep, always in the same order.
+    """Always in the same order.
 
     Raises:
-        ProblemsError: There are too many, or fewer than asked for.
+        ProblemsError: There are too many, or too few.
     """
     plan = sweep.plan
     axes = _axes(plan.vary)
@@ -71,7 +68,7 @@ def trials_of(sweep: SweepFile) -> list[Trial]:
 
 
 Axis = tuple[str, str]
-"""The section of the file, and the key in it if it has keys."""
+"""Section and key of the file."""
 
 
 def _axes(vary: Vary) -> dict[Axis, Choices]:
@@ -88,7 +85,6 @@ def _axes(vary: Vary) -> dict[Axis, Choices]:
 
 
 def _drawn(sweep: SweepFile, axes: Sequence[Choices]) -> list[tuple[Value, ...]]:
-    """Different combinations at random, the same for the same seed."""
     plan = sweep.plan
     wanted = plan.trials or 0
     chance = random.Random(plan.seed)
@@ -117,7 +113,6 @@ def _draw(chance: random.Random, choices: Choices) -> Value:
 
 
 def rounded(number: float) -> float:
-    """A number with so few digits that a table can show all of them."""
     return float(f"{number:.{_DIGITS}g}")
 
 
@@ -144,7 +139,6 @@ def _trial(
 def _described(
     axes: Mapping[Axis, Choices], chosen: Mapping[Axis, Value]
 ) -> Iterator[tuple[str, str]]:
-    """Short names and values of what has more than one value."""
     for (section, key), choices in axes.items():
         value = chosen[section, key]
         if isinstance(choices, Span) or key or section == "seed":
@@ -157,5 +151,4 @@ def _described(
 
 
 def written(value: Value | bool) -> str:
-    """A value as a settings file has it."""
     return str(value)

@@ -1,6 +1,6 @@
-"""Who decides in Ray Tune which trainings end or copy another one.
+"""Schedulers of Ray Tune for sweeps.
 
-ASHA and population based training are those of Ray Tune. Imported only where Ray is installed.
+ASHA and population based training are Tune's own. Imported only where Ray is installed.
 """
 
 import random
@@ -29,15 +29,6 @@ def scheduler_of(
     copies: int,
     say: Callable[[str], None],
 ) -> TrialScheduler:
-    """The scheduler that a file asks for.
-
-    Args:
-        plan: The file.
-        levels: The amounts at which trainings are compared.
-        vary: Hyperparameters that a population changes.
-        copies: How many trainings of it have copied another one before.
-        say: Shows a sentence on what happens.
-    """
     stopping = plan.early_stopping
     if stopping.method == "halving":
         return Halving(plan, levels, say)
@@ -65,28 +56,20 @@ def scheduler_of(
 
 
 class Unsaved:
-    """Is saved without its fields by Tune, which could continue its trials by itself.
+    """Tune saves it without fields, as it could continue trials by itself.
 
-    A sweep continues from its own record, and what Tune gets may hold threads and connections.
+    A sweep continues from its record, and fields may hold threads and connections.
     """
 
     def __getstate__(self) -> dict[str, Any]:
-        """Nothing."""
         return {}
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """The same object."""
         return self
 
 
 class Explorer:
-    """Gives a training that copies another one its number and new hyperparameters.
-
-    Args:
-        vary: What these may be.
-        seed: Decides how numbers change.
-        copies: How many there were before.
-    """
+    """Numbers copies, and changes their hyperparameters."""
 
     def __init__(self, vary: Mapping[str, Choices], seed: int, copies: int) -> None:
         self._vary = vary
@@ -94,7 +77,6 @@ class Explorer:
         self._copies = copies
 
     def __call__(self, config: dict[str, Any]) -> dict[str, Any]:
-        """The config of the copy, from that of the training that is copied."""
         self._copies += 1
         values = config["hyperparameters"]
         changed = {key: changed_value(values[key], self._vary[key], self._chance) for key in values}
@@ -102,15 +84,10 @@ class Explorer:
 
 
 class Halving(Unsaved, FIFOScheduler):
-    """Ends the worst trainings once all have reached a check, as a sweep without Ray does.
+    """Ends the worst trainings at each check, as without Ray.
 
-    A training that has reached a check gives its place on the node back until the others have, so
-    that all are compared at the same amount, however many run at a time.
-
-    Args:
-        plan: The file of the sweep.
-        levels: The amounts at which trainings are compared; the last is the budget.
-        say: Shows a sentence on what happens.
+    A training at a check gives its place back until the others are there, so that all are
+    compared at the same amount.
     """
 
     def __init__(
@@ -128,11 +105,9 @@ class Halving(Unsaved, FIFOScheduler):
         self.places: dict[str, str] = {}
 
     def on_trial_add(self, tune_controller: Any, trial: Trial) -> None:
-        """Note a training."""
         self._scores.setdefault(0, {})[str(trial)] = 0.0
 
     def on_trial_result(self, tune_controller: Any, trial: Trial, result: dict[str, Any]) -> str:
-        """Compare, once the last training has reached the check."""
         number, name = int(result["checks"]), str(trial)
         if number < self._check or number >= len(self._levels):
             return str(TrialScheduler.CONTINUE)
@@ -146,7 +121,7 @@ class Halving(Unsaved, FIFOScheduler):
         return str(TrialScheduler.NOOP)
 
     def on_trial_complete(self, tune_controller: Any, trial: Trial, result: dict[str, Any]) -> None:
-        """Count a finished training at all further checks, and go on without one that failed."""
+        """Finished trainings count at all further checks, failed ones at none."""
         state, name = result.get("state"), str(trial)
         if state in ("finished", "stopped"):
             self._final[name] = float(result[METRIC])
@@ -156,16 +131,13 @@ class Halving(Unsaved, FIFOScheduler):
             self._compare(tune_controller)
 
     def on_trial_error(self, tune_controller: Any, trial: Trial) -> None:
-        """Go on without it."""
         self._out.add(str(trial))
         self._compare(tune_controller)
 
     def on_trial_remove(self, tune_controller: Any, trial: Trial) -> None:
-        """Go on without one that was stopped while it waited."""
         self._out.add(str(trial))
 
     def choose_trial_to_run(self, tune_controller: Any) -> Trial | None:
-        """A training that has not reached the check yet; those first that have not begun."""
         reached = self._scores.get(self._check, {})
         for status in (Trial.PENDING, Trial.PAUSED):
             for trial in tune_controller.get_trials():
@@ -175,7 +147,6 @@ class Halving(Unsaved, FIFOScheduler):
         return None
 
     def _compare(self, tune_controller: Any) -> None:
-        """Compare at this check and further ones, as long as all have reached them."""
         while self._check < len(self._levels):
             compared = self._scores.get(0, {}).keys() - self._out
             kept = kept_of(len(compared), self._factor)

@@ -1,9 +1,8 @@
 """Runs the trainings of a sweep with Ray Tune, each on a node of the cluster.
 
-Tune decides which training runs where, starts it again when its node is gone, and lets its
-schedulers end or copy trainings. The record of the sweep in the bucket is the truth: it is written
-here from what Tune reports, and another start gives Tune what it says. Imported only where Ray is
-installed.
+Tune places trainings, restarts them when a node is gone, and ends or copies them. The sweep's
+record in the bucket is the truth: it is written from Tune's reports, and given to Tune at
+another start. Imported only where Ray is installed.
 """
 
 import logging
@@ -48,24 +47,16 @@ from drcli.sweeps.tune_trial import StopFlag, TuneTrial
 from drcli.workers.ray_cluster import connect, keys_for_nodes
 
 LOOK_S = 1.0
-"""How often the record is brought up to date."""
-
 MOST_FAILURES = 20
-"""How many nodes of one training may vanish."""
+"""Vanished nodes of a training."""
 
 CORES = 2
-"""Processor cores of a training: one drives, one learns."""
+"""One drives, one learns."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """What a training gets on its node.
-
-    Attributes:
-        cpus: Processor cores.
-        gpus: GPUs, or a share of one; 0 if the cluster has none.
-        parallel: Trainings at a time; 0 for as many as the cluster has room for.
-    """
+    """What a training gets on its node; 0 `parallel` is as many as fit."""
 
     cpus: int
     gpus: float
@@ -73,20 +64,7 @@ class Place:
 
 
 class TuneSweep:
-    """The trainings of a sweep on a cluster of Ray.
-
-    Args:
-        progress: The record of the sweep.
-        sweep: The file of the sweep.
-        bucket: Where the models are.
-        storage: How to reach it.
-        directory: The working folder.
-        address: Of the cluster; empty for this machine.
-        threads: Cores for each training; 0 leaves it to the sweep.
-        parallel: Trainings at a time; None leaves it to the cluster.
-        say: Shows a sentence on what happens.
-        signals: Notes what interrupts it.
-    """
+    """A sweep on a Ray cluster; no address means this machine."""
 
     def __init__(
         self,
@@ -117,14 +95,14 @@ class TuneSweep:
         self._over = threading.Event()
 
     def run(self) -> SweepRecord:
-        """Train until all trainings are over, and mark the best.
+        """Train all, and mark the best.
 
         Raises:
             SettingsError: The cluster does not answer.
             StorageError: The bucket does not answer; nothing is lost.
-            BudgetUsedUp: That of the day is.
+            BudgetUsedUp: That of the day.
             WorkerDied: Ray has ended.
-            Stopped: SIGTERM came, and all trainings are interrupted; or KeyboardInterrupt.
+            Stopped: SIGTERM came, and all are interrupted; or KeyboardInterrupt.
         """
         if self._progress.record.ended_at is not None:
             return self._progress.record
@@ -214,14 +192,13 @@ class TuneSweep:
         return watch
 
     def _numbers(self, trial: TrialRecord, vary: Mapping[str, Choices]) -> dict[str, float]:
-        """The hyperparameters of a training that a population changes."""
         own = {**self._progress.trials[trial.name].hyperparameters, **trial.hyperparameters}
         return {key: float(own[key]) for key in vary}
 
     def _outlive(self, servers: Sequence[psutil.Process]) -> None:
-        """End this process once Ray on this machine is gone: then the main thread waits for it.
+        """End this process once Ray here is gone: then the main thread waits for it.
 
-        A scheduler that stops a job may send SIGTERM to all of its processes, and so to Ray's.
+        A job scheduler may send SIGTERM to all processes, and so to Ray's.
         """
         while all(is_alive(each) for each in servers) and not self._over.wait(LOOK_S):
             pass
@@ -265,7 +242,6 @@ class TuneSweep:
         )
 
     def _end_all(self) -> None:
-        """Wait for trainings on this machine that still save their checkpoints."""
         ends_s = time.monotonic() + END_S
         for trial in self._progress.record.trials:
             run = TrialRun(self._directory, trial, self._bucket)
@@ -276,23 +252,7 @@ class TuneSweep:
 
 
 class Watch(Unsaved, Callback):
-    """Brings the record of the sweep up to date, and ends Tune when the sweep is interrupted.
-
-    Args:
-        progress: The record.
-        sweep: The file of the sweep.
-        bucket: Where the models are.
-        levels: The amounts at which trainings are compared.
-        scheduler: Knows why a training was stopped.
-        open_run: Opens a training, to read its iterations.
-        say: Shows a sentence on what happens.
-        signals: Notes what interrupts the sweep.
-        stop: Tells all trainings to save their checkpoints and end.
-
-    Attributes:
-        trials: The trials as Tune has them.
-        error: What ends the sweep; None if it may go on.
-    """
+    """Updates the sweep's record, and ends Tune when the sweep is interrupted."""
 
     def __init__(
         self,
@@ -324,7 +284,6 @@ class Watch(Unsaved, Callback):
         self.stopper = WhenSaved(self._is_saved)
 
     def on_step_end(self, iteration: int, trials: list[Trial], **info: Any) -> None:
-        """Look at all trainings now and then."""
         self.trials = trials
         if (self._signals.count or self.error) and self._stopping_since is None:
             self._stopping_since = time.monotonic()
@@ -335,7 +294,6 @@ class Watch(Unsaved, Callback):
         self.update(trials)
 
     def update(self, trials: Sequence[Trial]) -> None:
-        """Write what has changed into the record."""
         try:
             for trial in trials:
                 self._look_at(trial)
@@ -343,7 +301,6 @@ class Watch(Unsaved, Callback):
             self.error = self.error or error
 
     def _is_saved(self) -> bool:
-        """Whether Tune may end, because the sweep is interrupted and its trainings are saved."""
         if self._stopping_since is None:
             return False
         late = time.monotonic() > self._stopping_since + END_S
@@ -417,7 +374,6 @@ class Watch(Unsaved, Callback):
         return str(result.get("message") or ""), str(result.get("remedy") or "")
 
     def _copied(self, trial: TrialRecord, changed: Mapping[str, Any]) -> TrialRecord:
-        """Note that a training goes on with the weights of another one."""
         copy = replace(trial, **changed, score=None)
         # First the experiment: the record says which model is trained with it.
         self._progress.write_experiment(copy)
@@ -445,26 +401,17 @@ class Watch(Unsaved, Callback):
 
 
 class WhenSaved(Unsaved, Stopper):
-    """Ends all trials of Tune once a condition holds.
-
-    Args:
-        condition: Whether it holds.
-    """
-
     def __init__(self, condition: Callable[[], bool]) -> None:
         self._condition = condition
 
     def __call__(self, trial_id: str, result: dict[str, Any]) -> bool:
-        """Stop no single trial."""
         return False
 
     def stop_all(self) -> bool:
-        """Whether to stop all."""
         return self._condition()
 
 
 def varied_numbers(vary: Mapping[str, Choices]) -> dict[str, Choices]:
-    """The hyperparameters that a population changes: those whose values are numbers."""
     return {
         key: choices
         for key, choices in vary.items()
@@ -473,13 +420,7 @@ def varied_numbers(vary: Mapping[str, Choices]) -> dict[str, Choices]:
 
 
 def place_for(nodes: Sequence[Mapping[str, float]], threads: int, parallel: int | None) -> Place:
-    """What each training gets.
-
-    Args:
-        nodes: The resources of each node, as Ray counts them; an autoscaler may add others.
-        threads: DR_THREADS; 0 without it.
-        parallel: Trainings at a time, if somebody wants a certain number.
-    """
+    """An autoscaler may add other nodes than these."""
     cores = sum(int(node.get("CPU", 0.0)) for node in nodes) or CORES
     largest = max((int(node.get("CPU", 0.0)) for node in nodes), default=0) or CORES
     share = max(1, cores // parallel) if parallel else cores
@@ -491,7 +432,7 @@ def place_for(nodes: Sequence[Mapping[str, float]], threads: int, parallel: int 
 
 @contextmanager
 def quiet_tune() -> Iterator[str]:
-    """Keep Tune from warnings about files that it has no use for here; gives it a folder."""
+    """Suppress needless warnings; gives Tune a folder."""
     logging.getLogger("ray").setLevel(logging.ERROR)
     with (
         warnings.catch_warnings(),
@@ -502,14 +443,13 @@ def quiet_tune() -> Iterator[str]:
 
 
 def processes_of_ray() -> list[psutil.Process]:
-    """The servers of Ray that this process has started; none if it has joined a cluster."""
+    """Those that this process started."""
     return [
         child for child in psutil.Process().children() if child.name() in ("raylet", "gcs_server")
     ]
 
 
 def is_alive(process: psutil.Process) -> bool:
-    """Whether a process runs."""
     try:
         return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
     except psutil.NoSuchProcess:
@@ -517,11 +457,7 @@ def is_alive(process: psutil.Process) -> bool:
 
 
 def storage_for_tune(storage: StorageConfig, method: str, folder: str, name: str) -> dict[str, Any]:
-    """Where Tune keeps its own records.
-
-    Only a population needs them on other nodes: a copy finds there which model it copies. Then they
-    are in the bucket, as long as the sweep runs.
-    """
+    """The bucket for a population, whose copies find their models there; else the folder."""
     if storage.cloud == "local" or method != "population":
         return {"storage_path": folder}
     return {

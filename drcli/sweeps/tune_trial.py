@@ -1,4 +1,4 @@
-"""What an actor of Ray Tune does: one training of a sweep on its node.
+"""A training of a sweep as an actor of Ray Tune.
 
 Imported only where Ray is installed.
 """
@@ -13,26 +13,23 @@ from ray import tune
 from drcli.sweeps.node_trial import TrialTask, open_on_node
 
 ANSWER_S = 10.0
-"""How long the command of the sweep may take to answer."""
 
 
 class StopFlag:
-    """Tells all actors that the sweep is being interrupted; an actor itself."""
+    """Tells all actors that the sweep is interrupted; an actor itself."""
 
     def __init__(self) -> None:
         self._stopping = False
 
     def stop(self) -> None:
-        """Let all trainings save their checkpoints and end."""
         self._stopping = True
 
     def is_stopping(self) -> bool:
-        """Whether they are to end."""
         return self._stopping
 
 
 class TuneTrial(tune.Trainable):
-    """A training of a sweep, whose name is that of the trial."""
+    """Named as its trial."""
 
     def setup(
         self,
@@ -40,13 +37,7 @@ class TuneTrial(tune.Trainable):
         tasks: Mapping[str, TrialTask] | None = None,
         flag: Any = None,
     ) -> None:
-        """Prepare the node.
-
-        Args:
-            config: Number of the copy and hyperparameters, of a population.
-            tasks: All trainings of the sweep, by name.
-            flag: Actor of `StopFlag`.
-        """
+        """`config` is a population's; `flag` an actor of `StopFlag`."""
         assert tasks is not None
         self._flag = flag
         self._copy = int(config["copy"])
@@ -54,19 +45,16 @@ class TuneTrial(tune.Trainable):
         self._node = open_on_node(tasks[str(self.trial_name)])
 
     def step(self) -> dict[str, Any]:
-        """Train for a moment, or until the next check."""
         return asdict(self._node.step(self._is_stopping))
 
     def save_checkpoint(self, checkpoint_dir: str) -> dict[str, Any]:
-        """Which model is trained: the checkpoint itself is in the bucket."""
+        """The real checkpoint is in the bucket."""
         return self._node.state()
 
     def load_checkpoint(self, checkpoint: Any) -> None:
-        """Go on with such a model; that of another training is copied."""
         self._node.restore(checkpoint, self._copy, self._hyperparameters)
 
     def cleanup(self) -> None:
-        """Interrupt the training, which then saves its checkpoint."""
         self._node.end()
 
     def _is_stopping(self) -> bool:

@@ -1,1 +1,1 @@
-"""Sends the figures of a training to the tools of others while it runs."""
+"""Sends a training's figures to other tools."""

@@ -1,4 +1,4 @@
-"""TensorBoard's event files, with the names and steps that CleanRL uses."""
+"""TensorBoard's event files, with CleanRL's names and steps."""
 
 import os
 import socket
@@ -11,28 +11,21 @@ from typing import Any
 from drcli.tracking.figure_events import Event, Point, TrainingFacts
 
 PATTERN = "events.out.tfevents.*"
-"""Names of event files."""
-
 FROM_HISTORY = ".history"
-"""End of the name of a file that no training has written, but a command from a model's history."""
+"""Suffix of files that a command wrote from a model's history."""
 
 LARGEST_BYTES = 4 << 20
-"""A file of this size is followed by another one: the copy in the bucket is written anew whenever a
-file has grown."""
+"""Then a new file follows: the bucket's copy is rewritten whenever a file has grown."""
 
 _VERSION = "brain.Event:2"
-"""Of the format. From this one on, TensorBoard drops what was given up before a start."""
+"""From this one on, TensorBoard drops what was given up before a start."""
 
 
 class EventFile:
-    """The file of one start of a training. TensorBoard joins all files of a folder.
+    """The file of one start of a training; TensorBoard joins those of a folder.
 
-    Args:
-        folder: Of the model.
-        facts: Of the training. What earlier files have of later steps is dropped.
-        earlier: Points of the iterations before, written where the folder has no file yet. Then
-            nothing of earlier files counts: the bucket may have those of another machine.
-        ending: Of the name.
+    Earlier files' figures of later steps are dropped. `earlier` points are for a folder without a
+    file: then nothing of earlier files counts, as the bucket may have another machine's.
 
     Raises:
         OSError: The file cannot be written.
@@ -81,11 +74,9 @@ class EventFile:
             self._add(event)
 
     def miss(self, event: Event) -> bool:
-        """Keep nothing."""
         return False
 
     def close(self) -> None:
-        """Close the file."""
         with suppress(OSError):  # what it could not write, it tries once more
             self._file.close()
 
@@ -102,9 +93,9 @@ class EventFile:
 
     @contextmanager
     def _complete(self) -> Iterator[None]:
-        """Write what the block adds, or close the file: behind half a record nothing can be read.
+        """Write all of the block, or close the file: behind half a record nothing is readable.
 
-        A file with nothing else in it is deleted then: a disk that stays full gets no heap of them.
+        An empty file is deleted, so that a full disk gets no more of them.
         """
         try:
             if not self._is_begun:
@@ -119,7 +110,6 @@ class EventFile:
         self._is_begun = True
 
     def _named(self, error: OSError) -> OSError:
-        """The error with the folder; the name of the file is new each time."""
         return OSError(error.errno, error.strerror, str(self._folder))
 
     def _add(self, point: Point) -> None:
@@ -131,7 +121,7 @@ class EventFile:
         self._write(self._event.Event(wall_time=point.time_s, step=point.step, summary=summary))
 
     def _add_text(self, name: str, text: str, step: int) -> None:
-        """A text for the tab of texts, as Markdown that is shown letter by letter."""
+        """As Markdown that is shown letter by letter."""
         shown = "\n".join(f"    {line}" for line in text.splitlines())
         kind = self._summary.SummaryMetadata.PluginData(plugin_name="text")
         tensor = self._tensor.TensorProto(dtype=self._types.DT_STRING, string_val=[shown.encode()])

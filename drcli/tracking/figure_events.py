@@ -1,4 +1,4 @@
-"""What is sent to the tools of others: numbers of an iteration, episodes, epochs."""
+"""What is sent to other tools."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,10 +16,8 @@ class TrainingFacts:
     """What identifies a training.
 
     Attributes:
-        model: Prefix of the model in the bucket.
-        run_id: DR_RUN_ID.
-        first_step: Steps learned from before this start: figures of later steps were given up.
-        texts: What people want to read beside the curves, by name: hyperparameters, settings.
+        first_step: Steps learned before; figures of later ones were given up.
+        texts: For people, by name.
     """
 
     model: str
@@ -33,10 +31,8 @@ class Point:
     """Numbers of an iteration or of an evaluation.
 
     Attributes:
-        step: Steps learned from, which is what CleanRL draws its curves over.
-        time_s: Unix time.
-        values: Finite numbers by the names that CleanRL gives them.
-        is_evaluation: Whether a checkpoint was evaluated; else an iteration was learned.
+        step: Steps learned from, CleanRL's x-axis.
+        values: Finite, by CleanRL's names.
     """
 
     step: int
@@ -47,17 +43,13 @@ class Point:
 
 @dataclass(frozen=True)
 class EpisodePoint:
-    """A driven episode.
+    """A driven episode, in the words of the metrics files.
 
     Attributes:
-        time_s: Unix time.
-        phase: training or evaluation.
-        status: How it ended, in the words of the metrics files.
-        worker: Simulation worker, from 0.
-        reward: Sum of the rewards, rounded as in the metrics files.
-        progress: Percent of the lap, rounded down likewise.
-        elapsed_ms: Simulated milliseconds.
-        resets: How often a stand-alone evaluation put the car back; None in a training.
+        reward: Sum, rounded.
+        progress: Percent, rounded down.
+        elapsed_ms: Simulated.
+        resets: None in a training.
     """
 
     time_s: float
@@ -72,7 +64,7 @@ class EpisodePoint:
 
 @dataclass(frozen=True)
 class EpochPoint:
-    """An epoch of an update: the policy's entropy, nats."""
+    """An epoch of an update; entropy in nats."""
 
     time_s: float
     entropy: float
@@ -80,7 +72,7 @@ class EpochPoint:
 
 @dataclass(frozen=True)
 class Ended:
-    """The training has ended or was stopped; `finished` says whether it is complete."""
+    """A training has ended; `finished` if it is complete."""
 
     time_s: float
     finished: bool
@@ -90,23 +82,19 @@ Event = Point | EpisodePoint | EpochPoint | Ended
 
 
 class Sink(Protocol):
-    """Where events go. Its methods are called by one thread only, and may fail.
-
-    Attributes:
-        name: What the log calls it.
-    """
+    """Where events go. One thread calls its methods, which may fail."""
 
     name: str
 
     @property
     def takes(self) -> tuple[type, ...]:
-        """Classes of the events that it gets."""
+        """Classes of events."""
 
     def send(self, event: Event) -> None:
         """Send an event of these classes."""
 
     def miss(self, event: Event) -> bool:
-        """Take note of an event while the sink is left alone; whether it is sent later."""
+        """Take note of an unsent event; whether it is sent later."""
 
     def close(self) -> None:
         """Send what is left and free everything."""

@@ -1,4 +1,4 @@
-"""Sends events in the background: whatever happens to a sink, the training goes on."""
+"""Sends events in the background; a failing sink never stops a training."""
 
 import queue
 import threading
@@ -13,34 +13,22 @@ from drcli.tracking.figure_events import Event, Sink
 _logger = get_logger(__name__)
 
 MOST_WAITING = 10_000
-"""Events that wait to be sent. When there are more, the newest are dropped: a tool that is away for
-long loses figures, and the training no memory."""
+"""Beyond this, the newest events are dropped, which bounds memory."""
 
 PAUSE_S = 60.0
-"""How long a sink that failed is left alone: a host that is away costs a few milliseconds a minute
-instead of a timeout for each event."""
+"""An absent host costs milliseconds a minute, not a timeout for each event."""
 
 CLOSING_S = 5.0
-"""How long the end of a worker waits for what is still to be sent."""
+"""What a worker's end waits at most."""
 
 
 MOST_CAUSES = 5
-"""So many different causes of one failure are logged: some texts differ each time."""
+"""Logged per failure, as some texts differ each time."""
 
 
 @dataclass
 class _Watched:
-    """A sink that is opened when it can be, and until when it is left alone after it failed.
-
-    Attributes:
-        opener: Makes the sink.
-        sink: None until then.
-        resumes_s: When it may be tried, on the sender's clock.
-        causes: Why it fails; empty while it works.
-        missed: How many events of each class came before it was opened.
-        lost: Number of events that it did not get and will not get.
-        given_up: Whether it can never be opened.
-    """
+    """A sink, opened when possible and left alone after failures."""
 
     opener: Callable[[], Sink]
     sink: Sink | None = None
@@ -51,7 +39,6 @@ class _Watched:
     given_up: bool = False
 
     def miss(self, event: Event) -> None:
-        """Note an event that is not sent now."""
         if self.sink is None:
             self.missed[type(event)] += 1
         elif isinstance(event, self.sink.takes):
@@ -59,12 +46,9 @@ class _Watched:
 
 
 class FigureSender:
-    """A queue and a thread that gives its events to sinks. Without sinks it does nothing.
+    """A queue and a thread that feeds sinks, if there are any.
 
-    Args:
-        open_sinks: Makes the sinks, in the thread: to load their libraries takes time. Each may
-            fail for itself, and is tried again later.
-        clock: Seconds that never go back.
+    `open_sinks` runs in the thread, as libraries load slowly; failures are retried.
     """
 
     def __init__(
@@ -83,11 +67,10 @@ class FigureSender:
 
     @property
     def is_active(self) -> bool:
-        """Whether there is any sink."""
         return self._thread is not None
 
     def send(self, *events: Event) -> None:
-        """Let the thread send events; returns at once."""
+        """Returns at once."""
         if self._thread is None:
             return
         for event in events:
@@ -102,7 +85,7 @@ class FigureSender:
                 self._is_full = True
 
     def close(self, patience_s: float = CLOSING_S) -> None:
-        """Send what is left, as far as that is possible in so many seconds."""
+        """Send what is possible within the time."""
         if self._thread is None:
             return
         try:
@@ -181,7 +164,6 @@ class FigureSender:
             )
 
     def _failed(self, item: _Watched, error: Exception) -> None:
-        """Leave the sink alone for a while; warn once, and mention other causes after that."""
         item.resumes_s = self._clock() + PAUSE_S
         text = _words(error)
         name = f"{item.sink.name}: " if item.sink is not None else ""

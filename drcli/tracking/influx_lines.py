@@ -1,7 +1,7 @@
-"""InfluxDB's line protocol over UDP, with the names of DeepRacer-for-Cloud's Grafana board.
+"""InfluxDB's line protocol over UDP, for DeepRacer-for-Cloud's Grafana board.
 
-Source of the measurements, fields and tags: the reference simulator (`dr_training_episodes`,
-`dr_eval_episodes`) and the board itself (`dr_sagemaker_epochs`).
+Sources: reference simulator (`dr_training_episodes`, `dr_eval_episodes`), board
+(`dr_sagemaker_epochs`).
 """
 
 import socket
@@ -13,16 +13,10 @@ _NAME = str.maketrans({",": r"\,", " ": r"\ ", "=": r"\=", "\n": " ", "\r": " "}
 
 
 class InfluxLines:
-    """Sends each event as a datagram. Nobody says whether one arrives.
+    """Sends each event to Telegraf as a datagram, without confirmation.
 
-    A line has its time: the reference sends one episode after another and lets the server take the
-    time, but here the episodes of an iteration end together, and the board's server keeps only one
-    line of equal tags in each second.
-
-    Args:
-        host: Where Telegraf listens.
-        port: Its UDP port.
-        model: Prefix of the model, a tag of each line.
+    Lines have a time: our episodes of an iteration end together, and the server keeps one line of
+    equal tags per second.
     """
 
     takes = (EpisodePoint, EpochPoint)
@@ -34,11 +28,7 @@ class InfluxLines:
         self._socket: socket.socket | None = None
 
     def send(self, event: Event) -> None:
-        """Send an episode or an epoch.
-
-        Raises:
-            OSError: There is no such host, or the network refuses.
-        """
+        """Raises OSError for an unknown host or a refusing network."""
         assert isinstance(event, self.takes)
         data = line_of(event, self._model).encode()
         try:
@@ -51,11 +41,9 @@ class InfluxLines:
             raise
 
     def miss(self, event: Event) -> bool:
-        """Keep nothing."""
         return False
 
     def close(self) -> None:
-        """Forget the address."""
         if self._socket is not None:
             self._socket.close()
         self._socket = None
@@ -72,7 +60,7 @@ class InfluxLines:
 
 
 def line_of(event: EpisodePoint | EpochPoint, model: str) -> str:
-    """The line of an event, without a line break."""
+    """Without a line break."""
     if isinstance(event, EpochPoint):
         return _line("dr_sagemaker_epochs", {"model": model}, {"entropy": event.entropy}, event)
     tags = {"model": model, "status": event.status, "worker": str(event.worker)}
@@ -89,7 +77,7 @@ def _line(
     fields: Mapping[str, float],
     event: EpisodePoint | EpochPoint,
 ) -> str:
-    """A line: tags and fields in the order of their names, whole numbers marked as such."""
+    """Sorted by name; whole numbers are marked."""
     marks = "".join(f",{key}={text.translate(_NAME)}" for key, text in sorted(tags.items()) if text)
     values = ",".join(
         f"{key}={value}i" if isinstance(value, int) else f"{key}={value!r}"

@@ -1,6 +1,6 @@
-"""A run at an MLflow server, through its REST interface: no library is needed for it.
+"""A run at an MLflow server, without its library.
 
-Source of the addresses and fields: MLflow's REST API, version 2.0.
+Source: MLflow's REST API, version 2.0.
 """
 
 import time
@@ -15,30 +15,23 @@ from drcli.tracking.retried_sink import RetriedSink
 from drcli.tracking.server_requests import ServerError, ServerRequests, variable
 
 _MOST_KEPT = 20_000
-"""Numbers that are kept while the server is away: about a thousand iterations."""
+"""While the server is away: about a thousand iterations."""
 
 _AT_A_TIME = 900
-"""Numbers in a request; the server takes at most a thousand."""
+"""The server takes a thousand at most."""
 
 _LONGEST_PARAMETER = 500
-"""Letters of a parameter that every version of the server takes."""
+"""For every version of the server."""
 
 _MODEL, _START = "drcli.model", "drcli.start"
-"""Tags of a run: its model, and the start of a training that made it."""
+"""Tags of a run."""
 
 
 class MlflowRun(RetriedSink):
-    """The run of a training. A training that is continued continues its run.
+    """A training's run, which a continued training continues.
 
-    MLflow takes the number of the highest step for the latest one. So a training that goes on from
-    before numbers that the run has, which were given up, gets a new run, with those up to there.
-
-    Args:
-        url: Address of the server.
-        experiment: Name of the experiment, which is made if it does not exist.
-        facts: Of the training.
-        parameters: Hyperparameters and the like, by name.
-        earlier: Points of the iterations before.
+    MLflow takes the highest step for the latest. So going on from before given-up numbers makes a
+    new run, with those of `earlier`.
     """
 
     takes = (Point, Ended)
@@ -86,7 +79,6 @@ class MlflowRun(RetriedSink):
             self._ended = None
 
     def _open(self) -> None:
-        """Find the run of a training that continues, or make one."""
         experiment = self._experiment_id()
         # A run whose making was not answered in time may have been made all the same.
         run, _ = self._newest_run(experiment, _START, self._start) if self._may_exist else ("", 0)
@@ -112,7 +104,6 @@ class MlflowRun(RetriedSink):
         self._run = run
 
     def _made(self, experiment: str) -> str:
-        """A new run."""
         tags = {
             "mlflow.runName": self._facts.model,
             _MODEL: self._facts.model,
@@ -144,7 +135,6 @@ class MlflowRun(RetriedSink):
             return str(answer["experiment_id"])
 
     def _newest_run(self, experiment: str, tag: str, value: str) -> tuple[str, int]:
-        """The newest run with this tag and its highest step; empty if there is none."""
         quoted = value.replace("'", "")
         answer = self._post(
             "runs/search",
@@ -168,7 +158,6 @@ class MlflowRun(RetriedSink):
 
 
 def _numbers(point: Point) -> list[dict[str, Any]]:
-    """A point as the server takes it."""
     time_ms = round(point.time_s * 1000)
     return [
         {"key": name, "value": value, "timestamp": time_ms, "step": point.step}
@@ -177,7 +166,6 @@ def _numbers(point: Point) -> list[dict[str, Any]]:
 
 
 def _authorization() -> str:
-    """What MLflow's own variables say."""
     token = variable("MLFLOW_TRACKING_TOKEN")
     if token:
         return f"Bearer {token}"

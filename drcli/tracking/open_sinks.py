@@ -1,4 +1,4 @@
-"""Opens what the settings ask for: the sinks of a trainer, of a simulation, of an evaluation."""
+"""Opens the sinks that settings ask for."""
 
 import importlib.util
 from collections.abc import Callable, Mapping, Sequence
@@ -12,11 +12,7 @@ from drcli.tracking.figure_sender import FigureSender
 
 
 def check_figures(config: FigureConfig) -> None:
-    """Check before a start that the library is there which the settings need.
-
-    Raises:
-        NotAvailable: It is not.
-    """
+    """Before a start; raises NotAvailable for a missing library."""
     if config.tensorboard and importlib.util.find_spec("tensorboard") is None:
         raise NotAvailable(
             "DR_TENSORBOARD=True needs the package tensorboard, which is not installed.",
@@ -33,15 +29,7 @@ def sender_of_trainer(
     earlier: Sequence[Point] = (),
     parameters: Mapping[str, str] | None = None,
 ) -> FigureSender:
-    """What the trainer gives its figures to.
-
-    Args:
-        config: Says where they go.
-        directory: The racer's working folder.
-        facts: Of the training.
-        earlier: Points of the iterations before this start, for a sink that has none of them.
-        parameters: Hyperparameters and the like, by name.
-    """
+    """`earlier` are points of iterations before, for sinks that lack them."""
     openers: list[Callable[[], Sink]] = []
     if config.tensorboard:
         folder = tensorboard_folder(directory, facts.model)
@@ -60,17 +48,15 @@ def sender_of_trainer(
 
 
 def sender_of_episodes(config: FigureConfig, model: str) -> FigureSender:
-    """What a simulation worker or an evaluation gives its episodes to."""
+    """For a simulation worker or an evaluation."""
     return FigureSender(_telegraf(config, model))
 
 
 def event_folder(directory: Path) -> Path:
-    """Folder of all event files."""
     return directory / "data" / "tensorboard"
 
 
 def tensorboard_folder(directory: Path, model: str) -> Path:
-    """Folder of the event files of a model."""
     return event_folder(directory) / model
 
 

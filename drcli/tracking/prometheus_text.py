@@ -1,4 +1,4 @@
-"""The newest figures of a training as Prometheus reads them: a text, in a file or over HTTP."""
+"""Newest figures of a training for Prometheus, by file or HTTP."""
 
 import re
 import socket
@@ -33,8 +33,6 @@ _MEANINGS = {
 
 
 class NewestFigures:
-    """The newest value of each figure, as text. Safe to read from another thread."""
-
     def __init__(self, facts: TrainingFacts) -> None:
         self._labels = f'{{model="{_escaped(facts.model)}",run_id="{facts.run_id}"}}'
         self._learned: Mapping[str, float] = {}
@@ -44,7 +42,6 @@ class NewestFigures:
         self._write()
 
     def add(self, event: Event) -> None:
-        """Take the numbers of a point, or note the end."""
         assert isinstance(event, Point | Ended)
         if isinstance(event, Point):
             # A value that is missing now, such as a lap time, is not the one from before.
@@ -59,7 +56,6 @@ class NewestFigures:
         self._write()
 
     def text(self) -> str:
-        """All figures."""
         return self._text
 
     def _write(self) -> None:
@@ -80,12 +76,7 @@ class NewestFigures:
 
 
 class FigureFile:
-    """A `.prom` file in the folder of node_exporter's textfile collector.
-
-    Args:
-        folder: Must exist: it belongs to the collector, and another one would not be read.
-        facts: Of the training; its model names the file.
-    """
+    """A `.prom` file for node_exporter's textfile collector, in its existing folder."""
 
     takes = (Point, Ended)
 
@@ -100,18 +91,17 @@ class FigureFile:
         self._save()
 
     def send(self, event: Event) -> None:
-        """Replace the file; a reader sees the old one or the new one."""
+        """Replace the file in one step."""
         self._figures.add(event)
         self._save()
 
     def miss(self, event: Event) -> bool:
-        """Take the numbers for the next file."""
         self._figures.add(event)
         self._is_saved = False
         return True
 
     def close(self) -> None:
-        """Leave the last figures there, such as the end of the training."""
+        """The last figures stay."""
         if not self._is_saved:
             self._save()
 
@@ -123,12 +113,7 @@ class FigureFile:
 
 
 class FigureServer:
-    """A small HTTP server with the figures at /metrics; it listens until it is closed.
-
-    Args:
-        host: Address to listen on.
-        port: Its port; 0 lets the system choose.
-        facts: Of the training.
+    """An HTTP server of /metrics; the system chooses a port for 0.
 
     Raises:
         OSError: The port is taken, or the address is none of this machine.
@@ -151,20 +136,16 @@ class FigureServer:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
         return int(self._server.server_address[1])
 
     def send(self, event: Event) -> None:
-        """Show the numbers of an event from now on."""
         self._figures.add(event)
 
     def miss(self, event: Event) -> bool:
-        """Show it all the same."""
         self._figures.add(event)
         return True
 
     def close(self) -> None:
-        """Stop listening."""
         self._server.shutdown()
         self._server.server_close()
 
@@ -184,7 +165,6 @@ def _handler(text: Callable[[], str]) -> type[BaseHTTPRequestHandler]:
         server_version, sys_version = "drcli", ""
 
         def do_GET(self) -> None:
-            """Answer with the figures."""
             if self.path.partition("?")[0] not in ("/", "/metrics"):
                 self.send_error(404)
                 return
@@ -196,16 +176,15 @@ def _handler(text: Callable[[], str]) -> type[BaseHTTPRequestHandler]:
             self.wfile.write(data)
 
         def log_message(self, format: str, *arguments: object) -> None:
-            """The log of a training has no line for each request."""
+            """Keeps requests out of the log."""
 
     return Handler
 
 
 def metric_name(name: str) -> str:
-    """The name of a figure after the prefix: `losses/approx_kl` is losses_approx_kl."""
+    """`losses/approx_kl` is losses_approx_kl."""
     return _LETTERS.sub("_", name)
 
 
 def _escaped(text: str) -> str:
-    """A label's value."""
     return text.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")

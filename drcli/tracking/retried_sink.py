@@ -1,4 +1,4 @@
-"""A sink that keeps what a server did not take, and sends it with what comes next."""
+"""A sink that keeps what a server did not take."""
 
 from abc import ABC, abstractmethod
 
@@ -7,18 +7,14 @@ from drcli.tracking.server_requests import ServerRequests
 
 
 class RetriedSink(ABC):
-    """Figures for a server that may be away for a while.
-
-    Args:
-        server: Closed at the end.
-    """
+    """Figures for a server that may be away."""
 
     def __init__(self, server: ServerRequests) -> None:
         self._server = server
         self._newest: Event | None = None
 
     def send(self, event: Event) -> None:
-        """Send an event, and those that could not be sent before.
+        """Send this and earlier events.
 
         Raises:
             ServerError: The server refuses, or cannot be reached.
@@ -28,14 +24,12 @@ class RetriedSink(ABC):
         self._flush()
 
     def miss(self, event: Event) -> bool:
-        """Keep it for the next time; what `send` could not send is kept already."""
         if event is not self._newest:
             self._newest = event
             self._keep(event)
         return True
 
     def close(self) -> None:
-        """Send what was kept, and close the connection."""
         try:
             self._flush()
         finally:
@@ -43,12 +37,8 @@ class RetriedSink(ABC):
 
     @abstractmethod
     def _keep(self, event: Event) -> None:
-        """Add to what waits, and forget the oldest of too much."""
+        """Add an event, and forget the oldest of too many."""
 
     @abstractmethod
     def _flush(self) -> None:
-        """Send what waits, and forget what was sent; nothing is asked if nothing waits.
-
-        Raises:
-            ServerError: The server refuses, or cannot be reached.
-        """
+        """Send what waits, if anything; raises ServerError."""

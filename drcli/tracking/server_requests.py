@@ -1,4 +1,4 @@
-"""Requests to the servers of other tools, whose answers are JSON objects."""
+"""Requests to other tools' servers, with JSON answers."""
 
 import os
 from typing import Any
@@ -10,16 +10,11 @@ from drcli.base.connection_cause import cause_of
 from drcli.config import secret_environment
 
 TIMEOUT_S = 10.0
-"""Of a request. The training does not wait for it."""
+"""The training does not wait."""
 
 
 class ServerError(Exception):
-    """The server refused something, or cannot be reached; the text is the reason.
-
-    Args:
-        text: A sentence.
-        code: The server's own name of the error; empty if it gave none.
-    """
+    """A server refuses or is away; `code` is its own name of the error, or empty."""
 
     def __init__(self, text: str, code: str = "") -> None:
         super().__init__(text)
@@ -27,13 +22,7 @@ class ServerError(Exception):
 
 
 class ServerRequests:
-    """A connection to a server.
-
-    Args:
-        base: Beginning of all addresses.
-        kind: What the server should be, such as `MLflow`.
-        headers: Sent with each request; those without a value are left out.
-    """
+    """To a server of a kind such as `MLflow`; empty headers are left out."""
 
     def __init__(self, base: str, kind: str, headers: dict[str, str]) -> None:
         self._base, self._kind = base, kind
@@ -42,12 +31,7 @@ class ServerRequests:
         self._session.headers.update({name: text for name, text in headers.items() if text})
 
     def ask(self, method: str, what: str, **options: Any) -> dict[str, Any]:
-        """The answer of the server as a JSON object.
-
-        Args:
-            method: GET or POST.
-            what: End of the address.
-            options: Of `requests.request`, such as `json`.
+        """The JSON answer; options are those of `requests.request`.
 
         Raises:
             ServerError: It refuses, does not answer, or is another program.
@@ -74,10 +58,9 @@ class ServerRequests:
         )
 
     def close(self) -> None:
-        """Close the connection."""
         self._session.close()
 
 
 def variable(name: str) -> str:
-    """A variable of the environment, or one that was kept from the racer's code; empty if unset."""
+    """Of the environment, or kept from the racer's code."""
     return secret_environment.all_secrets().get(name) or os.environ.get(name, "")

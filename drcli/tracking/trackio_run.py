@@ -1,6 +1,6 @@
-"""A run at a trackio server, through its HTTP interface: no library is needed for it.
+"""A run at a trackio server, without its library.
 
-Source of the addresses and fields: the client of trackio 0.43.
+Source: the client of trackio 0.43.
 """
 
 import uuid
@@ -12,20 +12,13 @@ from drcli.tracking.retried_sink import RetriedSink
 from drcli.tracking.server_requests import ServerError, ServerRequests, variable
 
 _MOST_KEPT = 5_000
-"""Points that are kept while the server is away."""
-
 _AT_A_TIME = 200
-"""Points in a request."""
 
 
 class TrackioRun(RetriedSink):
-    """The run of a training. A training that is continued continues its run.
+    """A training's run, which a continued training continues.
 
-    Args:
-        url: Address of the server; the variable TRACKIO_WRITE_TOKEN lets us write there.
-        project: Name of the project.
-        facts: Of the training; its model names the run.
-        parameters: Hyperparameters and the like, by name.
+    The variable TRACKIO_WRITE_TOKEN lets us write.
     """
 
     takes = (Point,)
@@ -58,7 +51,6 @@ class TrackioRun(RetriedSink):
             del self._waiting[: len(logs)]
 
     def _known_run(self) -> str:
-        """The newest run of the model, or a new one."""
         found = self._ask("get_runs_for_project", {"project": self._project})
         runs = [run for run in found or [] if run.get("name") == self._facts.model]
         newest: dict[str, Any] = max(runs, key=lambda run: str(run.get("created_at")), default={})

@@ -1,4 +1,4 @@
-"""Downloads route files of the community over HTTP."""
+"""Downloads the community's route files."""
 
 import difflib
 import http.client
@@ -15,8 +15,6 @@ from drcli.tracks.track_facts import TrackFacts
 from drcli.tracks.tracks_folder import add_track, target_of
 
 PATIENCE_S = 20.0
-"""Longest wait for a file, and for each answer of the server."""
-
 _MOST_BYTES = 1_000_000
 _PIECE = 65_536
 
@@ -29,31 +27,20 @@ _HANDLERS = (
     urllib.request.HTTPErrorProcessor,
     urllib.request.UnknownHandler,
 )
-"""The HTTP handlers of `urlopen`: a redirect must not lead to ftp, file or data addresses."""
+"""Redirects must not lead to ftp, file or data addresses."""
 
 _GITHUB = re.compile(r"https://raw\.githubusercontent\.com/([^/]+/[^/]+)/([^/]+)/(.+)")
-"""A folder of a repository on GitHub, which lists its files at another address."""
-
 _LISTED = re.compile(r"([A-Za-z0-9_][A-Za-z0-9_-]*)\.npy\b")
 
 
 def fetch_track(
     name: str, url: str, folder: Path, *, called: str | None = None, replace: bool = False
 ) -> TrackFacts:
-    """Download a route, check it and put it into the folder.
-
-    Args:
-        name: Name of a world, such as `Oval_track`.
-        url: Folder on the web that has NAME.npy.
-        folder: The racer's folder of tracks.
-        called: Name of the new track; None keeps the name of the world.
-        replace: Whether to replace a track of that name.
+    """Download NAME.npy from a web folder, check it and keep it.
 
     Raises:
-        SettingsError: The name or the address is not valid, the name is taken, or the file is not
-            a track.
-        StorageError: The server does not have the file, cannot be reached, is too slow or sends
-            too much.
+        SettingsError: The name is wrong or taken, or address or file unusable.
+        StorageError: The server fails, is too slow or sends too much.
     """
     name = name.removesuffix(".npy")
     called = called or name
@@ -95,11 +82,6 @@ def fetch_track(
 
 
 def _address(url: str) -> str:
-    """The address without a slash at its end.
-
-    Raises:
-        SettingsError: It is not a web address.
-    """
     try:
         parts = urlsplit(url)
         good = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
@@ -114,7 +96,6 @@ def _address(url: str) -> str:
 
 
 def _download(address: str) -> bytes:
-    """The content of an address; one byte more than allowed if it is too large."""
     deadline = time.monotonic() + PATIENCE_S
     pieces, size = [], 0
     opener = urllib.request.OpenerDirector()
@@ -130,13 +111,11 @@ def _download(address: str) -> bytes:
 
 
 def _reason(error: Exception) -> str:
-    """The reason of a failed download, in words."""
     cause = getattr(error, "reason", error)
     return str(getattr(cause, "strerror", None) or cause)
 
 
 def _similar(name: str, url: str) -> str:
-    """The remedy for a name that the folder on the web does not have."""
     listing = url + "/"
     if match := _GITHUB.fullmatch(url):
         repository, version, path = match.groups()

@@ -1,4 +1,4 @@
-"""Computes the fastest lap of a car on a track and lets the simulated car drive it."""
+"""Computes a car's fastest lap, and lets the simulated car drive it."""
 
 from pathlib import Path
 
@@ -21,18 +21,13 @@ REMEDY = "Install it: `pip install 'drcli[limit]'`."
 def compute_limit(
     file: Path, route: str, *, reverse: bool, car: str, seeds: tuple[int, ...] = (1, 2)
 ) -> StoredLimit:
-    """The limit of a car on the track of a route file or of one of our definitions.
+    """The limit of a car on a route file or one of our definitions.
 
-    Args:
-        file: The route file, or the definition.
-        route: Its fingerprint.
-        reverse: Drive against the order of its rows.
-        car: Name of the car's set.
-        seeds: Of the drives: the next one only if those before were too slow; none to only compute.
+    `reverse` is against the rows; more `seeds` drive if earlier ones were too slow.
 
     Raises:
         NotAvailable: The solver is not installed.
-        SettingsError: There is no such track, or the solver finds no lap.
+        SettingsError: No track, or no lap found.
     """
     try:
         track = track_of(file, reverse=reverse)
@@ -73,12 +68,11 @@ def compute_limit(
 
 
 def track_of(file: Path, *, reverse: bool) -> Track:
-    """The track of a route file or of one of our definitions, in the order of its rows or not."""
     track = load_track(file.stem if file.suffix == ".json" else str(file))
     return track.reversed() if reverse else track
 
 
 def line_points(track: Track, limit: StoredLimit) -> list[tuple[float, float, float]]:
-    """The line of a limit as x and y in metres and speed in m/s; `track` in its direction."""
+    """Metres and m/s; `track` in the limit's direction."""
     xy = points_of(track, np.array(limit.offset_mm) / 1000).round(3).tolist()
     return [(x, y, speed / 1000) for (x, y), speed in zip(xy, limit.speed_mmps, strict=True)]

@@ -1,7 +1,7 @@
-"""Files with the fastest lines of cars on tracks: what is shipped, and what a racer computed.
+"""Fastest lines of cars on tracks.
 
-A limit belongs to a route file by a fingerprint of its content, so a changed file has none. It
-holds no point of the track: only offsets, speeds and times at stations along the centre line.
+A fingerprint of its content joins a route file to its limit. Limits hold no point of the track:
+only offsets, speeds and times at stations along the centre line.
 """
 
 import hashlib
@@ -13,21 +13,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 SHIPPED = Path(__file__).with_name("limits.npz")
-"""Limits of the community's routes and of ours; `scripts/compute_limits.py` writes them."""
+"""From `scripts/compute_limits.py`."""
 
 SOLVER_VERSION = 1
-"""Changes when computed laps do."""
-
 WITHIN = 1.03
-"""A computed lap is called the limit once the simulated car drove within this factor of it."""
+"""A computed lap is the limit once driven within this factor."""
 
 _DIGITS = 4
-"""Route files are compared to a tenth of a millimetre."""
+"""A tenth of a millimetre."""
 
 
 class LimitKey(NamedTuple):
-    """Which lap: the route, whether against the order of its rows, and the car's set."""
-
     route: str
     reverse: bool
     car: str
@@ -38,19 +34,11 @@ class StoredLimit:
     """A computed lap, and what the simulated car drove of it.
 
     Attributes:
-        route: Fingerprint of the route file.
-        reverse: Against the order of its rows.
-        car: Name of the car's set.
-        world: Name under which it was computed.
-        computed_s: Time of the computed flying lap.
-        driven_s: Time of the flying lap that the predictive driver drove; None without one.
-        standing_s: Time of its lap from rest, as an episode counts it.
-        seed: Of the driver.
-        version: Of the solver.
-        offset_mm: To the left of the centre line, at each station.
-        speed_mmps: Speeds there.
-        clock_ms: Times since the first station.
-        length_m: Length of the centre line.
+        reverse: Against the rows of the route file.
+        driven_s: By the predictive driver, or None.
+        standing_s: Its lap from rest, as in an episode.
+        offset_mm: Left of the centre line, at each station.
+        length_m: Of the centre line.
     """
 
     route: str
@@ -69,19 +57,17 @@ class StoredLimit:
 
     @property
     def key(self) -> LimitKey:
-        """Which lap it is."""
         return LimitKey(self.route, self.reverse, self.car)
 
     @property
     def validated(self) -> bool:
-        """Whether the car drove near enough to the computed lap, and not faster."""
         if self.driven_s is None:
             return False
         return self.computed_s <= self.driven_s <= WITHIN * self.computed_s
 
 
 def fingerprint(file: Path) -> str:
-    """Of a route file: of its numbers if it is a .npy, else of its bytes; OSError, ValueError."""
+    """Of a .npy's numbers, or other files' bytes; raises OSError, ValueError."""
     if file.suffix != ".npy":
         return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
     import numpy as np
@@ -91,7 +77,6 @@ def fingerprint(file: Path) -> str:
 
 
 def write_limits(file: Path, limits: Iterable[StoredLimit]) -> None:
-    """Write limits; a file of that name is replaced."""
     import numpy as np
 
     kept = sorted(limits, key=lambda limit: limit.key)
@@ -117,7 +102,7 @@ def write_limits(file: Path, limits: Iterable[StoredLimit]) -> None:
 
 
 def read_limits(file: Path) -> Mapping[LimitKey, StoredLimit]:
-    """The limits in a file; none where there is no readable one."""
+    """Empty without a readable file."""
     try:
         changed = file.stat().st_mtime_ns
     except OSError:

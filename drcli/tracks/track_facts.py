@@ -1,4 +1,4 @@
-"""The facts that `dr tracks` shows."""
+"""What `dr tracks` shows."""
 
 from dataclasses import dataclass
 
@@ -10,12 +10,12 @@ class TrackFacts:
     Attributes:
         name: Its name.
         length_m: Length of the centre line.
-        width_m: Mean width of the road.
-        least_width_m: Width at its narrowest point.
-        greatest_width_m: Width at its widest point.
+        width_m: Mean width.
+        least_width_m: At the narrowest point.
+        greatest_width_m: At the widest point.
         closed: Whether it is a loop.
         direction: "clockwise", "counterclockwise" or "open".
-        waypoints: Number of waypoints.
+        waypoints: How many.
         repeated: Numbers of those that repeat the one before, as in many community routes.
         spacing_m: Mean distance between the others.
         line_family: "in" if the white line belongs to the road, else "out".
@@ -46,7 +46,7 @@ class TrackList:
 
     Attributes:
         folder: The racer's folder of tracks.
-        tracks: All of them, by name.
+        tracks: By name.
         unreadable: Sentences about files that are not tracks.
     """
 

@@ -1,6 +1,6 @@
-"""Lists the tracks; their files are only read again if one of them has changed.
+"""Lists tracks; reads their files again only after changes.
 
-Measuring a track needs the simulation's compiled geometry, which takes two seconds to load.
+Measuring loads compiled geometry, which takes two seconds.
 """
 
 import json
@@ -13,14 +13,11 @@ from drcli import __version__
 from drcli.tracks.track_facts import TrackFacts, TrackList
 
 _MEASURED = 2
-"""Version of the measurement; 2: repeated rows count as waypoints."""
+"""2: repeated rows count as waypoints."""
 
 
 def list_tracks(folder: Path, memory: Path) -> TrackList:
-    """All built-in tracks and those in the racer's folder, if it exists.
-
-    The file `memory` keeps the last list, if it can be written.
-    """
+    """Built-in and own tracks; the file `memory` keeps the list if it can be written."""
     state = _state(folder)
     with suppress(OSError, ValueError, TypeError, KeyError):  # missing or damaged
         known = json.loads(memory.read_bytes())
@@ -37,7 +34,6 @@ def list_tracks(folder: Path, memory: Path) -> TrackList:
 
 
 def _state(folder: Path) -> list[list[str | int]]:
-    """Names, sizes and times of all files that define tracks, and two version numbers."""
     spec = find_spec("drsim")
     packages = (spec.submodule_search_locations or ()) if spec is not None else ()
     folders = [folder, *(Path(package) / "track" / "definitions" for package in packages)]

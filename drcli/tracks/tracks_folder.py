@@ -1,4 +1,4 @@
-"""Measures and shows tracks, and adds files to the racer's folder of tracks."""
+"""Measures, shows and adds tracks."""
 
 import contextlib
 import os
@@ -19,8 +19,6 @@ from drsim.track.worlds import WorldInfo, describe, known_worlds, load_track
 from drsim.viewing.track_map import picture_map, png_bytes, text_map
 
 MAP_COLUMNS = 78
-"""Most letters in a line of a map."""
-
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,99}")
 
 
@@ -29,10 +27,10 @@ class TrackView:
     """A track and its map.
 
     Attributes:
-        facts: The facts about the track.
+        facts: About the track.
         map_lines: A map in letters for a terminal, top line first.
-        picture: File of the picture, if one was requested.
-        limit: A sentence about the fastest lap of the car; empty if none is known.
+        picture: Its file, if requested.
+        limit: A sentence about the fastest lap of the car, or empty.
     """
 
     facts: TrackFacts
@@ -42,7 +40,6 @@ class TrackView:
 
 
 def measure_tracks(folder: Path) -> TrackList:
-    """All built-in tracks and those in the folder, each read and measured."""
     tracks, unreadable = [], []
     for name in known_worlds(folder):
         try:
@@ -60,12 +57,10 @@ def show_track(
     columns: int = MAP_COLUMNS,
     line: Sequence[tuple[float, float, float]] | None = None,
 ) -> TrackView:
-    """The facts and the map of a track; `name` may be a route file.
-
-    The picture shows the `line`: x and y in metres and speed in m/s of points in driving order.
+    """`line` is for the picture: x, y in metres and speed in m/s.
 
     Raises:
-        SettingsError: The track does not exist, or the picture cannot be written.
+        SettingsError: No such track, or the picture cannot be written.
     """
     try:
         facts = _facts(describe(name, folder))
@@ -87,15 +82,9 @@ def add_track(
     length_m: float | None = None,
     replace: bool = False,
 ) -> TrackFacts:
-    """Check a route file and put it into the folder; it hides a built-in track of the same name.
+    """Check a .npy, .csv or .svg file and put it into the folder.
 
-    Args:
-        file: A .npy, .csv or .svg file.
-        folder: The racer's folder of tracks; it is made if it does not exist.
-        name: Name of the new track; None takes that of the file.
-        width_m: Width of the road, for a file that only has a centre line.
-        length_m: Length of the lap; the track is scaled to it.
-        replace: Whether to replace a track of that name.
+    `width_m` is for centre lines; the lap is scaled to `length_m`.
 
     Raises:
         SettingsError: The file is not a track, or the name is taken.
@@ -127,11 +116,7 @@ def add_track(
 
 
 def target_of(name: str, folder: Path, *, replace: bool) -> Path:
-    """The file of a new track.
-
-    Raises:
-        SettingsError: The name is not valid, or it is taken.
-    """
+    """Raises SettingsError for a wrong or taken name."""
     if not _NAME.fullmatch(name):
         raise SettingsError(
             f"{name[:80]!r} is not a valid track name; use letters, digits, _ and -.",
@@ -168,10 +153,9 @@ def _facts(info: WorldInfo) -> TrackFacts:
 def _refused(
     error: TrackError, file: Path | None = None, options: dict[str, str] | None = None
 ) -> SettingsError:
-    """An error of the simulation, whose last sentence is the remedy.
+    """The simulation's error, whose last sentence is the remedy.
 
-    `options` gives the option of the command for each parameter of the simulation; the name of
-    `file`, with which the error begins, stays as it is.
+    `options` maps its parameters to the command's.
     """
     text = str(error).strip()
     start = f"{file}: " if file is not None and text.startswith(f"{file}: ") else ""

@@ -1,1 +1,1 @@
-"""Makes videos of driven laps: traces in, H.264 or GIF out."""
+"""Videos of driven laps: traces in, H.264 or GIF out."""

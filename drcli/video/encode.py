@@ -1,4 +1,4 @@
-"""Writes frames as H.264 that browsers play, or as a GIF, in one step."""
+"""Writes frames as H.264 for browsers, or as a GIF."""
 
 import math
 import os
@@ -23,21 +23,19 @@ from drcli.base.private_files import hand_out
 Frame = NDArray[np.uint8]
 
 _QUALITY = 21
-"""Constant rate factor of x264: 18 looks like the original, 28 does not."""
+"""x264's constant rate factor: 18 looks like the original, 28 does not."""
 
 _QUEUE = 8
 _SAMPLED = 12
-"""Frames from which the colours of a GIF are chosen."""
-
 GIF_FPS = 10
-"""Pictures of a GIF per second; its times count in hundredths of a second."""
+"""A GIF counts hundredths of a second."""
 
 GIF_COLUMNS = 400
 MOST_GIF_PICTURES = 1200
 
 
 class Writer(Protocol):
-    """Takes the frames of a film, one after the other."""
+    """Takes a film's frames."""
 
     @property
     def full(self) -> bool:
@@ -48,7 +46,7 @@ class Writer(Protocol):
 
 
 def require_encoder() -> Any:
-    """The library that encodes H.264.
+    """The H.264 library.
 
     Raises:
         NotAvailable: It is not installed, or cannot be loaded.
@@ -69,7 +67,7 @@ def require_encoder() -> Any:
 
 @contextmanager
 def mp4(path: Path, size: tuple[int, int], fps: int) -> Iterator[Writer]:
-    """Write a video of rows and columns; it is there when all of it is written.
+    """Write a video; `path` exists once it is complete.
 
     Raises:
         NotAvailable: As for `require_encoder`.
@@ -87,7 +85,7 @@ def mp4(path: Path, size: tuple[int, int], fps: int) -> Iterator[Writer]:
 
 @contextmanager
 def gif(path: Path, fps: int) -> Iterator[Writer]:
-    """Write a GIF of at most `GIF_FPS` pictures per second; it is there when it is complete.
+    """Write a GIF; `path` exists once it is complete.
 
     Raises:
         SettingsError: The file cannot be written.
@@ -99,7 +97,7 @@ def gif(path: Path, fps: int) -> Iterator[Writer]:
 
 
 class _Mp4:
-    """Encodes on a thread of its own, while the next frames are made."""
+    """Encodes on its own thread."""
 
     full = False
 
@@ -127,12 +125,11 @@ class _Mp4:
         self._thread.start()
 
     def add(self, frame: Frame) -> None:
-        """Hand a frame over; the writer keeps it."""
+        """The writer keeps the frame."""
         self._raise()
         self._queue.put(np.ascontiguousarray(frame))
 
     def finish(self) -> None:
-        """Wait until everything is encoded."""
         self._queue.put(None)
         self._thread.join()
         self._raise()
@@ -140,7 +137,6 @@ class _Mp4:
             self._file.mux(packet)
 
     def close(self) -> None:
-        """Close the file; the rest of an unfinished film is dropped."""
         if self._thread.is_alive():
             self._error = self._error or RuntimeError("dropped")
             with suppress(Exception):
@@ -166,15 +162,6 @@ class _Mp4:
 
 @dataclass(frozen=True)
 class Form:
-    """What a file of a film holds.
-
-    Attributes:
-        columns: Width, pixels.
-        rows: Height, pixels.
-        fps: Frames per second.
-        frames: How many there are.
-    """
-
     columns: int
     rows: int
     fps: int
@@ -182,7 +169,6 @@ class Form:
 
 
 def form_of(path: Path, film: Form) -> Form:
-    """What the file holds: a GIF is smaller than its film, and has fewer frames."""
     if path.suffix.lower() != ".gif":
         return film
     fps = min(film.fps, GIF_FPS)
@@ -191,8 +177,6 @@ def form_of(path: Path, film: Form) -> Form:
 
 
 class _Gif:
-    """Keeps small pictures, and reduces all of them to the same colours at the end."""
-
     def __init__(self, fps: int) -> None:
         self._step = fps / min(fps, GIF_FPS)
         self._fps = min(fps, GIF_FPS)
@@ -201,11 +185,9 @@ class _Gif:
 
     @property
     def full(self) -> bool:
-        """Whether it has `MOST_GIF_PICTURES`."""
         return len(self._pictures) >= MOST_GIF_PICTURES
 
     def add(self, frame: Frame) -> None:
-        """Add a frame if its turn has come."""
         if self._seen >= self._next and not self.full:
             picture = Image.fromarray(frame)
             height = round(picture.height * GIF_COLUMNS / picture.width)
@@ -214,7 +196,6 @@ class _Gif:
         self._seen += 1
 
     def finish(self, path: Path) -> None:
-        """Choose the colours and write the file."""
         count = len(self._pictures)
         chosen = [self._pictures[k * count // _SAMPLED] for k in range(_SAMPLED)]
         wide, high = self._pictures[0].size
@@ -239,11 +220,6 @@ class _Gif:
 
 @contextmanager
 def _whole(path: Path) -> Iterator[Path]:
-    """A file beside `path` that takes its name when it is complete.
-
-    Raises:
-        SettingsError: It cannot be written.
-    """
     try:
         number, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
         os.close(number)

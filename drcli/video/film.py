@@ -1,4 +1,4 @@
-"""Makes the frames of a film: the view behind the car, with everything over it."""
+"""Makes frames of a film from behind the car, with overlays."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -23,25 +23,19 @@ Floats = NDArray[np.float64]
 View = Literal["film", "chase", "top"]
 
 SIZES: dict[str, tuple[int, int]] = {"640x480": (480, 640), "1280x720": (720, 1280)}
-"""Rows and columns by name."""
-
 GHOST_COLORS: tuple[RGB, ...] = ((70, 205, 255), (190, 120, 255), (120, 235, 120), (255, 210, 90))
 
 _WIDE_FIELD_OF_VIEW_RAD, _FIELD_OF_VIEW_RAD = 1.32, 1.13
 
 _STATUS_S = 1.4
-"""How long a film shows what happened to the car."""
-
 _QUIET = ("", "in_progress", "prepare", "pause", "manual_pause", "park")
 
 
 class Renderer(Protocol):
-    """Makes frames of a track and what stands on it."""
-
     size: tuple[int, int]
 
     def frame(self, lens: Lens, things: Sequence[Thing]) -> Frame:
-        """What a lens sees. Shape (rows, columns, 3)."""
+        """Shape (rows, columns, 3)."""
 
     def close(self) -> None:
         """Free what it holds."""
@@ -49,14 +43,14 @@ class Renderer(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Insight:
-    """What a policy made of each row of an episode. Arrays of t rows.
+    """What a policy made of t rows; None where missing.
 
     Attributes:
-        probabilities: Of discrete actions; None for continuous ones. Shape (t, n).
-        asked: Steering in degrees and speed in m/s. Shape (t, 2).
-        low: What 16 % of a training's draws are below; None if unknown. Shape (t, 2).
-        high: What 84 % are below.
-        value: What the critic expects; None without one. Shape (t,).
+        probabilities: Discrete. Shape (t, n).
+        asked: Degrees and m/s. Shape (t, 2).
+        low: Above 16 % of a training's draws. Shape (t, 2).
+        high: Above 84 %.
+        value: Of the critic. Shape (t,).
     """
 
     probabilities: Floats | None
@@ -71,14 +65,8 @@ class Scene:
     """An episode to film.
 
     Attributes:
-        lap: The episode.
-        titles: What is written over it.
         color: Of the car, 0 to 255.
-        other_color: Of the other car in a race of two models.
-        shapes: What the objects of the lap are.
-        camera: What the car saw in each row: grey or RGB. Shape (t, 120, 160) or (t, 120, 160, 3).
-        insight: What a policy made of it.
-        ghosts: Other laps, and the colour of each.
+        camera: What the car saw: grey or RGB. Shape (t, 120, 160) or (t, 120, 160, 3).
     """
 
     lap: RecordedLap
@@ -92,8 +80,6 @@ class Scene:
 
 
 class Film:
-    """The frames of some episodes on one track, one after the other."""
-
     def __init__(self, track: Track, renderer: Renderer, fps: int = 15) -> None:
         self._track = track
         self._renderer = renderer
@@ -106,7 +92,7 @@ class Film:
         self._above = lens_above(track, renderer.size)
 
     def frames(self, scene: Scene, views: Sequence[View] = ("film",)) -> Iterator[list[Frame]]:
-        """All frames of an episode, one for each view: `film` has everything over `chase`."""
+        """One list for each time, of a frame per view: `film` has overlays on `chase`."""
         lap = scene.lap
         at_s = np.minimum(np.arange(frame_count(lap, self._fps)) / self._fps, lap.duration_s)
         motion = motion_of(lap, at_s)
@@ -172,7 +158,6 @@ class Film:
         number: int,
         now_s: float,
     ) -> list[Thing]:
-        """Everything that stands on the track at a frame."""
         car = SHAPES["race_car"]
         things = [
             Thing(
@@ -205,7 +190,7 @@ class Film:
 
 
 def frame_count(lap: RecordedLap, fps: int) -> int:
-    """How many frames an episode has: from its beginning to its last row, both included."""
+    """Beginning and last row included."""
     return 1 + math.ceil(lap.duration_s * fps - 1e-6)
 
 
@@ -215,7 +200,6 @@ def _pose(values: Floats) -> tuple[float, float, float]:
 
 
 def _events(lap: RecordedLap) -> list[tuple[float, str]]:
-    """When something happened to the car, and what."""
     events = []
     for row, status in enumerate(lap.status):
         fresh = row == 0 or lap.status[row - 1] != status
@@ -227,7 +211,6 @@ def _events(lap: RecordedLap) -> list[tuple[float, str]]:
 def _status(
     lap: RecordedLap, events: Sequence[tuple[float, str]], row: int, now_s: float
 ) -> tuple[str, bool]:
-    """What a film shows as the status at a moment, and whether that is good news."""
     if lap.status[row] == "pause":
         return "Penalty", False
     ahead_s = 1.0 if events and events[-1][0] >= lap.duration_s - 1e-6 else 0.0
@@ -242,8 +225,6 @@ def _status(
 
 
 class _Choice(NamedTuple):
-    """What a policy made of a row, as in `Readings`."""
-
     probabilities: Floats | None
     asked: tuple[float, float]
     spread: tuple[tuple[float, float], tuple[float, float]] | None
@@ -251,7 +232,6 @@ class _Choice(NamedTuple):
 
 
 def _choice(scene: Scene, row: int) -> _Choice:
-    """What a policy made of a row; without one, what the trace says that it asked for."""
     insight, lap = scene.insight, scene.lap
     if insight is None:
         asked = (float(lap.steering_deg[row]), float(lap.speed_mps[row]))

@@ -1,4 +1,4 @@
-"""How a car moves between the rows of its trace, at the moments of the frames of a film."""
+"""A car between the rows of its trace."""
 
 import math
 from dataclasses import dataclass
@@ -11,23 +11,20 @@ from drcli.video.recorded_lap import JUMP_M, RecordedLap
 Floats = NDArray[np.float64]
 
 _WHEELS_S = 0.158
-"""Time in which the wheels make up for 63 % of a turn. Source: the reference simulator."""
+"""For 63 % of a turn. Source: the reference simulator."""
 
 _LEAN_RAD = 0.012
-"""How far a car leans for each m/s2 to the side, for the eye."""
+"""For each m/s2 to the side, for the eye."""
 
 
 @dataclass(frozen=True, eq=False)
 class CarMotion:
-    """Where a car is at each frame.
+    """Where a car is at each of f frames; arrays of shape (f,).
 
     Attributes:
         poses: Shape (f, 3).
-        row: The row of the trace at or before each frame. Shape (f,).
-        share: How far it is from that row to the next one, 0 to 1. Shape (f,).
-        rolled_m: How far the wheels have rolled. Shape (f,).
-        wheels_deg: How far the front wheels are turned. Shape (f,).
-        roll_rad: How far the body leans. Shape (f,).
+        row: Of the trace, at or before the frame.
+        share: Of the way to the next row, 0 to 1.
     """
 
     poses: Floats
@@ -39,7 +36,6 @@ class CarMotion:
 
 
 def motion_of(lap: RecordedLap, at_s: Floats) -> CarMotion:
-    """A car at each frame, between the rows of its trace."""
     last = len(lap.time_s) - 1
     row = np.clip(np.searchsorted(lap.time_s, at_s + 1e-6, side="right") - 1, 0, last)
     later = np.minimum(row + 1, last)

@@ -1,4 +1,4 @@
-"""Makes a video of a trace: chooses the episodes, films them, and writes the files."""
+"""Films the chosen episodes of a trace."""
 
 import contextlib
 import math
@@ -33,7 +33,6 @@ RendererName = Literal["raycast", "mujoco"]
 ENDINGS = (".mp4", ".gif")
 
 USUAL_SECONDS = 300
-"""Where a film that somebody waits for ends: a lap with many resets can take much longer."""
 
 
 @dataclass(frozen=True)
@@ -41,15 +40,12 @@ class Wish:
     """How a video should be.
 
     Attributes:
-        episode: "best", "all", or the number of an episode as the trace counts.
+        episode: "best", "all", or a number in the trace.
         size: A key of `SIZES`.
-        fps: Frames per second; poses between two steps are worked out.
-        ghosts: So many other laps of the same trace drive along, the fastest ones.
-        renderer: What makes the view from behind.
+        ghosts: The fastest other laps of the trace.
         color: As DR_CAR_COLOR.
-        racer: The racer's name.
-        explain: Lay over the camera which pixels moved the action.
-        most_seconds: Where the film ends, however long the episodes are; None for no limit.
+        explain: Show which pixels moved the action.
+        most_seconds: None for no limit.
     """
 
     episode: str = "best"
@@ -64,7 +60,6 @@ class Wish:
 
     @property
     def most_frames(self) -> float:
-        """As many as the film may have."""
         return math.inf if self.most_seconds is None else self.most_seconds * self.fps
 
 
@@ -78,20 +73,13 @@ def film_trace(
     driver: str = "",
     others: Sequence[tuple[str, RecordedLap]] = (),
 ) -> VideoReport:
-    """Film a trace, once for each view, into one file each.
+    """Film a trace into a video or GIF for each view.
 
-    Args:
-        trace: What to film.
-        track: What it was driven on.
-        wish: How the film should be.
-        files: The views, and where they go; the ending says whether it is a video or a GIF.
-        subject: The policy whose probabilities are shown; None for none.
-        driver: What the titles call what drove, such as `model · checkpoint 3`.
-        others: Further laps that drive along as ghosts, and their names.
+    `driver` is what titles call the driver, such as `model · checkpoint 3`; `others` become ghosts.
 
     Raises:
-        NotAvailable: A library for the film is missing.
-        SettingsError: The trace does not have that episode, or a file cannot be written.
+        NotAvailable: A library is missing.
+        SettingsError: The episode does not exist, or a file cannot be written.
     """
     laps = chosen_laps(trace.laps, wish.episode, trace.origin)
     for _, path in files:
@@ -149,7 +137,6 @@ def film_trace(
 
 
 def frames_of(trace: FoundTrace, wish: Wish) -> int:
-    """How many frames the film will have."""
     laps = chosen_laps(trace.laps, wish.episode, trace.origin)
     return int(min(_frames(laps, wish), wish.most_frames))
 
@@ -159,7 +146,6 @@ def _frames(laps: Sequence[RecordedLap], wish: Wish) -> int:
 
 
 def _cut(laps: Sequence[RecordedLap], wish: Wish) -> list[str]:
-    """A sentence if the film ends before the episodes do."""
     frames = _frames(laps, wish)
     if frames <= wish.most_frames:
         return []
@@ -171,11 +157,7 @@ def _cut(laps: Sequence[RecordedLap], wish: Wish) -> list[str]:
 
 
 def chosen_laps(laps: Sequence[RecordedLap], episode: str, origin: str) -> list[RecordedLap]:
-    """The episodes that are asked for.
-
-    Raises:
-        SettingsError: There is no such episode.
-    """
+    """Raises SettingsError without such an episode."""
     if episode == "all":
         return list(laps)
     if episode == "best":
@@ -191,11 +173,7 @@ def chosen_laps(laps: Sequence[RecordedLap], episode: str, origin: str) -> list[
 
 
 def refuse_file(path: Path, *, force: bool = False) -> None:
-    """Refuse a name that is not a video's, to replace a file, and a place that takes none.
-
-    Raises:
-        SettingsError: It is one of these.
-    """
+    """Raises SettingsError for names of other files, replacing a file, and bad places."""
     if path.suffix.lower() not in ENDINGS:
         raise SettingsError(
             f"{path} ends neither in .mp4 nor in .gif.",
@@ -205,7 +183,6 @@ def refuse_file(path: Path, *, force: bool = False) -> None:
 
 
 def rank_of(lap: RecordedLap) -> tuple[bool, int, float]:
-    """Sorts completed laps first, those without a reset before others, the fastest first."""
     if lap.completed:
         return False, int(lap.resets[-1]), lap.duration_s
     return True, 0, -float(lap.progress[-1])
@@ -229,7 +206,6 @@ def _renderer(wish: Wish, track: Track, size: tuple[int, int]) -> Renderer:
 
 
 def _shapes(trace: FoundTrace) -> tuple[Shape, ...]:
-    """The shapes of the recorded objects; none where the laps have none."""
     names = [] if trace.recording is None else trace.recording.shapes
     count = trace.laps[0].objects.shape[1]
     known = tuple(SHAPES[name] for name in names if name in SHAPES)
@@ -242,14 +218,12 @@ def _ghosts(
     count: int,
     others: Sequence[tuple[str, RecordedLap]],
 ) -> list[tuple[str, RecordedLap]]:
-    """The laps that drive along: those that were named, then the best ones of the same trace."""
     rest = sorted((other for other in trace.laps if other is not lap), key=rank_of)[:count]
     named = [*others, *((f"episode {other.number}", other) for other in rest)]
     return [(f"{name}  {_ghost_time(other)}", other) for name, other in named[: len(GHOST_COLORS)]]
 
 
 def _ghost_time(lap: RecordedLap) -> str:
-    """The time of a ghost with its resets, in as little room as a title has."""
     resets = int(lap.resets[-1])
     return f"{clock(lap.duration_s)}, {counted_resets(resets)}" if resets else clock(lap.duration_s)
 
@@ -265,7 +239,6 @@ def _scene(
     driver: str,
     ghosts: Sequence[tuple[str, RecordedLap]],
 ) -> Scene:
-    """An episode with everything that the film shows of it."""
     insight = None
     actions: tuple[tuple[float, float], ...] = ()
     if subject is None:

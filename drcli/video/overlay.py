@@ -1,4 +1,4 @@
-"""What is written and drawn over a film: names, lap time, speed, camera, map and probabilities."""
+"""Texts and drawings over a film."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,13 +15,11 @@ RGB = tuple[int, int, int]
 _WHITE, _PALE, _DIM = (255, 255, 255), (206, 214, 224), (150, 160, 174)
 _ACCENT, _GOOD, _BAD = (255, 172, 40), (96, 214, 120), (255, 92, 82)
 _PANEL_LIGHT = 0.42
-"""How much of the picture shines through a panel."""
-
 _HEIGHT = 480
-"""Sizes are those for a film of this height."""
+"""Sizes are for this height."""
 
 MOST_BARS = 24
-"""So many actions have room for a bar each; of more, the likeliest are shown."""
+"""Of more actions, the likeliest are shown."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +27,9 @@ class Titles:
     """What stays the same in an episode.
 
     Attributes:
-        racer: The racer's name.
         what: Model and checkpoint, or file.
-        where: Track, and which episode this is.
-        actions: What each discrete action is, as (degrees, m/s); empty for continuous ones.
-        ghosts: Name and colour of each ghost.
+        where: Track and episode.
+        actions: (degrees, m/s) of discrete ones.
     """
 
     racer: str
@@ -45,24 +41,16 @@ class Titles:
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What changes from frame to frame.
+    """What changes from frame to frame; None where unknown.
 
     Attributes:
-        time_s: Since the start of the episode.
         speed_mps: Measured.
         steering_deg: Requested, left positive.
-        progress: Percent.
         reward: Sum so far.
-        step_reward: Of this step.
-        resets: So far.
-        status: In words, where something happened; else empty.
-        good: Whether that is good news.
-        camera: What the car sees, grey or RGB; None for no such picture.
-        probabilities: Of each action; None where they are not known. Shape (n,).
-        asked: Steering in degrees and speed in m/s that the action asks for.
-        spread: The same that 16 % and 84 % of a training's draws are below; None if unknown.
-        value: What the critic expects; None if unknown.
-        fastest_mps: The right end of the scale of speeds.
+        good: Whether `status` is good news.
+        camera: Grey or RGB.
+        asked: Degrees and m/s.
+        spread: The same, above 16 % and 84 % of a training's draws.
     """
 
     time_s: float
@@ -92,11 +80,10 @@ class Overlay:
         self._s = self.rows / _HEIGHT
 
     def px(self, length: float) -> int:
-        """A length in pixels of this film."""
         return max(1, round(length * self._s))
 
     def draw(self, frame: Frame, now: Readings, track_map: Image.Image | None) -> Frame:
-        """A frame with everything over it; the map has an alpha channel."""
+        """The map has an alpha channel."""
         margin, right = self.px(10), self.columns - self.px(10)
         top_right = self.px(10)
         boxes = [self._name_box(), self._figures_box()]
@@ -155,7 +142,6 @@ class Overlay:
         return margin, bottom - self.px(104), margin + self.px(196), bottom
 
     def _figures(self, draw: ImageDraw.ImageDraw, now: Readings) -> None:
-        """Lap time, speed, steering, reward and resets."""
         left, top, right, _ = self._figures_box()
         x, end = left + self.px(10), right - self.px(10)
         small, middle = _font(self.px(11)), _font(self.px(13))
@@ -203,7 +189,6 @@ class Overlay:
         _text(draw, (round(place[0] - font.getlength(text)), place[1]), text, font, _WHITE)
 
     def _chances_box(self, top: int, right: int, now: Readings) -> tuple[int, int, int, int] | None:
-        """Where the probabilities stand; None where there are none."""
         if now.probabilities is None and now.spread is None:
             return None
         return right - self.px(160), top, right, top + self.px(74)
@@ -211,7 +196,6 @@ class Overlay:
     def _chances(
         self, draw: ImageDraw.ImageDraw, box: tuple[int, int, int, int], now: Readings
     ) -> None:
-        """Bars of the actions from left to right, or the range of continuous ones."""
         left, top, right, bottom = box
         small = _font(self.px(10))
         inner = (left + self.px(8), top + self.px(18), right - self.px(8), bottom - self.px(8))
@@ -238,7 +222,6 @@ class Overlay:
     def _ranges(
         self, draw: ImageDraw.ImageDraw, inner: tuple[int, int, int, int], now: Readings
     ) -> None:
-        """Where a training would steer and how fast it would drive: two lines with their spread."""
         assert now.spread is not None
         low, high = now.spread
         for row, (limit, full, mirrored) in enumerate(
@@ -276,7 +259,6 @@ class Overlay:
 
 
 def clock(seconds: float) -> str:
-    """A lap time: 0:16.066, or 1:02:03.5 beyond an hour."""
     thousandths = round(max(seconds, 0.0) * 1000)
     minutes, rest = divmod(thousandths, 60_000)
     if minutes >= 60:
@@ -291,7 +273,6 @@ def _short(number: float) -> str:
 def _bar_order(
     probabilities: NDArray[np.float64], actions: Sequence[tuple[float, float]]
 ) -> list[int]:
-    """The actions that get a bar: from left to right by steering, then by speed."""
     shown = list(range(len(probabilities)))
     if len(shown) > MOST_BARS:
         shown = np.argsort(-probabilities)[:MOST_BARS].tolist()
@@ -320,12 +301,10 @@ def _paste_camera(
 
 @cache
 def _font(size: int) -> Any:
-    """Pillow's own font; where Pillow was built without fonts of any size, its small one."""
     return ImageFont.load_default(size)
 
 
 def _cut(text: str, font: Any, room: int) -> str:
-    """As much of a text as fits."""
     if font.getlength(text) <= room:
         return text
     while text and font.getlength(text + "…") > room:

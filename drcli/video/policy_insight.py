@@ -1,4 +1,4 @@
-"""What a policy makes of a recorded lap: its choices, and which pixels moved them."""
+"""A policy's choices on a recorded lap, and the pixels that moved them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -26,21 +26,16 @@ _AT_A_TIME = 64
 
 _NETWORK: tuple[Method, ...] = ("hires-cam",)
 _ANY: tuple[Method, ...] = ("perturbation",)
-"""Methods for networks with gradients, and for the graphs of engines."""
-
 _COARSE = 20
-"""Grid of the perturbation map, pixels: each picture takes as many evaluations as it has places."""
+"""Perturbation grid, pixels: one evaluation per place."""
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What a policy saw on a lap, and what it made of it.
+    """What a policy saw on a lap, and made of it.
 
     Attributes:
-        insight: Its choices.
-        camera: The pictures, grey, or RGB with the map over them if that was asked for. Shape
-            (t, 120, 160) or (t, 120, 160, 3).
-        actions: What each discrete action is; empty for continuous ones.
+        camera: Grey, or RGB with maps. Shape (t, 120, 160) or (t, 120, 160, 3).
     """
 
     insight: Insight
@@ -49,10 +44,7 @@ class Seen:
 
 
 def look_through(subject: ExplainedPolicy, eye: CarEye, lap: RecordedLap, *, explain: bool) -> Seen:
-    """Show a policy the pictures of a lap, which are made anew from its poses.
-
-    `explain` lays over them which pixels moved the action.
-    """
+    """Show a policy a lap's pictures, made anew from poses; `explain` adds maps."""
     spec, sensors = subject.policy.spec, subject.sensors
     frames = eye.frames(lap.poses, lap.objects, spec.eyes)
     scans = eye.scans(lap.poses, lap.objects, sensors)
@@ -80,16 +72,13 @@ def look_through(subject: ExplainedPolicy, eye: CarEye, lap: RecordedLap, *, exp
 
 
 def _parts(count: int) -> Iterator[NDArray[np.int64]]:
-    """The numbers of the pictures, some at a time: stacks of all of them would take gigabytes."""
+    """Some pictures at a time: all stacks take gigabytes."""
     for first in range(0, count, _AT_A_TIME):
         yield np.arange(first, min(first + _AT_A_TIME, count))
 
 
 def _stacked(frames: NDArray[np.uint8], rows: NDArray[np.int64], stack: int) -> NDArray[np.uint8]:
-    """Some pictures, each with those before it, the oldest first.
-
-    Shape (len(rows), stack * eyes, 120, 160).
-    """
+    """Oldest first. Shape (len(rows), stack * eyes, 120, 160)."""
     parts = [frames[np.maximum(rows - back, 0)] for back in reversed(range(stack))]
     return np.concatenate(parts, axis=1)
 
@@ -100,7 +89,6 @@ def _explained(
     scans: NDArray[np.float32],
     states: NDArray[np.float32],
 ) -> NDArray[np.uint8]:
-    """The pictures of the first eye with a map over each, RGB."""
     with torch.inference_mode(False):
         maps = np.concatenate(
             [
@@ -126,7 +114,7 @@ def action_maps(
     scans: NDArray[np.float32],
     states: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Maps of some pictures: of the network where it has gradients, else by perturbation."""
+    """By gradients where there are any, else by perturbation."""
     try:
         found = saliency_maps(subject, frames, scans, states, methods=_NETWORK)
         seen: NDArray[np.float32] = found.maps["hires-cam"].max(axis=1)

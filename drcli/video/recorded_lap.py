@@ -1,4 +1,4 @@
-"""A driven episode as a film needs it: poses over time, read from a simtrace of ours or others."""
+"""Driven episodes from simtraces of ours or others."""
 
 import math
 from dataclasses import dataclass, replace
@@ -16,34 +16,29 @@ from drsim.car.car import REFERENCE_POINT_AHEAD_M
 Floats = NDArray[np.float64]
 
 JUMP_M = 0.6
-"""A car that is further away in the next row was put there; it drives 0.27 m at most."""
+"""Beyond this, the car was put there; it drives 0.27 m at most per row."""
 
 LONGEST_STEP_S = 0.5
-"""A longer row is a break: the simulator stood still, or rows are missing."""
+"""Longer: the simulator stood still, or rows are missing."""
 
 LONGEST_S = 1800.0
-"""Of one episode. A longer one is a damaged clock, or nothing that anyone would look at."""
+"""Longer: a damaged clock."""
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedLap:
-    """An episode of a trace. Arrays have a value for each of its t rows.
+    """An episode of a trace with t rows.
 
     Attributes:
-        number: Of the episode in the trace.
-        time_s: Seconds since the episode began, a step before its first row; rising.
+        time_s: Since a step before the first row; rising.
         poses: x and y of the car's origin in metres, yaw in radians without jumps. Shape (t, 3).
-        steering_deg: Requested steering, left positive.
-        speed_mps: Requested speed.
-        reward: Of each step.
-        progress: Percent of the lap.
-        status: As in the trace.
-        action: As in the trace: an index, or "[steering speed]".
-        track_length_m: NaN if the trace does not have it.
-        objects: Poses of what stood and drove around it. Shape (t, k, 3).
-        steps: As the trace counts them.
-        clock_s: As in the trace: seconds of a clock whose beginning is unknown.
-        on_track: Whether all wheels were on the road; None where the trace does not say it.
+        steering_deg: Requested, left positive.
+        speed_mps: Requested.
+        action: An index, or "[steering speed]".
+        track_length_m: NaN if unknown.
+        objects: Poses. Shape (t, k, 3).
+        clock_s: From an unknown beginning.
+        on_track: All wheels; None if unknown.
         pause_s: Rest of a penalty.
     """
 
@@ -65,17 +60,16 @@ class RecordedLap:
 
     @property
     def duration_s(self) -> float:
-        """Seconds from the beginning of the episode to its last row, as in metrics."""
+        """To the last row, as in metrics."""
         return float(self.time_s[-1])
 
     @property
     def completed(self) -> bool:
-        """Whether the lap was completed."""
         return self.status[-1] == "lap_complete"
 
     @property
     def resets(self) -> NDArray[np.int64]:
-        """How often the car had left the track or crashed before each row, the last one aside."""
+        """Before each row; the last one does not count."""
         fresh = np.zeros(len(self.status), np.int64)
         for k in range(1, len(self.status)):
             before = self.status[k - 1]
@@ -84,18 +78,17 @@ class RecordedLap:
 
     @property
     def penalty_s(self) -> float:
-        """Simulated seconds that the car waited for penalties to end; the duration has them."""
+        """Simulated; part of the duration."""
         waits = np.array([status == "pause" for status in self.status[1:]], bool)
         return float(np.diff(self.time_s)[waits].sum())
 
     @property
     def clean(self) -> bool:
-        """Whether the lap was completed without reset and penalty."""
         return is_clean_lap(self.completed, self.resets[-1], self.penalty_s)
 
     @property
     def told(self) -> str:
-        """How it ended, such as "Finished: 12.80 s = 7.80 driven + 5.00 penalty, 1 reset"."""
+        """Such as "Finished: 12.80 s = 7.80 driven + 5.00 penalty, 1 reset"."""
         if not self.completed:
             return self.end
         time = lap_time(self.duration_s, self.penalty_s, int(self.resets[-1]))
@@ -103,7 +96,7 @@ class RecordedLap:
 
     @property
     def end(self) -> str:
-        """The same in as few words as a film has room for: "Clean lap", "Finished, 1 reset"."""
+        """Shorter: "Clean lap", "Finished, 1 reset"."""
         if self.clean:
             return "Clean lap"
         if self.completed:
@@ -112,7 +105,7 @@ class RecordedLap:
 
     @property
     def driven_mps(self) -> Floats:
-        """Speed over ground, measured from the poses over about a fifth of a second."""
+        """From the poses of about a fifth of a second."""
         steps = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
         seconds = np.diff(self.time_s)
         put_back = np.diff(self.resets) > 0
@@ -122,7 +115,7 @@ class RecordedLap:
         return (padded[:-1] + padded[1:]) / 2.0 if len(speeds) else np.zeros(1)
 
     def with_objects(self, recording: RaceRecording) -> "RecordedLap":
-        """The same with the objects of this episode; without any if they do not fit it."""
+        """Without any if they do not fit."""
         rows, count = len(self.time_s), len(recording.shapes)
         for episode in recording.episodes:
             if episode.episode != self.number:
@@ -139,19 +132,14 @@ class RecordedLap:
 
 
 def status_label(status: str) -> str:
-    """A status of a trace for people."""
     return STATUS_LABELS.get(status, status.replace("_", " ").capitalize())
 
 
 def read_laps(data: bytes, origin: str) -> tuple[list[RecordedLap], list[str]]:
-    """The episodes of a simtrace, and sentences about what could not be read.
-
-    Args:
-        data: A simtrace CSV file of any version of the reference simulator, or of ours.
-        origin: What messages call it.
+    """The episodes of a simtrace CSV of the reference or ours, and notes.
 
     Raises:
-        SettingsError: It is no simtrace, or holds no episode of at least two rows.
+        SettingsError: It is not a simtrace, or without an episode of two rows.
     """
     found = read_rows(data)
     missing = [name for name in ("X", "Y", "yaw", "tstamp") if name not in found.names]
@@ -195,19 +183,16 @@ def read_laps(data: bytes, origin: str) -> tuple[list[RecordedLap], list[str]]:
 
 
 def _begins(before: TraceRow, row: TraceRow) -> bool:
-    """Whether a row is the first one of an episode."""
     return row.episode != before.episode or row.steps < before.steps
 
 
 def _pose(row: TraceRow) -> tuple[float, float, float]:
-    """Of the car's origin: x, y in metres and yaw in radians."""
     yaw = math.radians(row.yaw_deg)
     ahead = REFERENCE_POINT_AHEAD_M
     return row.x - ahead * math.cos(yaw), row.y - ahead * math.sin(yaw), yaw
 
 
 def _in_order(rows: list[TraceRow]) -> list[TraceRow]:
-    """Rows whose time rises, up to the longest film."""
     kept = rows[:1]
     for row in rows[1:]:
         if row.time_s > kept[-1].time_s and row.time_s - rows[0].time_s <= LONGEST_S:
@@ -216,7 +201,6 @@ def _in_order(rows: list[TraceRow]) -> list[TraceRow]:
 
 
 def _lap(rows: list[TraceRow], before_s: float) -> RecordedLap:
-    """An episode; `before_s` is the time of the row before it."""
     status = [row.status for row in rows]
     if rows[-1].progress >= 100.0 and status[-1] == "in_progress":
         status[-1] = "lap_complete"  # simulators of 2022 leave it in_progress

@@ -1,4 +1,4 @@
-"""Finds what to film: a trace in the bucket or on disk, and what is known about it."""
+"""Finds traces in the bucket or on disk, and what is known about them."""
 
 import re
 from dataclasses import dataclass, field, replace
@@ -15,10 +15,9 @@ from drcli.video.recorded_lap import RecordedLap, read_laps
 _EVALUATION = re.compile(r"evaluation-(\d{14})/evaluation-simtrace/0-iteration\.csv")
 
 OPPONENT = "opponent"
-"""Names the last race of a model as an opponent, in place of the stamp of an evaluation."""
+"""A model's last race as an opponent, instead of an evaluation's stamp."""
 
 MOST_BYTES = 512 * 2**20
-"""Of a trace on disk; a larger file is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,12 +25,9 @@ class FoundTrace:
     """A trace, read.
 
     Attributes:
-        origin: What messages call it.
-        laps: Its episodes.
-        model: Prefix of the model that drove; empty if unknown.
-        recording: What was recorded beside it; None for traces of other programs and versions.
-        notes: What a reader should know, in sentences.
-        stem: For the name of a file, and for titles where no model is known.
+        model: Prefix of the driver, or empty.
+        recording: None for other programs and versions.
+        stem: For file names, and titles without a model.
     """
 
     origin: str
@@ -42,7 +38,6 @@ class FoundTrace:
     stem: str = "video"
 
     def objects_added(self) -> "FoundTrace":
-        """The same, with the objects of the recording around the laps."""
         recording = self.recording
         if recording is None or not recording.shapes:
             return self
@@ -50,11 +45,7 @@ class FoundTrace:
 
 
 def trace_of_file(path: Path) -> FoundTrace:
-    """A simtrace on disk, with what lies beside it.
-
-    Raises:
-        SettingsError: It cannot be read, or is no simtrace.
-    """
+    """A simtrace on disk, with what lies beside it; raises SettingsError."""
     path = _file(path)
     data = _bytes(path)
     laps, notes = read_laps(data, str(path))
@@ -70,16 +61,10 @@ def trace_of_file(path: Path) -> FoundTrace:
 
 
 def trace_of_evaluation(bucket: Bucket, prefix: str, stamp: str | None) -> FoundTrace:
-    """The trace of a stand-alone evaluation, or of the last race of a model as an opponent.
-
-    Args:
-        bucket: Where it is.
-        prefix: Of the model.
-        stamp: Of the evaluation, or `OPPONENT`. None for the newest evaluation; without any, for
-            the race as an opponent.
+    """The trace of a stamp or `OPPONENT`; None for the newest, without any for `OPPONENT`.
 
     Raises:
-        SettingsError: The model has no such evaluation.
+        SettingsError: There is none.
     """
     stamps = stored_evaluations(bucket, prefix)
     if stamp == OPPONENT or (stamp is None and not stamps):
@@ -115,7 +100,7 @@ def trace_of_evaluation(bucket: Bucket, prefix: str, stamp: str | None) -> Found
 
 
 def trace_of_iteration(bucket: Bucket, prefix: str, iteration: int, worker: int) -> FoundTrace:
-    """The trace of what one worker drove in an iteration of a training.
+    """What one worker drove in an iteration.
 
     Raises:
         SettingsError: The bucket does not hold it.
@@ -133,12 +118,7 @@ def trace_of_iteration(bucket: Bucket, prefix: str, iteration: int, worker: int)
 
 
 def trace_of_key(bucket: Bucket, prefix: str, key: str, name: str, stem: str) -> FoundTrace:
-    """A trace by its key.
-
-    Raises:
-        SettingsError: It is no simtrace.
-        StorageError: The bucket cannot be read.
-    """
+    """Raises SettingsError for other files, StorageError for a bucket that fails."""
     laps, notes = read_laps(bucket.get(key), f"s3://{bucket.name}/{key}")
     recording = None
     beside = keys.recording_of(key)
@@ -150,7 +130,7 @@ def trace_of_key(bucket: Bucket, prefix: str, key: str, name: str, stem: str) ->
 
 
 def stored_evaluations(bucket: Bucket, prefix: str) -> list[str]:
-    """The stamps of all stand-alone evaluations of a model that have a trace, oldest first."""
+    """Stamps with a trace, oldest first."""
     stamps = []
     for info in bucket.list(keys.folder(prefix)):
         found = _EVALUATION.fullmatch(info.key.removeprefix(keys.folder(prefix)))
@@ -160,7 +140,7 @@ def stored_evaluations(bucket: Bucket, prefix: str) -> list[str]:
 
 
 def decode_recording(data: bytes, origin: str) -> tuple[RaceRecording | None, list[str]]:
-    """A recording, or None and a sentence about what is wrong with it."""
+    """None and a sentence if it is damaged."""
     try:
         return RaceRecording.decode(data), []
     except RecordError as error:
@@ -168,11 +148,6 @@ def decode_recording(data: bytes, origin: str) -> tuple[RaceRecording | None, li
 
 
 def _file(path: Path) -> Path:
-    """The trace that a path means: itself, or the only one in a folder.
-
-    Raises:
-        SettingsError: There is none, or several.
-    """
     if not path.exists():
         raise SettingsError(f"{path} does not exist.", remedy="Correct the path.")
     if not path.is_dir():

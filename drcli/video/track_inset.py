@@ -1,4 +1,4 @@
-"""The small map in a video: the road, where the car has been and how fast, and who is where."""
+"""The small map in a video, with the car's trail."""
 
 import math
 from collections.abc import Sequence
@@ -14,14 +14,12 @@ RGB = tuple[int, int, int]
 
 _ROAD, _EDGE, _START = (62, 68, 80, 235), (205, 210, 218, 255), (255, 255, 255, 255)
 _FINE = 3
-"""The map is drawn this many times larger and shrunk, so that its edges are smooth."""
+"""Drawn larger and shrunk, for smooth edges."""
 
 _SPEEDS = ((58, 82, 230), (38, 176, 212), (80, 200, 96), (250, 196, 40), (236, 72, 48))
-"""Colours from the slowest to the fastest."""
 
 
 def speed_color(share: float) -> RGB:
-    """The colour of a speed, 0 to 1 of the fastest."""
     place = min(max(share, 0.0), 1.0) * (len(_SPEEDS) - 1)
     first = min(int(place), len(_SPEEDS) - 2)
     part = place - first
@@ -32,10 +30,8 @@ def speed_color(share: float) -> RGB:
 
 
 class TrackInset:
-    """A map of one track that fits into a box, and the trail of the car on it."""
-
     def __init__(self, track: Track, box_px: tuple[int, int]) -> None:
-        """Draw the road. `box_px` is the greatest width and height."""
+        """`box_px` is the greatest width and height."""
         low_x, low_y, high_x, high_y = track.bounds
         margin = 0.03 * max(high_x - low_x, high_y - low_y) + 0.2
         width_m, height_m = high_x - low_x + 2 * margin, high_y - low_y + 2 * margin
@@ -63,12 +59,11 @@ class TrackInset:
         self._last: tuple[float, float] | None = None
 
     def wipe(self) -> None:
-        """Begin a new trail."""
         self._base = self._road.resize(self.size, Image.Resampling.BOX)
         self._last = None
 
     def trail(self, xy: tuple[float, float], share: float) -> None:
-        """Lengthen the trail; `share` is the speed over the fastest of the film."""
+        """`share` is of the film's fastest speed."""
         here = self._at(xy)
         if self._last is not None and math.dist(here, self._last) < 0.25 * max(self.size):
             draw = ImageDraw.Draw(self._base)
@@ -79,7 +74,7 @@ class TrackInset:
         self,
         marks: Sequence[tuple[tuple[float, float], RGB, float]],
     ) -> Image.Image:
-        """The map with dots: for each its place, its colour, and its radius in pixels. RGBA."""
+        """RGBA; `marks` are places, colours and radii in pixels."""
         picture = self._base.copy()
         draw = ImageDraw.Draw(picture)
         for xy, color, radius in marks:

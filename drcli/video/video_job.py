@@ -1,4 +1,4 @@
-"""Finds what a video needs in bucket and settings: trace, track, policy, names; then makes it."""
+"""Makes a video with all that bucket and settings tell."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from drcli.saliency.policy_outputs import ExplainedPolicy
 
 NO_POLICY = "none"
-"""As the name of a policy: show no probabilities."""
-
 _POLICY_FILES = (".pb", ".onnx", ".xml", ".tflite", ".gz", ".tgz")
 
 
@@ -35,10 +33,9 @@ class PolicyWish:
     """Whose probabilities are shown.
 
     Attributes:
-        name: A checkpoint, a file, `NO_POLICY`, or None for the checkpoint that drove, if it still
-            exists.
-        metadata: model_metadata.json of a file; None if it lies beside it.
-        iteration: Of the training that drove; None for an evaluation.
+        name: Checkpoint, file, `NO_POLICY`, or None for the checkpoint that drove.
+        metadata: Of a file; None if it lies beside it.
+        iteration: Of a training; None for an evaluation.
     """
 
     name: str | None = None
@@ -48,16 +45,6 @@ class PolicyWish:
 
 @dataclass(frozen=True)
 class Defaults:
-    """What holds where nobody recorded anything else.
-
-    Attributes:
-        model: Whose checkpoints are chosen by words.
-        tracks_folder: With the racer's own tracks.
-        world: As DR_WORLD_NAME.
-        racer: As DR_RACER_NAME.
-        color: As DR_CAR_COLOR.
-    """
-
     model: ModelConfig
     tracks_folder: Path
     world: str
@@ -66,7 +53,6 @@ class Defaults:
 
     @staticmethod
     def of(model: ModelConfig, race: RaceConfig) -> "Defaults":
-        """Those of the settings."""
         names = race.world_name, race.racer_name, race.car_color
         return Defaults(model, race.tracks_folder, *names)
 
@@ -84,19 +70,11 @@ def make_video(
 ) -> VideoReport:
     """Film a trace with everything that is known about it.
 
-    Args:
-        defaults: For the folder of tracks, and what nobody recorded.
-        bucket: Opens the bucket; only called where it is needed.
-        trace: What to film.
-        wish: How the film should be; without a racer or a colour, those recorded or set.
-        files: The views, and where they go.
-        world: The track, if the caller knows better.
-        policy: Whose probabilities are shown.
-        ghosts: Files of traces, or stamps of evaluations of the model, whose best lap drives along.
+    The bucket is opened only where needed; `ghosts` are trace files or evaluation stamps.
 
     Raises:
-        SettingsError: The track or the policy cannot be found, or a file cannot be written.
-        NotAvailable: A library for the film is missing.
+        SettingsError: Track or policy is missing, or a file cannot be written.
+        NotAvailable: A library is missing.
     """
     recording = trace.recording
     folder = defaults.tracks_folder
@@ -132,7 +110,6 @@ def make_video(
 
 
 def _driver(trace: FoundTrace) -> str:
-    """What the titles call what drove."""
     recording = trace.recording
     if recording is None:
         # A path says nothing to viewers, and names the folders of who made the video.
@@ -148,11 +125,6 @@ def _policy(
     trace: FoundTrace,
     wish: PolicyWish,
 ) -> tuple["ExplainedPolicy | None", str, list[str]]:
-    """The policy, what the titles call it, and sentences about what is missing.
-
-    Raises:
-        SettingsError: The one that is named does not exist.
-    """
     if wish.name == NO_POLICY:
         return None, "", []
     if wish.name is not None and _is_file(wish.name):
@@ -186,7 +158,6 @@ def _policy(
 def _checkpoint(
     defaults: Defaults, bucket: Bucket, model: str, name: str
 ) -> tuple["ExplainedPolicy | None", str, list[str]]:
-    """The policy of a checkpoint that a text names."""
     from drcli.saliency.open_policy import open_policy
 
     try:
@@ -204,11 +175,6 @@ def _is_file(name: str) -> bool:
 
 
 def _ghost(bucket: Callable[[], Bucket], trace: FoundTrace, name: str) -> tuple[str, RecordedLap]:
-    """The best lap of another trace, and what the titles call it.
-
-    Raises:
-        SettingsError: There is no such trace.
-    """
     from drcli.video.make_video import chosen_laps
 
     path = Path(name).expanduser()
@@ -226,13 +192,9 @@ def _ghost(bucket: Callable[[], Bucket], trace: FoundTrace, name: str) -> tuple[
 
 
 def put_videos(bucket: Bucket, prefix: str, stamp: str, files: dict[View, Path]) -> list[str]:
-    """Put the videos of an evaluation where DeepRacer-for-Cloud has them.
+    """Put an evaluation's videos where DeepRacer-for-Cloud has them; returns keys.
 
-    The one with everything is also put beside the trace, because the next evaluation replaces the
-    others.
-
-    Returns:
-        The keys; the last one is of a video with everything.
+    The complete view, last, is also put beside the trace: the next evaluation replaces the others.
     """
     put = []
     for view, path in sorted(files.items(), key=lambda file: file[0] == "film"):
@@ -251,4 +213,4 @@ CAMERAS: dict[View, str] = {
     "chase": "camera-45degree",
     "top": "camera-topview",
 }
-"""Folders of the views. Source: the reference simulator."""
+"""Source: the reference simulator."""

@@ -1,4 +1,4 @@
-"""What a video holds, for people and programs."""
+"""What a video holds."""
 
 from dataclasses import dataclass, field
 
@@ -13,9 +13,9 @@ class FilmedEpisode:
         progress: Percent of the lap.
         status: How it ended, such as "Lap complete".
         resets: How often the car left the track or crashed before its end.
-        penalty_s: Penalties in the time, simulated seconds.
-        clean: Whether the lap was completed without reset and penalty.
-        text: How it ended, with its time if it was completed, for people.
+        penalty_s: In the time, simulated seconds.
+        clean: Completed without reset and penalty.
+        text: End, and time of a completed lap, for people.
     """
 
     episode: int
@@ -35,14 +35,14 @@ class VideoReport:
     Attributes:
         file: The video.
         seconds: How long it plays.
-        frames: How many frames were made.
+        frames: How many.
         width: Pixels.
         height: Pixels.
         fps: Frames per second.
         world: The track.
         trace: What was filmed.
-        model: Prefix of the model that drove; empty if unknown.
-        checkpoint: Of which the probabilities are; empty without any.
+        model: Prefix of the model that drove, or empty.
+        checkpoint: Whose probabilities are shown, or empty.
         renderer: What made the view.
         episodes: In the order of the film.
         notes: What a reader should know.

@@ -1,4 +1,4 @@
-"""Finds the track that a trace was driven on, where nothing names it."""
+"""Finds a trace's track by its laps."""
 
 import math
 from collections.abc import Sequence
@@ -13,18 +13,14 @@ from drsim.track.track import Track
 from drsim.track.worlds import known_worlds, load_track
 
 SAME_LENGTH = 0.002
-"""Share by which two lengths of a lap may differ: a trace counts centimetres."""
+"""Tolerance as a share: a trace counts centimetres."""
 
 LEAST_ON_ROAD = 0.6
-"""Share of its rows that a drive is on its road: a beginner's model leaves it, but not for long."""
+"""Share of rows: beginners' models leave the road, but not for long."""
 
 
 def load_world(name: str, folder: Path | None) -> Track:
-    """A track by name.
-
-    Raises:
-        SettingsError: It is not installed, or damaged.
-    """
+    """Raises SettingsError for a missing or damaged track."""
     try:
         return load_track(name, folder)
     except TrackError as error:
@@ -35,10 +31,10 @@ def load_world(name: str, folder: Path | None) -> Track:
 
 
 def find_world(laps: Sequence[RecordedLap], first: str, folder: Path | None, origin: str) -> Track:
-    """The track that the laps fit on; `first` is tried before all others.
+    """The track that the laps fit on; tries `first` first.
 
     Raises:
-        SettingsError: They fit on none that is installed here.
+        SettingsError: They fit on none.
     """
     points = np.concatenate([lap.poses[:, :2] for lap in laps])
     points = points[:: max(1, len(points) // 2000)]
