@@ -39,7 +39,7 @@ def line_in(filename: str, trace: TracebackType | None) -> int | None:
 
 
 def place(path: Path | None, line: int | None) -> str:
-    """ " in FILE, line N,"; empty if unknown."""
+    """The part " in FILE, line N," of a sentence; empty if unknown."""
     if path is None:
         return ""
     return f" in {path}, line {line}," if line else f" in {path}"
