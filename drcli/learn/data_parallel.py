@@ -240,7 +240,6 @@ def _parts(length: int, count: int) -> list[slice]:
 def _backward(
     model: M, loss_of: LossOf[M], part: slice, whole: tuple[int, float], most: int | None
 ) -> Tensor:
-    """`whole`: samples of the mean, and its weight; `most` at once."""
     samples, weight = whole
     length = part.stop - part.start
     total: Tensor | None = None

@@ -79,7 +79,6 @@ class GpuPolicy:
         return self._rows
 
     def _choose(self, *rows: Tensor) -> Tensor:
-        """Actions, log-probabilities and values. Shape (n, k + 2), float64."""
         return self._packed(rows, None)
 
     def _choose_e_greedy(self, *rows: Tensor) -> Tensor:

@@ -151,7 +151,6 @@ class ReplayBuffer:
         return self._seen(rows), self._actions[rows]
 
     def _seen(self, rows: Tensor) -> Observation:
-        """An episode's first frame stands for earlier ones."""
         back = torch.arange(self._stack - 1, -1, -1)
         stacked = (rows[:, None] - torch.minimum(back, self._ages[rows, None])) % self.capacity
         # index_select copies whole frames; indexing with two dimensions is several times slower.

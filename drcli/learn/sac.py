@@ -240,7 +240,6 @@ class SAC:
             return returns + batch.discounts * (q - alpha * log_probs)
 
     def _critic_loss(self, values: Tensor, target: Tensor, reduction: str = "mean") -> Tensor:
-        """Of estimates of shape (2, n)."""
         error = functional.huber_loss if self.config.huber else functional.mse_loss
         return error(values, target.expand_as(values), reduction=reduction)
 

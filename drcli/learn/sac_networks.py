@@ -17,8 +17,6 @@ LOG_STD_RANGE = (-20.0, 2.0)
 """Source: the reference's SAC head."""
 
 _LEAST_ALPHA = 1e-4
-"""At the start if it is learned."""
-
 _SUMMARY = 50
 """Source: DrQ (Kostrikov et al., 2020)."""
 
@@ -90,15 +88,12 @@ def squash(mean: Tensor, log_std: Tensor, noise: Tensor) -> tuple[Tensor, Tensor
 
 
 class _TwinCritic(nn.Module):
-    """Two estimates of an action's return, on one summary of the input."""
-
     def __init__(self, features: int, num_actions: int) -> None:
         super().__init__()
         self.summary = _summary(features)
         self.streams = nn.ModuleList(_hidden_layers(_SUMMARY + num_actions, 1) for _ in range(2))
 
     def forward(self, features: Tensor, actions: Tensor) -> Tensor:
-        """In the critics' units. Shape (2, n)."""
         x = torch.cat([self.summary(features), actions], dim=-1)
         return torch.stack([stream(x).squeeze(-1) for stream in self.streams])
 
@@ -107,7 +102,6 @@ class _TwinCritic(nn.Module):
 
 
 def _summary(features: int) -> nn.Module:
-    """Values of similar size, whatever the size of the features."""
     return nn.Sequential(Dense(features, _SUMMARY), nn.LayerNorm(_SUMMARY), nn.Tanh())
 
 

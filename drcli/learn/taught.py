@@ -229,7 +229,6 @@ class _Distillation:
         return statistics
 
     def _labels(self, rollout: Rollout) -> Float32s:
-        """The teacher's actions, or the probability of each."""
         self._teacher.train()  # one product for all steps, which gives equal rollouts equal bits
         state = torch.from_numpy(rollout.states).to(self.compute.device)
         with torch.inference_mode():

@@ -29,8 +29,6 @@ EXIT_SETTINGS = 3
 _SHORTEST_S, _LONGEST_S = 0.1, 60.0
 
 _REMAINDERS = {"all": (0, 1), "even": (0,), "odd": (1,)}
-"""Episode numbers modulo 2."""
-
 _ALL_CARS = "all"
 
 
@@ -162,7 +160,6 @@ def _note(sentence: str) -> None:
 def _as_json(
     options: argparse.Namespace, reports: dict[str, Fidelity], agreement: Agreement | None
 ) -> dict[str, Any]:
-    """One flat object for one car; a list for all."""
     track = None
     if agreement is not None:
         track = {

@@ -78,7 +78,6 @@ class Disturbances:
 
 
 def _rotation(angles_rad: Floats) -> Floats:
-    """By roll, pitch and yaw about forward, left and up."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(angles_rad), np.sin(angles_rad)
     roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
@@ -129,7 +128,6 @@ def _normal(state: int) -> float:
 
 @kernel
 def _blur(picture: Singles, sigma_px: float) -> None:
-    """Gaussian; the edge is repeated outwards."""
     rows, columns = picture.shape
     reach = min(max(int(3.0 * sigma_px + 0.5), 1), _WIDEST_BLUR)
     weights = np.empty(2 * reach + 1, np.float32)

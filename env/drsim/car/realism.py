@@ -14,8 +14,6 @@ from drsim.arrays import Floats
 from drsim.car.conditions import MOST_TRIM_DEG, Conditions
 
 _SHARES = ("brightness", "friction", "mass", "battery", "steering_lock")
-"""Factors are drawn from 1 +- these, and must stay above 0."""
-
 Triple = tuple[float, float, float]
 
 
@@ -105,8 +103,6 @@ class Realism:
 
 
 class _Streams:
-    """A random stream per disturbance, by name; drawn only when needed."""
-
     def __init__(self, seed: int, racer: int) -> None:
         self._key = np.array([seed, racer], np.uint64)
 
@@ -126,7 +122,6 @@ class _Streams:
         return cast(Triple, tuple(drawn.tolist()))
 
     def pattern(self) -> int:
-        """For noise and lamps."""
         return int(self._stream("pattern").integers(2**64, dtype=np.uint64))
 
     def _stream(self, name: str) -> np.random.Generator:

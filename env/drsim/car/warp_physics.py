@@ -34,8 +34,6 @@ _VARIED = (
     "actuator_delay",
     "actuator_forcerange",
 )
-"""The weights follow from mass."""
-
 _STATE = ("time", "qpos", "qvel", "act", "qacc_warmstart", "history")
 """In the order of the kernels' arguments."""
 
@@ -241,7 +239,6 @@ def _begin(
     history: wp.array2d[float],
     kept: wp.array2d[float],
 ) -> None:
-    """Take over controls, put cars to new places, and keep the state of all."""
     car = wp.tid()
     nu = ctrl.shape[1]
     for i in range(nu):
@@ -283,7 +280,6 @@ def _end(
     history: wp.array2d[float],
     motion: wp.array2d[float],
 ) -> None:
-    """Give cars that do not move their state back, and gather what the processor needs."""
     car = wp.tid()
     nq, nv, na = qpos.shape[1], qvel.shape[1], act.shape[1]
     if request[car, nu] == 0.0:

@@ -76,7 +76,6 @@ class CarPlacement:
     def _turn_aside(
         self, cars: Ints, fraction: Floats, offset_m: Floats | None, angle_deg: Floats | None
     ) -> None:
-        """Move cars on the centre line; only turn others."""
         nothing = np.zeros(len(cars))
         offset_m = nothing if offset_m is None else np.asarray(offset_m, np.float64)
         angle_deg = nothing if angle_deg is None else np.asarray(angle_deg, np.float64)

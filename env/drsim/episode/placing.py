@@ -8,13 +8,10 @@ from drsim.arrays import Floats, Ints
 from drsim.track.track import INNER, LANES, OUTER, Lane, Track
 
 _PARKED_BESIDE_M = 0.3
-"""Outside the rectangle around the road: right beside the border could be a neighbouring stretch."""
-
 JUMP_M = 1.0
 """No car drives this far in one step (the fastest 0.24 m)."""
 
 _SAMPLES = 81
-"""Within `JUMP_M` either way: one every 2.5 cm."""
 
 
 class Placing:

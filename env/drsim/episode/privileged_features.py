@@ -7,8 +7,6 @@ from drsim.race.traffic import Traffic
 from drsim.track.track import Track
 
 _AHEAD_M = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0)
-"""Of directions of the centre line."""
-
 _OBJECTS = 2
 """The nearest ahead."""
 

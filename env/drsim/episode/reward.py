@@ -153,8 +153,6 @@ def centre_line_reward(params: RewardParams) -> float:
 
 
 class _NoRewardError(Exception):
-    """The value returned is not a reward."""
-
     def __init__(self, reason: str, kind: RewardErrorKind) -> None:
         super().__init__(reason)
         self.kind = kind

@@ -120,8 +120,6 @@ def alarm(deadline_s: float, give_up: Callable[[FrameType | None], object]) -> I
 
 
 class _Switch:
-    """Whether we have set the second timer."""
-
     is_on = False
 
 
@@ -129,7 +127,6 @@ _switch = _Switch()
 
 
 def _may_end_stuck() -> bool:
-    """A profiler may use the second timer and its signal."""
     if STUCK is None or (signal.getitimer(signal.ITIMER_PROF)[0] and not _switch.is_on):
         return False
     if signal.getsignal(STUCK) is not signal.SIG_DFL:

@@ -114,7 +114,6 @@ def _rounded(value: object, depth: int) -> Any:
 
 
 def _written(value: object) -> str | None:
-    """None where `repr` is long, fails or contains an address."""
     try:
         text = repr(value)
     except Exception:  # its own method fails, or an integer has thousands of digits

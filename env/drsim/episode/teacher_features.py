@@ -14,8 +14,6 @@ from drsim.race.traffic import Traffic
 from drsim.track.track import Track
 
 _AHEAD_M = (0.3, 0.6, 0.9, 1.2, 1.6, 2.0, 2.5, 3.0, 4.0, 5.0)
-"""More closely where the car will be first."""
-
 _OBJECTS = 4
 """Two in a row decide how to pass the first; the rules of races let few more come into reach."""
 
@@ -29,8 +27,6 @@ road.
 
 _FAST_RAD_S = 4.0
 _LONG_STEPS = 300
-"""A slow lap of a usual track."""
-
 _OWN, _EACH = 12, 9
 
 EPISODE_DIMS = 2
@@ -149,7 +145,6 @@ def _objects(
     traffic: Traffic | None,
     speeds_mps: Floats,
 ) -> Floats:
-    """`car` are offset and speed along the lap. Shape (k, _EACH * _OBJECTS)."""
     k = len(now.cars)
     told = np.zeros((k, _OBJECTS, _EACH))
     told[:, :, 1] = 1.0
@@ -187,7 +182,6 @@ def _objects(
 
 
 def _turned(away: Floats, yaw_rad: Floats) -> Floats:
-    """To forward and left of k cars."""
     cos, sin = np.cos(yaw_rad)[:, None], np.sin(yaw_rad)[:, None]
     x, y = away[..., 0], away[..., 1]
     return np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)

@@ -35,11 +35,7 @@ WARM_UP_S = 1.0
 """Earlier after a break it is unknown how the car moved."""
 
 _OFF_HORIZON_S = 0.05
-"""Tolerance of a window's length."""
-
 _SETTLE_S = 1.0
-"""A car stands so long, until it rests on its wheels."""
-
 _CARS = 256
 
 
@@ -147,7 +143,6 @@ def _steps_until(drive: Recording, step_s: float) -> Ints:
 
 
 def _poses(qpos: Floats) -> Floats:
-    """Of the point ahead of each car. Shape (n, 3)."""
     w, a, b, c = qpos[:, 3:7].T
     forward_x, forward_y = 1 - 2 * (b * b + c * c), 2 * (a * b + w * c)
     x = qpos[:, 0] + REFERENCE_POINT_AHEAD_M * forward_x
@@ -156,7 +151,6 @@ def _poses(qpos: Floats) -> Floats:
 
 
 def _windows(drive: Recording, horizon_s: float) -> tuple[Ints, Ints]:
-    """First and last row of each window."""
     starts_s = drive.starts_s
     if drive.from_rest:
         allowed = np.arange(len(starts_s)) >= SETTLING_ROWS
@@ -197,14 +191,12 @@ def _ahead(poses: Floats, distance_m: float) -> Floats:
 
 
 def _seen_from(poses: Floats, others: Floats) -> Floats:
-    """In frames of poses: forward, left and turn. Shape (n, 3)."""
     dx, dy, turn = (others - poses).T
     cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turn], axis=1)
 
 
 def _apart(poses: Floats, others: Floats) -> tuple[Floats, Floats]:
-    """Metres, and degrees 0 .. 180."""
     distance_m = np.hypot(*(poses - others)[:, :2].T)
     turn_rad = (poses[:, 2] - others[:, 2] + np.pi) % (2 * np.pi) - np.pi
     return distance_m, np.abs(np.degrees(turn_rad))

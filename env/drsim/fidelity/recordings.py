@@ -120,8 +120,6 @@ def _trace_files(folder: Path) -> list[Path]:
 
 @dataclass(frozen=True)
 class _Step:
-    """`line` counts rows, readable or not."""
-
     line: int
     episode: int
     count: float
@@ -173,7 +171,6 @@ def _check_columns(file: Path, names: Sequence[str]) -> None:
 
 
 def _step(row: dict[str, str], line: int) -> _Step | None:
-    """None if a number is missing, or the fields do not fit."""
     if None in row or None in row.values():
         return None
     x, y, yaw_deg, end_s = (_number(row.get(name)) for name in _NEEDED)
@@ -255,7 +252,6 @@ def _next(before: _Step, now: _Step) -> bool:
 
 
 def _broken(before: _Step, now: _Step) -> bool:
-    """Whether the motion cannot be replayed from the actions."""
     moved_m = np.hypot(now.pose[0] - before.pose[0], now.pose[1] - before.pose[1])
     return bool(
         not _next(before, now)

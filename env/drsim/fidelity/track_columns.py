@@ -84,7 +84,6 @@ def all_wheels_on(poses: Floats, track: Track) -> Bools:
 
 
 def _progress_errors(drives: Sequence[Recording], where: Location, track: Track) -> Floats:
-    """Ours less the recorded one, in percent, without first rows, which tell where an episode began."""
     fraction = where.distance_m / track.length_m
     errors, row = [np.empty(0)], 0
     for drive in drives:

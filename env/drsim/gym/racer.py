@@ -236,7 +236,6 @@ class RacerEnv(gym.Env[Perceived, Any]):
         return self._viewer.picture(0)
 
     def _show(self) -> None:
-        """In time with the clock of the simulation."""
         if self.render_mode != "human":
             return
         if self._window is None:

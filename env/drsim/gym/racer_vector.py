@@ -153,7 +153,6 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         self._simulation.close()
 
     def _begins(self) -> Bools:
-        """Those whose whole race is over."""
         races = self._over.reshape(-1, self._race.racers)
         return np.repeat(races.all(axis=1), self._race.racers)
 

@@ -28,7 +28,6 @@ _ROUNDS = 3
 _SLOWEST_MPS = 0.3
 _NEARLY = 0.998
 _LEAST_ADVANCE = 0.2
-"""Least advance of the line, as a share of the reference's step."""
 
 
 class SolverMissing(Exception):
@@ -88,7 +87,6 @@ def fastest_line(track: Track, grip: Grip) -> Line:
 
 
 def _improved(track: Track, reference: Floats, grip: Grip) -> Line | None:
-    """The fastest line near a reference, and then near that line."""
     line = None
     for beyond_m in (0.0, *[BEYOND_M] * (_ROUNDS - 1)):
         normals, low_m, high_m = _room(track, reference, beyond_m)
@@ -110,7 +108,6 @@ def _resampled(xy: Floats) -> Floats:
 
 
 def _smoothed(xy: Floats, reach: int, passes: int) -> Floats:
-    """Moving averages over `reach` points to either side."""
     for _ in range(passes):
         xy = np.mean([np.roll(xy, k, axis=0) for k in range(-reach, reach + 1)], axis=0)
     return xy
@@ -136,7 +133,6 @@ def _room(track: Track, line: Floats, beyond_m: float) -> tuple[Floats, Floats, 
 def _solve(
     reference: Floats, normals: Floats, low_m: Floats, high_m: Floats, grip: Grip
 ) -> tuple[Line, bool]:
-    """The line, and whether the solver converged."""
     try:
         import casadi
     except ImportError as error:

@@ -23,7 +23,6 @@ _LEAST_MPS = 0.3
 _FIRST_M = 1.0
 """The flying lap is measured from here."""
 _FINER = 4
-"""Points per node."""
 _KEPT_SHARE = 0.7
 _PAST, _AHEAD = -8, 60
 """Where a car is looked for, in points from where it was."""
@@ -101,7 +100,6 @@ def _judged(track: Track, parameters: CarParameters, requests: Floats) -> Driven
 
 
 def _flying_s(track: Track, places: Floats) -> float | None:
-    """The least time between two passes of a place."""
     length_m = track.length_m
     along_m = track.locate(places).distance_m
     moved_m = np.diff(along_m)
@@ -145,7 +143,6 @@ class _Planner:
         self._clock_s = np.interp(at, node, np.concatenate([[0.0], np.cumsum(line.step_s)]))
 
     def requests(self) -> Floats:
-        """Degrees and m/s of each step of a lap and a little more."""
         effort, track, cars = self._effort, self._track, self._cars
         start = track.pose_at(np.zeros(1))
         cars.place(np.arange(effort.copies), np.repeat(start, effort.copies, axis=0))
@@ -163,7 +160,6 @@ class _Planner:
         return np.array(chosen)
 
     def _improved(self, plan: Floats, state: Floats, here: int) -> tuple[Floats, Floats, int]:
-        """The best plan, the state after its first step, and the point reached."""
         effort = self._effort
         mean = np.vstack([plan[1:], plan[-1:]])
         spread = np.array([7.0, 0.5])
@@ -223,6 +219,5 @@ class _Planner:
         return int(((self._x - xy[0]) ** 2 + (self._y - xy[1]) ** 2).argmin())
 
     def _gained_s(self, here: int, there: Ints | int) -> Floats:
-        """Negative backwards."""
         gained_s = self._clock_s[there] - self._clock_s[here]
         return np.asarray((gained_s + self._lap_s / 2) % self._lap_s - self._lap_s / 2)

@@ -12,7 +12,6 @@ STATION_M = 0.2
 """On average, along the centre line."""
 
 _FARTHEST_M = 2.0
-"""Crossings further away belong to another stretch."""
 
 
 class Stations(NamedTuple):
@@ -61,7 +60,6 @@ def points_of(track: Track, offset_m: Floats) -> Floats:
 
 
 def _sections(track: Track, count: int) -> tuple[Floats, Floats]:
-    """Centres and unit vectors to the left."""
     steps = np.hypot(*np.diff(track.center, axis=0).T)
     along_m = np.concatenate([[0.0], np.cumsum(steps)])
     kept = np.concatenate([[True], steps > 0.0])

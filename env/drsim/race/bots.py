@@ -11,7 +11,6 @@ from drsim.race.race import BotRules
 from drsim.track.lanes import LanePlaces
 
 _SHORTEST_CHANGE_M = 0.01
-"""So that no lane change divides by 0."""
 
 
 class _LaneChanges(NamedTuple):

@@ -121,7 +121,6 @@ class Solids:
 def _move(
     boxes: Cuboids, cars: Ints, xy: Floats, yaw_rad: Floats, parts: tuple[Ints, Floats]
 ) -> None:
-    """`parts` are the shape of each cuboid, and its middle in that shape's frame."""
     shape_of, center_m = parts
     for c in range(len(cars)):
         for row in range(len(shape_of)):

@@ -241,7 +241,6 @@ class Traffic:
         return speeds
 
     def _lane_past(self, car: int, obstacle: int, place_m: float) -> int:
-        """Away from an obstacle, unless another one blocks that lane more closely."""
         lane = int(self._lane[car, obstacle])
         apart_m = np.abs(self._gap_m(self.distance_m[car, self._standing], place_m))
         on_inner_m, on_outer_m = _nearest_on(self._lane[car, self._standing], apart_m)
@@ -316,7 +315,6 @@ class Traffic:
             self._left[cars, group] = where.left_of_center.reshape(shape)
 
     def _gap_m(self, there_m: Floats, here_m: Floats | float) -> Floats:
-        """Forward positive, the shorter way round a loop."""
         gap_m: Floats = there_m - here_m
         if not self._tracks[0].closed:
             return gap_m
@@ -336,7 +334,6 @@ _STREAM = 1 << 32
 
 
 def _nearest_on(lanes: Ints, apart_m: Floats) -> tuple[Floats, Floats]:
-    """On the inner and on the outer lane, over the last axis."""
     on_inner_m, on_outer_m = (
         np.where(lanes == lane, apart_m, np.inf).min(axis=-1, initial=np.inf)
         for lane in (INNER, OUTER)

@@ -25,16 +25,11 @@ _NEAR_M = 0.02
 """Source: the reference simulator's camera."""
 
 _LINES = 8
-"""Across the two pixel rows of a tent, where an outline has corners."""
-
 _STEEP = 2.0
-"""Columns per row up to which one line suffices for a straight edge."""
-
 _TOUCH_M = 1e-4
 """Less overlap only touches."""
 
 _SIDES = 5
-"""Nobody sees the bottom."""
 
 
 class _Lens(NamedTuple):
@@ -185,7 +180,6 @@ def _side(
 
 @kernel
 def _in_lens(lens: _Lens, vector: Vector) -> Vector:
-    """Depth, left and up."""
     x, y, z = vector
     ahead, left, up = lens.forward, lens.left, lens.up
     return (
@@ -208,7 +202,6 @@ def _corner(corner: int, middle: Vector, along: Vector, across: Vector) -> Vecto
 
 @kernel
 def _frame_in(outlines: Floats, corners: Ints, rows: int, columns: int, window: Ints) -> None:
-    """First and past the last row, then column, of a cuboid."""
     top, bottom, left, right = np.inf, -np.inf, np.inf, -np.inf
     for side in range(_SIDES):
         for corner in range(corners[side]):
@@ -226,10 +219,6 @@ def _frame_in(outlines: Floats, corners: Ints, rows: int, columns: int, window: 
 
 @kernel
 def _sort(boxes: Cuboids, windows: Ints, pos: Vector, order: Ints) -> None:
-    """Sort cuboids, furthest first, unless it hides another.
-
-    Where cuboids hide each other in turn, distance alone decides.
-    """
     count = len(order)
     away_m = np.empty(count)
     for i in range(count):
@@ -263,11 +252,6 @@ def _sort(boxes: Cuboids, windows: Ints, pos: Vector, order: Ints) -> None:
 
 @kernel
 def _nearer(a: Any, b: Any, pos: Vector) -> int:
-    """1 if `a` stands before `b`, -1 if behind, 0 for neither.
-
-    The one on the lens's side of a plane between them hides the other; there is always one along a
-    side.
-    """
     if b.low >= a.high - _TOUCH_M:
         return -1 if pos[2] > b.low else 1
     if a.low >= b.high - _TOUCH_M:
@@ -292,11 +276,6 @@ def _nearer(a: Any, b: Any, pos: Vector) -> int:
 
 @kernel
 def _paint(images: _Images, k: int, bias: float, steps: Singles, frame: Pixels) -> None:
-    """Draw one cuboid.
-
-    Per row, all sides leave their changes in `steps` (zeros); the sums then cover the frame, so
-    that nothing shines through between sides.
-    """
     first, last, left, right = images.windows[k]
     outlines, corners, greys = images.outlines[k], images.corners[k], images.greys[k]
     for row in range(first, last):
@@ -334,7 +313,6 @@ def _add_row(outline: Floats, grey: float, row: int, low: int, high: int, steps:
 
 @kernel
 def _span(outline: Floats, y: float) -> tuple[float, float, float, float]:
-    """Where a line enters and leaves a polygon, and the slopes of these edges."""
     left, right, left_slope, right_slope = np.inf, -np.inf, 0.0, 0.0
     ax, ay = outline[-1]
     for corner in range(len(outline)):
@@ -368,7 +346,6 @@ def _add_edge(
 
 @kernel
 def _cover(steps: Singles, low: int, high: int, bias: float, pixels: Pixels) -> None:
-    """Leaves zeros in `steps`."""
     zero, one, more = Single(0.0), Single(1.0), Single(bias)
     share, glow = zero, zero
     for column in range(low, high):

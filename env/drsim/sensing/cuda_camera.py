@@ -15,7 +15,6 @@ from drsim.sensing.scene import Scene
 cuda: Any = numba.cuda  # numba sets its names at run time
 
 _POSE = 13
-"""Position, axes, and the frame."""
 
 
 class CudaCamera:
@@ -103,7 +102,6 @@ class CudaCamera:
         self._stream.synchronize()
 
     def _of(self, light: Light) -> tuple[Any, Any]:
-        """They change with an episode, so rarely."""
         shades = np.column_stack([light.wall_greys, light.sky_greys])
         known = self._light
         if (

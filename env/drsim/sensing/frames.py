@@ -19,15 +19,11 @@ if TYPE_CHECKING:
     from drsim.sensing.cuda_camera import CudaCamera
 
 _FRAMES_PER_JOB = 4
-"""Starting a job costs about half a frame."""
-
 _FRAMES_ALONE = 2
 """Rendered before another thread would wake up."""
 
 
 class _Eye(NamedTuple):
-    """One eye of all cars; threads count in `taken` which of `cars` they have begun."""
-
     lenses: LensParts
     frames: Bytes
     cars: Ints
@@ -195,7 +191,6 @@ def _jobs(cars: Ints) -> list[slice]:
 
 
 def _runs(cars: Ints) -> list[tuple[int, int]]:
-    """First and last (exclusive) of neighbouring cars."""
     if not len(cars):
         return []
     if cars[-1] - cars[0] + 1 == len(cars):

@@ -17,11 +17,7 @@ from drsim.track.track import Track
 Single = np.float32
 
 _FINE = 4
-"""Samples along a texel of the start line."""
-
 _TILE = 512
-"""Texels; it repeats."""
-
 _STROKE_M = 0.010
 """Of a fibre. Source: estimated on frames of the reference simulator."""
 
@@ -73,12 +69,10 @@ def paint_ground(track: Track, look: Look, grid: Grid) -> Bytes:
 
 
 def _texels(points: Floats, grid: Grid) -> Floats:
-    """(0.0, 0.0) is the centre of the first texel."""
     return np.ascontiguousarray((points - (grid.x_m, grid.y_m)) / grid.texel_m - 0.5)
 
 
 def _side_of_road(track: Track, look: Look, grid: Grid) -> Singles:
-    """Distance to the nearest border in texels, positive on the road, cut off past the lines."""
     inner, outer = (_texels(without_repeats(line), grid) for line in (track.inner, track.outer))
     crossed = np.zeros((grid.rows, grid.columns), np.bool_)
     if track.closed:
@@ -96,7 +90,6 @@ def _side_of_road(track: Track, look: Look, grid: Grid) -> Singles:
 
 @kernel
 def _near(start: float, end: float, reach: float, count: int) -> tuple[int, int]:
-    """First and past the last texel near a segment, on one axis."""
     low, high = min(start, end) - reach, max(start, end) + reach
     return max(math.ceil(low), 0), min(math.floor(high) + 1, count)
 
@@ -128,7 +121,6 @@ def _stamp_distance(line: Floats, closed: bool, reach: float, distance: Singles)
 def _stamp_dashes(
     line: Floats, width: float, length: float, pitch: float, start: float, marks: Bytes
 ) -> None:
-    """By arc length; all in texels, cover 0..255."""
     rows, columns = marks.shape
     reach = 0.5 * width + 1.0
     passed = -start
@@ -158,7 +150,6 @@ def _stamp_dashes(
 
 
 def _stripes_of_kerb(track: Track, look: Look, grid: Grid, side: Singles) -> Bytes:
-    """Cover of light stripes, 0..255."""
     stripes = np.zeros((grid.rows, grid.columns), np.uint8)
     if look.kerb_light and look.kerb_width_m > 0.0:
         reach = 2.0 + (look.border_width_m + look.kerb_width_m) / grid.texel_m
@@ -205,8 +196,6 @@ class _Cover(NamedTuple):
 
 
 class _Paints(NamedTuple):
-    """Grey and grain of each material."""
-
     road: Singles
     line: Singles
     kerb: Singles
@@ -282,10 +271,6 @@ def _paint_start(track: Track, look: Look, grid: Grid, ground: Bytes) -> None:
 
 
 def _grain_tile(world: str, texel_m: float) -> Singles:
-    """Fibres over a tile that joins itself at its edges: mean 0, deviation 1.
-
-    The seed is the world's name.
-    """
     random = np.random.default_rng(zlib.crc32(world.encode()))
     count = _TILE * _TILE // 8
     fibres = random.random((count, 3))

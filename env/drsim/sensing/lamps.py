@@ -15,11 +15,7 @@ Lenses = tuple[Floats, Floats, float, float]
 """Positions, axes, focal length in pixels, and a number not used."""
 
 _GAP_M = 2.2
-"""As in a hall."""
-
 _MARGIN_M = 2.5
-"""Beyond the walls, which are barriers."""
-
 _MOST_LAMPS = 96
 _HEIGHTS_M = (2.6, 4.2)
 _BEHIND_WALL_M = 0.5
@@ -36,10 +32,7 @@ looks like a varnished floor.
 """
 
 _STRAIGHT_ON = 0.04
-"""Share mirrored from above (Schlick's formula)."""
-
 _REACH = 3.0
-"""In standard deviations."""
 
 
 class Lamps:
@@ -78,7 +71,6 @@ class Lamps:
             _shine(frames, lenses, self._glare[cars], self._floodlight_m[cars])
 
     def _floodlight(self, around: float, above: float) -> tuple[float, float, float]:
-        """From two numbers of 0 .. 1."""
         low_x, high_x, low_y, high_y = self._walls_m.tolist()
         angle = 2.0 * math.pi * around
         half_x = 0.5 * (high_x - low_x) + _BEHIND_WALL_M
@@ -93,7 +85,6 @@ class Lamps:
         )
 
     def _hanging(self, along_x: float, along_y: float, height: float) -> Floats:
-        """From three numbers of 0 .. 1. Shape (m, 3)."""
         low_m, high_m = _HEIGHTS_M
         x = self._walls_m[0] - _MARGIN_M + self._gap_m * (np.arange(self._counts[0]) + along_x)
         y = self._walls_m[2] - _MARGIN_M + self._gap_m * (np.arange(self._counts[1]) + along_y)
@@ -102,7 +93,6 @@ class Lamps:
 
 
 def _lattice(walls_m: Singles) -> tuple[tuple[int, int], float]:
-    """Lamps along x and y, and their distance."""
     size_x = float(walls_m[1] - walls_m[0]) + 2.0 * _MARGIN_M
     size_y = float(walls_m[3] - walls_m[2]) + 2.0 * _MARGIN_M
     gap_m = max(_GAP_M, math.sqrt(size_x * size_y / _MOST_LAMPS))
@@ -117,7 +107,6 @@ def _reflect(
     lamps_m: Floats,
     room: tuple[Singles, float, float],
 ) -> None:
-    """An uneven floor smears mirror images upwards and downwards by twice its angle, but sideways less, the flatter one looks at it: the long streaks of wet roads."""
     pos, mat, focal_px, _ = lenses
     walls_m, roughness, mirrored = room
     for car in range(len(frames)):
@@ -149,7 +138,6 @@ def _reflect(
 
 @kernel
 def _in_lens(axes: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Forward, left, up."""
     return (
         x * axes[0, 0] + y * axes[1, 0] + z * axes[2, 0],
         x * axes[0, 1] + y * axes[1, 1] + z * axes[2, 1],
@@ -166,7 +154,6 @@ def _add_image(
     grey: float,
     walls_m: Singles,
 ) -> None:
-    """Around a point from the picture's middle, right and down."""
     pos, axes, focal_px = lens
     wide_px, high_px = size_px
     rows, columns = frame.shape

@@ -95,7 +95,6 @@ def _scan(
 
 @kernel
 def _to_walls(walls_m: Singles, ray: _Ray) -> float:
-    """From inside; infinite from outside or for NaN."""
     if not (walls_m[0] < ray.x < walls_m[1] and walls_m[2] < ray.y < walls_m[3]):
         return math.inf
     to_x, to_y = math.inf, math.inf

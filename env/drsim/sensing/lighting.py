@@ -25,15 +25,8 @@ _ROAD, _LINE = (15.0, 110.0), (185.0, 255.0)
 """Brightness of drawn roads and lines: in each colour a line outshines its road."""
 
 _HUE = 0.25
-"""Most difference of a colour from the brightness."""
-
 _GRAIN_ROOM = 3.0
-"""Standard deviations of grain in which a material keeps its contrast."""
-
 _LEAST_GAP = 1.5
-"""Standard deviations of grain below which materials change together, as a concrete road and its
-field.
-"""
 
 
 class Lighting:
@@ -79,7 +72,6 @@ class Lighting:
 
 
 def _paints(look: Look) -> list[Paint]:
-    """Those that greys can tell apart, from dark to light."""
     paints = [look.road, look.line, look.dash, look.field, look.chequer]
     if look.kerb_width_m > 0.0:
         paints += [look.kerb, look.kerb_light or look.kerb]

@@ -174,10 +174,6 @@ class _Beyond(NamedTuple):
 
 @kernel
 def _backdrop(walls: _Walls, lens: Lens, behind: Singles, share: Singles) -> tuple[int, int]:
-    """Returns the first row that shows any ground, and the first that shows nothing else.
-
-    Rows from the second on are not filled.
-    """
     rows, columns = behind.shape
     pos, walls_m, focal_px = lens.pos, walls.walls_m, lens.focal_px
     greys, sky_grey = walls.greys, Single(walls.sky_grey)
@@ -267,7 +263,6 @@ def _backdrop_row(
 def _floor(
     ground: Ground, palette: Pixels, lens: Lens, beyond: _Beyond, bias: float, frame: Pixels
 ) -> None:
-    """Draw the ground; each row is aimed while the row above waits for memory."""
     pos, first, clear = lens.pos, beyond.first, beyond.clear
     # Taken out of the records once: each access in a loop would count references.
     texels, levels, behind, share = ground.texels, ground.levels, beyond.behind, beyond.share
@@ -381,7 +376,6 @@ def _aim(
 
 @kernel
 def _order(texels: Words, at: Ints32) -> None:
-    """Prefetch words, which neighbours mostly share."""
     for column in range(0, len(at), 4):
         prefetch(texels, np.uint32(at[column]))
 
@@ -414,7 +408,6 @@ def _blend(
     here: Singles,
     below: Singles,
 ) -> None:
-    """In 65536ths of a grey."""
     whole, pair, low = np.uint32(256), np.uint32(0x00FF00FF), np.uint32(0xFFFF)
     for column in range(len(words)):
         word = words[column]

@@ -149,7 +149,6 @@ def _pitch(columns: int) -> int:
 
 @kernel
 def _halved(picture: Bytes) -> Bytes:
-    """An odd last row or column is averaged with itself."""
     rows, columns = picture.shape
     half = np.empty(((rows + 1) // 2, (columns + 1) // 2), np.uint8)
     for row in range(half.shape[0]):

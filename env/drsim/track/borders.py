@@ -16,8 +16,6 @@ WIDTHS_M = (0.25, 20.0)
 """The car is 0.2 m wide."""
 
 _BEND_WIDTHS = 4.0
-"""Within this many road widths a border that meets itself is a sharp bend, and may be cut."""
-
 _PARALLEL_M2 = 1e-12
 """Cross product of segments below which their crossing is rounding."""
 
@@ -72,7 +70,6 @@ def _length(line: Floats) -> float:
 
 
 def _closed(center: Floats, width_m: Floats) -> tuple[Floats, Floats, bool]:
-    """A loop ends exactly where it begins."""
     whole_m = checked_length(_length(center))
     gap_m = np.hypot(*(center[-1] - center[0]))
     if gap_m > width_m[0] or whole_m < 3 * width_m[0]:
@@ -176,7 +173,6 @@ def _cross(u: Floats, v: Floats) -> Floats:
 
 
 def _area(ring: Floats) -> float:
-    """Negative if clockwise."""
     local = ring - ring[0]
     return float(_cross(local[:-1], local[1:]).sum())
 

@@ -11,14 +11,10 @@ from drsim.track.track import LANES, Lane, Track
 
 _TABLE_STEP_M = 0.02
 _LOOK_AHEAD_M = 0.05
-"""Where a bot looks."""
-
 _LEAST_STEP_M = 0.01
 """Nearer vertices would give the curve a jerk."""
 
 _FARTHEST_M = 1.0
-"""A farther projection fell on a neighbouring stretch."""
-
 _OVERHANG = 12
 """Vertices by which a loop is continued: the ends then matter less than a thousandth of a
 millimetre.

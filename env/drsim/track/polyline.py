@@ -12,8 +12,6 @@ SAME_M = 1e-9
 """Nearer neighbours count as one point. Source: the reference simulator."""
 
 _NEIGHBOURS = 4
-"""Points tested together: a car's wheels are near each other."""
-
 _HAIR = 1e-12
 """Share of a segment this near to whose end counts as that end, so that rounding does not put a
 waypoint before itself.

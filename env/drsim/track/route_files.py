@@ -17,17 +17,11 @@ DEFAULT_WIDTH_M = 1.07
 """3.5 feet, as on 97 of the reference simulator's 127 tracks."""
 
 _MIN_ROWS = 4
-"""A triangle and the closing row."""
-
 _MAX_BYTES = 1_000_000
-"""The longest of the reference simulator takes 19 kB."""
-
 _FURTHEST_M = 1e6
 """Beyond it, rounding would swallow the track."""
 
 _CHORD_M = 0.05
-"""Of a drawn curve."""
-
 _COLUMNS = "centre x y; or centre x y, width; or centre x y, inner x y, outer x y"
 
 

@@ -34,12 +34,8 @@ _KINDS = {
 }
 _SHAPES = {"path", "polyline", "polygon"}
 _NOT_DRAWN = {"defs", "symbol", "clipPath", "mask", "marker", "pattern"}
-"""Drawn only where something else refers to it."""
-
 _MAX_CURVES = 10_000
 _STEPS_TO_MEASURE = 16
-"""To choose how many a curve is drawn with."""
-
 _TRANSFORM = re.compile(r"[\s,]*(\w+)\s*\(([^()]*)\)")
 
 
@@ -69,7 +65,6 @@ def _parsed(text: str) -> ElementTree.Element:
 
 
 def _first_shape(root: ElementTree.Element) -> tuple[ElementTree.Element, Floats]:
-    """And what its transforms amount to."""
     waiting = [(root, np.eye(3)[:2])]
     while waiting:
         element, outside = waiting.pop()
@@ -126,7 +121,6 @@ def _matrix(name: str, values: list[float]) -> Floats:
 
 
 def _curves(shape: ElementTree.Element) -> Floats:
-    """Cubic Bezier curves. Shape (k, 4, 2)."""
     if str(shape.tag).endswith("path"):
         curves = _Pen().drawn(shape.get("d", ""))
     else:
@@ -161,7 +155,6 @@ def _flattened(curves: Floats, chords: int) -> Floats:
 
 
 def _on(curves: Floats, share: Floats) -> Floats:
-    """Shape (k, m, 2)."""
     t = share[:, None]
     weights = ((1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3)
     total: Floats = sum(
@@ -183,7 +176,6 @@ def _numbers(text: str) -> Iterator[float]:
 
 
 def _value(text: str, place: int, kind: str) -> tuple[float, int]:
-    """The number or flag at a place, and the place behind it."""
     match = (_NUMBER if kind == "n" else _FLAG).match(text, place)
     value = float(match[1]) if match else math.inf
     if match is None or abs(value) > _FURTHEST:

@@ -22,7 +22,6 @@ _DEFINITIONS = Path(__file__).parent / "definitions"
 
 _LONGEST_NAME = 1_000
 _ROUTE_FILES = (".npy", ".csv")
-"""In the order in which they win."""
 
 
 class Width(NamedTuple):
@@ -138,8 +137,6 @@ def _direction(track: Track) -> Direction:
 
 
 class _Found(NamedTuple):
-    """A world with another's route has its own words first."""
-
     track: Track
     file: Path
     definition: dict[str, Any]
@@ -177,7 +174,6 @@ def _found(world: str, tracks_dir: Path | None) -> _Found:
 
 
 def _files(tracks_dir: Path | None) -> dict[str, Path]:
-    """The racer's win over ours."""
     folders = [(_DEFINITIONS, ".json")]
     if tracks_dir is not None:
         folders = [*((tracks_dir, suffix) for suffix in _ROUTE_FILES), *folders]

@@ -128,7 +128,6 @@ def _barrier(
     ahead: Rgb,
     focal_px: float,
 ) -> tuple[float, float, float, float]:
-    """Its share of a pixel, and its colour."""
     low_x, high_x, low_y, high_y = around.barriers
     barrier_m = around.barrier_m
     dark, bright, haze = around.colors

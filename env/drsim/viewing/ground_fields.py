@@ -107,7 +107,6 @@ def _in_cells(points: Floats, low: Floats, cell_m: float) -> Floats:
 def _stamp(
     line: Floats, kerbs: Floats, closed: bool, cell_m: float, first: int, cells: Singles
 ) -> None:
-    """Lower distances to that of a polyline; an open one ends squarely."""
     rows, columns, _ = cells.shape
     last = len(line) - 1
     passed = 0.0

@@ -14,10 +14,7 @@ from drsim.jit import kernel
 Rgb = tuple[float, float, float]
 
 _DOT_M = 0.004
-"""Of the grain."""
-
 _MOWN_M = 0.9
-"""Width of light and dark strips."""
 
 
 class Ground(NamedTuple):
@@ -277,7 +274,6 @@ def _start(
 
 @kernel
 def _between(a: float, b: float, c: float, d: float, part_x: float, part_y: float) -> float:
-    """Between four cells; where lengths jump, the nearest."""
     if max(a, b, c, d) - min(a, b, c, d) > 0.3:
         if part_y < 0.5:
             return a if part_x < 0.5 else b
@@ -288,7 +284,6 @@ def _between(a: float, b: float, c: float, d: float, part_x: float, part_y: floa
 
 @kernel
 def _length(x: float, y: float, right: tuple[float, float], down: tuple[float, float]) -> float:
-    """A pixel's, on the ground in a direction."""
     first, second = x * right[0] + y * right[1], x * down[0] + y * down[1]
     return math.sqrt(first * first + second * second) + 1e-6
 
@@ -300,7 +295,6 @@ def _share(beyond: float, blur: float) -> float:
 
 @kernel
 def _wave(place: float, blur: float) -> float:
-    """A square wave between -1 and 1, averaged over a pixel."""
     if blur >= 1.0:
         return 0.0
     part = place - math.floor(place)
@@ -312,7 +306,6 @@ def _wave(place: float, blur: float) -> float:
 
 @kernel
 def _dashed(place: float, length: float, blur: float) -> float:
-    """With a pitch of 1, averaged over a pixel."""
     if blur >= 1.0:
         return length
     part = place - math.floor(place)

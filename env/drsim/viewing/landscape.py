@@ -40,7 +40,6 @@ _TILE, _COPIES = 1024, 8
 """Dots along a side of the grain, and copies of it."""
 
 _GRAINS = (0.9, 0.8, 0.6, 0.5, 0.5, 0.5, 0.4)
-"""Of dots of one, two, four ... times the size."""
 
 
 @lru_cache(maxsize=2)
@@ -89,7 +88,6 @@ def _softened(dots: Floats) -> Floats:
 
 
 def _add_clouds(picture: Floats, height: Floats, random: np.random.Generator) -> None:
-    """Smaller towards the horizon."""
     # Rows nearer to the horizon show more of the cloud layer, so its pattern is pressed together.
     rows = np.log(height[:, 0] + 0.05)
     rows = (rows - rows.min()) / np.ptp(rows) * 255.0
@@ -105,7 +103,6 @@ def _add_clouds(picture: Floats, height: Floats, random: np.random.Generator) ->
 
 
 def _clouds(random: np.random.Generator) -> Floats:
-    """Noise between 0 and 1, joined from left to right."""
     total, weight = np.zeros((256, 1024)), 0.0
     for octave in range(6):
         rows, columns = 4 * 2**octave, 8 * 2**octave
@@ -123,7 +120,6 @@ def _clouds(random: np.random.Generator) -> Floats:
 
 
 def _between(dots: Floats, rows: Floats, columns: Floats) -> Floats:
-    """The columns go round."""
     row, column = np.floor(rows).astype(int), np.floor(columns).astype(int)
     down, right = (rows - row)[:, None], (columns - column)[None, :]
     down, right = down * down * (3.0 - 2.0 * down), right * right * (3.0 - 2.0 * right)
@@ -137,7 +133,6 @@ def _between(dots: Floats, rows: Floats, columns: Floats) -> Floats:
 
 
 def _ridge(azimuth: Floats, waves: int, random: np.random.Generator) -> Floats:
-    """Between 0 and 1."""
     line = np.zeros(len(azimuth))
     for octave in range(5):
         turn, phase = waves * 2**octave, random.uniform(0.0, 2.0 * np.pi)
@@ -148,7 +143,6 @@ def _ridge(azimuth: Floats, waves: int, random: np.random.Generator) -> Floats:
 
 
 def _treetops(random: np.random.Generator) -> Floats:
-    """Between 0 and 1."""
     line = np.zeros(COLUMNS)
     at = np.arange(COLUMNS, dtype=np.float64)
     stands = _between(random.random((1, 64)), np.zeros(1), at * (64.0 / COLUMNS))[0]
@@ -164,7 +158,6 @@ def _treetops(random: np.random.Generator) -> Floats:
 def _cover(
     picture: Floats, height: Floats, line: Floats, color: Floats, pixel: float, *, light: float
 ) -> None:
-    """Darker towards the foot."""
     lower = height[:, 0] < line.max() + pixel
     picture, height = picture[lower.argmax() :], height[lower]
     cover = np.clip(0.5 + (line - height) / pixel, 0.0, 1.0)[:, :, None]

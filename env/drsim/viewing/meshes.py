@@ -118,7 +118,6 @@ class _Builder:
 
 
 def _outwards(corners: Floats, normals: Floats, faces: Ints) -> Ints:
-    """Counter-clockwise as seen from outside: OpenGL counts on it."""
     a, b, c = (corners[faces[:, k]] for k in range(3))
     inside_out = (np.cross(b - a, c - a) * normals[faces].sum(axis=1)).sum(axis=1) < 0.0
     return np.where(inside_out[:, None], faces[:, [0, 2, 1]], faces)
@@ -196,7 +195,6 @@ def wheel() -> Mesh:
 
 
 def _add_loft(builder: _Builder, sections: tuple[tuple[float, ...], ...], material: int) -> None:
-    """A skin over cross-sections, with caps."""
     table = _smooth(np.array(sections), 3)
     rings = np.stack([_ring(*row) for row in table])
     around = rings.shape[1]
@@ -245,7 +243,6 @@ def _smooth(table: Floats, times: int) -> Floats:
 def _ring(
     forward: float, wide: float, narrow: float, floor: float, shoulder: float, top: float
 ) -> Floats:
-    """From the floor up the left side, over the top."""
     half = [
         (0.0, floor),
         (0.72 * wide, floor),

@@ -213,10 +213,6 @@ class MujocoView:
 
 
 def _opengl(columns: int, rows: int) -> Any:
-    """A context without a window, as MUJOCO_GL names: egl or osmesa.
-
-    The package mujoco, when loaded, is told by the rest of this program that nobody draws.
-    """
     kind = os.environ.get("MUJOCO_GL", "").lower()
     if kind == "osmesa":
         from mujoco.osmesa import GLContext
@@ -226,7 +222,6 @@ def _opengl(columns: int, rows: int) -> Any:
 
 
 def _ground_picture(track: Track, look: Look) -> tuple[NDArray[np.uint8], float, Floats]:
-    """From above, with its side in metres, and its middle."""
     view = WorldView(track, columns=_TEXTURE, rows=_TEXTURE, look=look, threads=2)
     try:
         lens = lens_above(track, view.size)

@@ -95,7 +95,6 @@ class _Parts:
         self.faces_so_far += len(mesh.faces)
 
     def joined(self, colors: Floats) -> tuple[Triangles, Ints]:
-        """Triangles in colours; which part each corner is of."""
         if not self.meshes:
             none = np.empty((0, 3))
             no = np.empty(0, np.int64)
@@ -139,7 +138,6 @@ def placed(things: Sequence[Thing]) -> tuple[Floats, Floats]:
 
 
 def _about(axis: int, angle_rad: float) -> Floats:
-    """0 forward, 1 left, 2 up."""
     cos, sin = math.cos(angle_rad), math.sin(angle_rad)
     first, second = (axis + 1) % 3, (axis + 2) % 3
     turn = np.eye(3)

@@ -8,8 +8,6 @@ from drsim.arrays import Floats, Singles
 from drsim.jit import kernel
 
 _SHADE = 0.56
-"""Share of light."""
-
 _FURTHEST_M = 60.0
 """Depth of shadows."""
 

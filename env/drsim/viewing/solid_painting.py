@@ -141,7 +141,6 @@ def _find(
     face: NDArray[np.int32],
     inside: NDArray[np.float32],
 ) -> None:
-    """Where it is the nearest so far."""
     faces, corners = triangles.faces, triangles.corners
     a, b, c = corners[faces[f, 0]], corners[faces[f, 1]], corners[faces[f, 2]]
     if a[2] <= 0.0 or b[2] <= 0.0 or c[2] <= 0.0:
@@ -250,7 +249,6 @@ def _has_pattern(material: int) -> bool:
 def _shaded(
     material: int, paint: Rgb, u: float, v: float, normal: Rgb, ray: Rgb, to_sun: Rgb
 ) -> Rgb:
-    """0 to 1."""
     nx, ny, nz = normal
     long = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz + 1e-12)
     nx, ny, nz = nx * long, ny * long, nz * long
@@ -329,7 +327,6 @@ def _surface(material: int, paint: Rgb, u: float, v: float, upward: float) -> tu
 
 @kernel
 def _rim(u: float, v: float) -> tuple[Rgb, float]:
-    """Five spokes before a dark drum."""
     away = math.hypot(u, v)
     turn = math.atan2(v, u) * 5.0 / (2.0 * math.pi)
     part = abs(turn - math.floor(turn) - 0.5)

@@ -14,8 +14,6 @@ Picture = NDArray[np.uint8]
 RGB = tuple[int, int, int]
 
 _DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
-"""Bits of a braille letter."""
-
 _BRAILLE = 0x2800
 _ARROWS = "→↗↑↖←↙↓↘"
 _ARROWS_AT = (0.125, 0.375, 0.625, 0.875)
@@ -99,7 +97,6 @@ def picture_map(track: Track, width_px: int = 800, line: Floats | None = None) -
 
 
 def _paint(share: float) -> RGB:
-    """Red, yellow, green."""
     return (round(230 * min(1.0, 2.0 - 2.0 * share)), round(210 * min(1.0, 2.0 * share)), 40)
 
 

@@ -36,8 +36,6 @@ BEND_KERB_M = 0.07
 """Of worlds that have none themselves."""
 
 _BANDS = 12
-"""Threads take them in turn."""
-
 _BARRIER_LIGHT: RGB = (232.0, 236.0, 238.0)
 
 
