@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 RewardErrorKind = Literal["load", "signature", "raises", "endless", "type", "range", "discard"]
-"""What is wrong with a reward function: its file, its parameters or kind, an exception, a call
-that does not return, a value that is not a number, or is outside the limits. `discard` declares an
-episode broken.
+"""What is wrong: file, parameters, an exception, a call that does not return, a value that is not
+a number or outside the limits; `discard` declares an episode broken.
 """
 
 
@@ -26,8 +25,8 @@ class TrackError(ValueError):
 class RewardError(RuntimeError):
     """A reward function that cannot be loaded, fails, or returns something that is not a reward.
 
-    `line` counts from 1, `source` is its text; `params` are those that the file reads, in short
-    form. `reason` is such as "KeyError: 'sped'", for a file a whole sentence.
+    `line` counts from 1, `source` is its text; `params` are those that the file reads; `reason` is
+    such as "KeyError: 'sped'", or a whole sentence.
     """
 
     def __init__(

@@ -21,12 +21,11 @@ _insert_function: Any = cgutils.get_or_insert_function
 def kernel(function: F) -> F:
     """Compile a function of numbers and arrays to machine code that runs without the GIL.
 
-    It is cached in NUMBA_CACHE_DIR, else beside the module, in the user's home or a private
-    temporary folder; else every process compiles.
+    Cached in NUMBA_CACHE_DIR, else beside the module, in the user's home or a private temporary
+    folder.
 
     Only a change of a kernel's own file compiles it again, so it uses kernels, records and
-    constants of that file only. A named tuple costs a microsecond more per call than a plain one,
-    so plain ones are passed.
+    constants of that file only. A named tuple costs a microsecond more per call than a plain one.
     """
     try:
         if not _numba_config.CACHE_DIR and _home_is_unknown():
@@ -67,10 +66,7 @@ def _take_number(_context: Any, counter: Any) -> tuple[Any, Callable[..., Any]]:
 
 
 prefetch: Any = intrinsic(_prefetch)
-"""`prefetch(array, index)` asks the memory for an element, and goes on without it.
-
-The index is unsigned and within the one dimension.
-"""
+"""`prefetch(array, index)` asks the memory for an element, and goes on without it; unsigned."""
 
 take_number: Any = intrinsic(_take_number)
 """`take_number(counter)` returns the first integer of an array and adds 1 to it.

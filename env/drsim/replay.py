@@ -1,7 +1,7 @@
 """How faithful the car is: `python -m drsim.replay FOLDER --world NAME [--car NAME|all]`.
 
-FOLDER holds simtrace CSV files of the reference simulator. Our car drives the recorded actions
-from each recorded pose; a horizon later, poses are compared, as are track columns.
+FOLDER holds simtrace CSV files of the reference simulator, whose poses and track columns are
+compared.
 """
 
 import argparse
@@ -34,11 +34,7 @@ _ALL_CARS = "all"
 
 @dataclass(frozen=True)
 class Fidelity:
-    """Errors a horizon ahead; nine of ten windows are within `p90_m`.
-
-    The bicycle does at once what it is asked. `driven_median_m` is the recorded car's, in a
-    straight line.
-    """
+    """Errors a horizon ahead; nine of ten windows are within `p90_m`."""
 
     median_m: float
     p90_m: float
@@ -50,7 +46,6 @@ class Fidelity:
 
 
 def summary(windows: Windows) -> Fidelity:
-    """At least one window."""
     return Fidelity(
         median_m=float(np.median(windows.position_m)),
         p90_m=float(np.percentile(windows.position_m, 90)),

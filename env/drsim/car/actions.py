@@ -1,4 +1,4 @@
-"""Action spaces: from the output of a policy to a steering angle and a speed."""
+"""Action spaces: from a policy's output to steering and speed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,7 +28,10 @@ class DiscreteActions:
 
 @dataclass(frozen=True)
 class ContinuousActions:
-    """Ranges, left positive; the action is a pair of numbers, clipped to -1 .. 1 and mapped linearly."""
+    """Ranges, left positive; the action is a pair of numbers, clipped to -1 .. 1.
+
+    It is mapped linearly.
+    """
 
     steering_deg: tuple[float, float] = (-30.0, 30.0)
     speed_mps: tuple[float, float] = (1.0, 4.0)
@@ -37,7 +40,7 @@ class ContinuousActions:
         return gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
 
     def requests(self, actions: NDArray[Any]) -> tuple[Floats, Floats]:
-        """Degrees and m/s, each of shape (n,), for actions of shape (n, 2)."""
+        """As in `DiscreteActions`, for actions of shape (n, 2)."""
         low, high = np.array([self.steering_deg, self.speed_mps], np.float64).T
         mapped = low + (high - low) * (np.clip(np.asarray(actions, np.float64), -1, 1) + 1) / 2
         return mapped[:, 0], mapped[:, 1]

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class CameraModel:
-    """A front camera. Source of the defaults: the reference simulator's car model.
+    """A front camera. Source of the defaults: the reference simulator.
 
     Attributes:
         mount_m: In the car's base frame: forward, left, up.
-        pitch_rad: Against the chassis, nose down positive. The car rests 1.39 degrees nose up, so
-            a resting lens looks 13.6 degrees down.
+        pitch_rad: Nose down. The car rests 1.39 degrees nose up, so a resting lens looks 13.6
+            degrees down.
         field_of_view_rad: Horizontal.
     """
 

@@ -25,8 +25,8 @@ CONTROL_HZ = 15
 MODEL_FILE = Path(__file__).parent / "car.xml"
 
 COMMAND_RADIUS_M = 0.035
-"""Turns a requested speed into wheel turns. Wheels measure 0.036 m, so a car on the straight is
-2.9 % faster than asked. Source: the reference simulator.
+"""Turns requests into wheel turns. Wheels measure 0.036 m, so a car is 2.9 % faster than asked.
+Source: the reference simulator.
 """
 
 WHEEL_RADIUS_M = 0.036
@@ -59,10 +59,7 @@ _SETTLE_STEPS = 30
 def car_model(
     parameters: CarParameters | None = None, *, longest_latency_s: float = 0.0
 ) -> mujoco.MjModel:
-    """One car on an endless floor: car.xml with the given parameters.
-
-    Delays can be lengthened by up to `longest_latency_s` afterwards.
-    """
+    """One car on an endless floor: car.xml with the given parameters."""
     p = parameters or CarParameters()
     spec = mujoco.MjSpec.from_file(str(MODEL_FILE))
     step_s = 1.0 / CONTROL_HZ / p.substeps
@@ -95,10 +92,7 @@ def motor_commands(
     parameters: CarParameters,
     variation: Variation | None = None,
 ) -> tuple[Floats, Floats]:
-    """Steering angles in radians and wheel speeds in rad/s for the motors. Shape (n,).
-
-    Requests (left positive) are clipped to every car's limits.
-    """
+    """Steering in radians and wheel speeds in rad/s for the motors, from clipped requests."""
     p = parameters
     # Not np.clip, which takes three times as long for a few cars.
     angle_deg = np.minimum(np.maximum(steering_deg, -MAX_STEERING_DEG), MAX_STEERING_DEG)
@@ -121,8 +115,8 @@ def motor_commands(
 class CarBatch:
     """Independent cars, stepped together: by MuJoCo on threads, or by MuJoCo Warp on a GPU.
 
-    With MuJoCo the same actions give bit-identical motion on one machine, whatever the number of
-    threads. `place` and `drive` refresh all attributes but `physics`.
+    With MuJoCo the same actions give bit-identical motion on one machine. `place` and `drive`
+    refresh the attributes.
 
     Attributes:
         physics: What steps them and why, for a log.
@@ -132,7 +126,7 @@ class CarBatch:
         wheel_xy: In the order of `WHEELS_M`. Shape (n, 4, 2).
         lens_pos: Metres. Shape (n, 3).
         lens_mat: Columns forward, left, up. Shape (n, 3, 3).
-        speed: Of the origin over ground, m/s. Shape (n,).
+        speed: Of the origin, m/s. Shape (n,).
     """
 
     def __init__(
@@ -237,7 +231,7 @@ class CarBatch:
         return self._mujoco().state()
 
     def set_state(self, state: Floats) -> None:
-        """Go on from rows of `state`, of any cars with the same parameters."""
+        """Go on from rows of `state`."""
         self._mujoco().set_state(state)
         self._refresh()
 
@@ -248,7 +242,7 @@ class CarBatch:
 
     @property
     def wheels(self) -> Floats:
-        """The front wheels' mean angle (radians, left) and metres rolled since `place`. Shape (n, 2)."""
+        """The front wheels' angle (radians, left) and metres rolled. Shape (n, 2)."""
         model = self._physics.model
         steers, rolls = (
             [model.joint(f"{joint}_{side}").qposadr[0] for side in ("left", "right")]

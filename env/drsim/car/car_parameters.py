@@ -17,9 +17,8 @@ _MAY_BE_NEGATIVE = ("steering_trim_deg",)
 class CarParameters:
     """The calibrated numbers of the car; masses and geometry are in car.xml.
 
-    Found by replaying every other episode recorded in the reference simulator (release 6,
-    continuous actions). On the others the median error one second later is 0.081 m and 3.9
-    degrees, after 1.55 m driven.
+    Found by replaying half of the episodes recorded in the reference simulator (release 6). On the
+    others the median error after one second is 0.081 m and 3.9 degrees, 1.55 m driven.
     """
 
     steering_lag_s: float = 0.1255
@@ -27,12 +26,11 @@ class CarParameters:
     steering_delay_s: float = 0.0095
     """Before a request acts; never less than one physics step."""
     speed_delay_s: float = 0.0095
-    """Likewise."""
     speed_lag_s: float = 0.0
     """Time constant of the motors; 0: at once."""
     wheel_damping: float = 0.0505
-    """Torque per speed error, N m s/rad. All wheels are held at one speed, so with the grip, this
-    compliance decides how far the car understeers.
+    """Torque per speed error, N m s/rad. All wheels have one speed, so this decides how far the
+    car understeers.
     """
     wheel_torque: float = 1.79
     """Largest of a motor, N m."""
@@ -43,12 +41,10 @@ class CarParameters:
     twist_friction_m: float = 0.0151
     """Against turning on the spot: torque over load."""
     tyre_time_s: float = 0.042
-    """Time constant of a tyre that is pushed into the floor or slides; at least twice the physics
-    step.
-    """
+    """Of a tyre that is pushed into the floor or slides; at least twice the physics step."""
     tyre_impedance: float = 0.479
-    """0 .. 1, small is soft. With the time it decides how deep a standing car sinks in (2.4 mm,
-    which car.xml makes up for) and how far wheels creep.
+    """0 .. 1, small is soft. It decides how deep a standing car sinks in (2.4 mm, which car.xml
+    makes up for) and how far wheels creep.
     """
     speed_scale: float = 0.998
     max_wheel_rad_s: float = 100.0
@@ -58,7 +54,6 @@ class CarParameters:
     steering_left_deg: float = MAX_STEERING_DEG
     """The real angle at the greatest request; smaller ones are scaled."""
     steering_right_deg: float = MAX_STEERING_DEG
-    """Likewise."""
     steering_trim_deg: float = 0.0
     """At a request of 0, left positive."""
     battery: float = 1.0

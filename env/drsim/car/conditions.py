@@ -1,4 +1,4 @@
-"""The conditions of one episode, in which it differs from the nominal car and camera."""
+"""The conditions in which one episode differs from the nominal car and camera."""
 
 import math
 from dataclasses import dataclass, fields
@@ -80,7 +80,6 @@ class Conditions:
         return any(getattr(self, name) != getattr(NOMINAL, name) for name in _OF_CAR)
 
     def to_dict(self) -> dict[str, Any]:
-        """What differs from the nominal values."""
         every = {each.name: getattr(self, each.name) for each in fields(self)}
         return {name: value for name, value in every.items() if value != getattr(NOMINAL, name)}
 

@@ -1,4 +1,4 @@
-"""The conditions of many running episodes, and what they do to cameras and frames."""
+"""The conditions of running episodes, and what they do to frames."""
 
 import math
 
@@ -17,8 +17,6 @@ _LEAST_BLUR_PX = 0.05
 
 
 class Disturbances:
-    """The conditions of n running episodes."""
-
     def __init__(self, num_cars: int) -> None:
         self.variation = no_variation(num_cars)
         self._brightness: Floats = np.ones(num_cars)
@@ -54,7 +52,6 @@ class Disturbances:
         return shifted, lens_mat @ self._turn
 
     def next_frames(self, cars: Ints) -> None:
-        """Give cars new noise."""
         self._noise_key[cars] += np.uint64(1)
 
     def spoils(self, cars: Ints) -> bool:

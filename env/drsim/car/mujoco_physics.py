@@ -19,10 +19,7 @@ _VARIED = (
 
 
 class MujocoPhysics:
-    """Physics of n cars on processor threads.
-
-    The same controls give bit-identical motion on one machine, whatever the number of threads.
-    """
+    """Physics of n cars on processor threads, bit-identical whatever their number."""
 
     def __init__(self, model: mujoco.MjModel, num_cars: int, num_threads: int) -> None:
         self.model = model

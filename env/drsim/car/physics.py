@@ -1,4 +1,4 @@
-"""Chooses what moves the cars: MuJoCo on processor threads, or MuJoCo Warp on a GPU."""
+"""Chooses what moves the cars: MuJoCo on threads, or MuJoCo Warp on a GPU."""
 
 import importlib.util
 from typing import Literal, NamedTuple, Protocol
@@ -33,11 +33,7 @@ class Physics(Protocol):
 
 
 class ChosenPhysics(NamedTuple):
-    """What moves the cars.
-
-    Attributes:
-        note: Why, for a log; neither a capital nor a full stop.
-    """
+    """What moves the cars, and a `note` for a log, without capital and full stop."""
 
     engine: Physics
     note: str

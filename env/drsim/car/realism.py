@@ -1,7 +1,4 @@
-"""Sim-to-real extras: how far episodes may differ from the nominal car and camera.
-
-Each part has a random stream of its own, so changing one changes no other.
-"""
+"""Sim-to-real extras, each with a random stream of its own: changing one changes no other."""
 
 import math
 import zlib
@@ -21,20 +18,19 @@ Triple = tuple[float, float, float]
 class Realism:
     """How far an episode may differ from the nominal car and camera; 0 switches a part off.
 
-    Drawn once per episode; factors from 1 +- a share.
+    Drawn once per episode, both ways; shares are of factors 1 +-.
 
     Attributes:
         image_noise: Standard deviation in every pixel, greys.
         brightness: Share of greys.
         blur_px: Largest standard deviation of a Gaussian.
-        camera_angle_deg: About each axis of the lens, +-.
-        camera_shift_m: Along each axis, +-.
+        camera_angle_deg: About each axis of the lens.
+        camera_shift_m: Along each axis.
         latency_s: Every action acts this much later.
         latency_jitter_s: And later still by up to this much.
         friction: Share of grip.
-        mass: Share of mass and inertia.
+        mass: Share.
         battery: Share of speed reached and torque.
-        steering_trim_deg: +-.
         steering_lock: Share of the angle reached, drawn for each side.
         glare: Of a lamp that shines into the lens, 0 .. 1.
         reflections: Of lamps, by the floor, 0 .. 1.
@@ -77,7 +73,7 @@ class Realism:
         return self.latency_s + self.latency_jitter_s
 
     def draw(self, seed: int, racer: int = 0) -> Conditions:
-        """The conditions of the episode with this seed, 0 .. 2**64 - 1, for one of racers on one track."""
+        """The conditions of the episode with this seed, 0 .. 2**64 - 1, for one of the racers."""
         streams = _Streams(seed, racer)
         return Conditions(
             image_noise=self.image_noise,

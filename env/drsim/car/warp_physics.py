@@ -45,8 +45,7 @@ class WarpError(Exception):
 class WarpPhysics:
     """Physics of n cars in CUDA graphs, with numbers of 32 bits.
 
-    On a GPU the order of sums is open, so the same controls give the same motion up to rounding
-    only, unless it is `deterministic`.
+    On a GPU the same controls give the same motion up to rounding, unless it is `deterministic`.
     """
 
     def __init__(
@@ -59,7 +58,7 @@ class WarpPhysics:
     ) -> None:
         """Compile what is not in Warp's cache.
 
-        `device` is a name of Warp's, such as `cpu`; `deterministic` is slower on a GPU.
+        `device` is a name of Warp's, such as `cpu`.
 
         Raises:
             WarpError: There is no such device, or MuJoCo Warp refuses the model or fails.

@@ -12,7 +12,7 @@ from drsim.track.track import CENTER
 
 
 class CarPlacement:
-    """Places the cars of a simulation; each call is for some of them, shape (k,)."""
+    """Places the cars of a simulation, some at a time."""
 
     def __init__(self, placing: Placing, cars: CarBatch, traffic: Traffic | None) -> None:
         self._placing = placing
@@ -27,7 +27,6 @@ class CarPlacement:
         offset_m: Floats | None,
         angle_deg: Floats | None,
     ) -> None:
-        """Place cars as `Simulation.reset` says."""
         if self._traffic is None:
             self._cars.place(cars, self._placing.on(cars, fraction))
         else:
@@ -47,10 +46,10 @@ class CarPlacement:
         came_from: Floats,
         contacts: Contacts | None,
     ) -> None:
-        """Place cars whose violation is forgiven where they go on.
+        """Place cars whose violation is forgiven.
 
         After a crash into another car, where it is; else where it came from, on the nearer lane,
-        clear of obstacles. All arguments but `cars` are of all cars.
+        clear of obstacles.
         """
         stays = np.zeros(len(cars), np.bool_)
         progress = state.previous_progress[cars]
@@ -70,7 +69,6 @@ class CarPlacement:
         self._follow()
 
     def move_aside(self, cars: Ints, fraction: Floats) -> None:
-        """Park cars beside the road."""
         self._cars.place(cars, self._placing.aside(cars, fraction))
 
     def _turn_aside(

@@ -13,11 +13,7 @@ from drsim.sensing.observations import Observations
 
 
 class EpisodeDraws:
-    """Draws for the episodes of all cars; `racers` of one group meet the same traffic.
-
-    Attributes:
-        disturbances: Of the present episodes.
-    """
+    """Draws for the episodes of all cars; `racers` of one group meet the same traffic."""
 
     def __init__(
         self,
@@ -40,7 +36,6 @@ class EpisodeDraws:
         self._begun: Ints = np.zeros(num_cars, np.int64)
 
     def seeds(self, cars: Ints) -> Seeds:
-        """For the next episodes; a group has the same ones."""
         if not (self._traffic or self._disturbs or self._randomizes):
             return np.zeros(len(cars), np.uint64)  # nothing is drawn
         groups = cars // self._racers
@@ -62,8 +57,7 @@ class EpisodeDraws:
         """Draw lights, colours, camera and car of new episodes, and put them into effect.
 
         Raises:
-            ValueError: There are not k conditions, or their latency is longer than the cars were
-                built for.
+            ValueError: Not k conditions, or their latency is too long.
         """
         racers = cars % self._racers
         if self._randomizes:

@@ -102,9 +102,7 @@ class Observed(NamedTuple):
 
     Attributes:
         fraction: Where the point ahead of the car is on the lap, 0 .. 1.
-        moved_m: Of the car's origin, in the step.
         off_track: No wheel is on the track.
-        crashed: Into something.
     """
 
     driven: Bools
@@ -117,11 +115,7 @@ class Observed(NamedTuple):
 class Verdict(NamedTuple):
     """What one step led to. Arrays of shape (n,), meaningful where the car was driven.
 
-    Attributes:
-        status: `Status` numbers.
-        terminated: By the rules.
-        truncated: By the step limit.
-        put_back: The violation is forgiven.
+    `status` are `Status` numbers; `put_back` means that the violation is forgiven.
     """
 
     status: Ints
@@ -246,7 +240,7 @@ _IN_PROGRESS, _LAP_COMPLETE, _CRASHED, _OFF_TRACK, _IMMOBILIZED, _TIME_UP, _REVE
         Status.REVERSED,
     )
 )
-"""The compiler knows integers only, no enumerations."""
+"""The compiler knows no enumerations."""
 
 
 @kernel

@@ -22,13 +22,9 @@ class Situation:
         xy: That point, metres. Shape (n, 2).
         heading_deg: -180 .. 180.
         all_on: All four wheel centres are on the track.
-        none_on: No wheel centre is.
-        progress: Percent.
-        steps: The first included.
-        steering_deg: Asked for, not clipped.
-        speed_mps: Asked for, not clipped.
+        none_on: None is.
+        steering_deg: Like the speed, asked for, not clipped.
         backward: Index into the tracks: 1 for the other way.
-        crashed: With consequences.
         objects: None where a car is alone.
     """
 
@@ -50,8 +46,7 @@ class Situation:
 def params_of(tracks: Sequence[Track], situation: Situation, cars: Ints) -> Iterator[RewardParams]:
     """Build the dictionaries of some cars, one at a time, of plain Python values.
 
-    All are fresh, lists included, so that a reward function may alter them. `tracks` are as given
-    and perhaps reversed.
+    All are fresh, lists included, so that a reward function may alter them.
     """
     s, where = situation, situation.where
     xy, heading_deg = s.xy.tolist(), s.heading_deg.tolist()

@@ -1,4 +1,4 @@
-"""Where on the lap cars are put, and how they keep their own stretch of the track."""
+"""Where on the lap cars are put, and how they keep their own stretch."""
 
 from collections.abc import Sequence
 
@@ -15,12 +15,7 @@ _SAMPLES = 81
 
 
 class Placing:
-    """Poses on the lanes of a track, for both driving directions.
-
-    Attributes:
-        tracks: As given, and reversed.
-        backward: Each car's index into `tracks`; a live array.
-    """
+    """Poses on the lanes of a track, for both driving directions."""
 
     def __init__(self, tracks: Sequence[Track], backward: Ints) -> None:
         self.tracks = tracks
@@ -42,7 +37,6 @@ class Placing:
         return poses
 
     def on_each(self, cars: Ints, fraction: Floats, lanes: Ints) -> Floats:
-        """Like `on`, each on its own lane, by index."""
         poses = np.empty((len(cars), 3))
         for lane, name in enumerate(LANES):
             chosen = lanes == lane
@@ -70,15 +64,13 @@ class Placing:
 
 
 def fraction_at(progress: Floats, start_fraction: Floats) -> Floats:
-    """0 .. 1 from waypoint 0."""
     return (start_fraction + progress / 100.0) % 1.0
 
 
 def without_jump(track: Track, xy: Floats, found_m: float, before_m: float) -> float:
     """Distance along the centre line, unless it belongs to a neighbouring stretch of the track.
 
-    If a car seems to have jumped in one step, the nearest place within `JUMP_M` of `before_m`, to
-    2.5 cm.
+    After such a jump in one step, the nearest place within `JUMP_M`, to 2.5 cm.
     """
     gap_m = found_m - before_m
     if track.closed:

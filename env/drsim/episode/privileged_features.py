@@ -27,12 +27,10 @@ def features(
 ) -> Singles:
     """Features of each car for a critic. Shape (k, PRIVILEGED_DIMS).
 
-    In this order: offset from the centre line in half widths, left positive; sine and cosine of
-    the heading against the line; speed in m/s; sine and cosine of the place on the lap; then of
-    the line's turn at six places ahead; then, for the two nearest objects ahead, distance as a
-    share of 4 m (1 for none) and offset in half widths.
-
-    `poses` are reference points, metres, and yaws, radians, shape (k, 3).
+    In order: offset from the centre line in half widths, left positive; sine and cosine of the
+    heading against the line; speed in m/s; sine and cosine of the place on the lap; of the line's
+    turn at six places ahead; for the two nearest objects ahead, distance / 4 m (1 for none) and
+    offset in half widths.
     """
     rows = np.zeros((len(cars), PRIVILEGED_DIMS), np.float32)
     for direction, track in enumerate(tracks):

@@ -28,7 +28,7 @@ from drsim.errors import DiscardEpisode, RewardError, RewardErrorKind
 RewardParams = dict[str, Any]
 RewardFunction = Callable[[RewardParams], float]
 OnRewardError = Callable[[int, RewardError], float]
-"""From the number of a call and its failure to the reward instead, or it raises."""
+"""From a call's number and failure to the reward instead, or it raises."""
 
 REWARD_DEADLINE_S = 5.0
 """Of one call. Source: the console's validator."""
@@ -41,8 +41,6 @@ USER_MODULE = "_drsim_reward_function"
 
 
 class Rewarded(NamedTuple):
-    """Rewards, and wall time of each call."""
-
     rewards: list[float]
     seconds: list[float]
 
@@ -81,13 +79,11 @@ def checked_rewards(
 ) -> Rewarded:
     """Call a reward function once for each car, and measure each call.
 
-    The deadline uses a timer signal: only in the main thread, and where the system has such
-    timers. A function that swallows the exceptions at its deadline for seconds ends the process,
-    with the reason for `sys.excepthook`; so does an operation that Python cannot interrupt, by the
-    signal `reward_deadline.STUCK`.
+    The deadline uses a timer signal: only in the main thread, where the system has such timers. A
+    function that swallows the exceptions at its deadline for seconds, or an operation that Python
+    cannot interrupt (by `reward_deadline.STUCK`), ends the process.
 
-    `functions` are one, or one for each call, which may alter its parameters. Without `on_error`,
-    the first failure ends the calls; a missed deadline always does.
+    Without `on_error`, the first failure ends the calls; a missed deadline always does.
 
     Raises:
         RewardError: The function raised, was late, or returned something that is not a finite
@@ -127,7 +123,7 @@ def checked_rewards(
 def as_number(value: object) -> float | None:
     """A returned value as a float, infinite if too large; None if it is not a number.
 
-    Booleans are numbers; complex numbers and arrays of several values are not.
+    Booleans are numbers.
     """
     if isinstance(value, str | bytes | complex) or not hasattr(value, "__float__"):
         return None

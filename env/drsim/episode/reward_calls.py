@@ -12,7 +12,7 @@ from drsim.track.track import Track
 
 
 class RewardCalls:
-    """Rewards by the reward function of each car; arguments as in `Simulation`."""
+    """Rewards by the reward function of each car."""
 
     def __init__(
         self,
@@ -31,8 +31,6 @@ class RewardCalls:
         self, tracks: tuple[Track, Track], situation: Situation, driven: Bools
     ) -> tuple[Floats, Floats, Bools, Bools]:
         """Rewards, seconds of the calls, which failed, whose episodes are declared broken.
-
-        Cars that are not `driven` get 0. Shape (n,) each.
 
         Raises:
             RewardError: A function failed, and nobody takes its failure.

@@ -17,9 +17,7 @@ PATIENCE_S = 5.0
 """How long they are raised before the process ends."""
 
 STUCK = signal.SIGPROF if hasattr(signal, "SIGPROF") else None
-"""Ends a process inside one endless operation, where Python cannot raise anything; all stacks go
-to standard error first.
-"""
+"""Ends a process inside one endless operation; all stacks go to standard error first."""
 
 _STUCK_FACTOR = float(max(2, os.cpu_count() or 1))
 """Processor seconds per second: other threads may compute too."""
@@ -56,10 +54,7 @@ class Alarm:
         self.armed = True
 
     def wind(self) -> None:
-        """Set the timer to this call's deadline, or the earliest following one.
-
-        If Python cannot react, a second timer ends the process.
-        """
+        """Set the timer to the earliest deadline; if Python cannot react, a second one ends the process."""
         if self._last_s:
             _switch.is_on = True
             signal.setitimer(signal.ITIMER_PROF, self._last_s)
@@ -94,7 +89,7 @@ class Alarm:
 
 @contextlib.contextmanager
 def alarm(deadline_s: float, give_up: Callable[[FrameType | None], object]) -> Iterator[Alarm]:
-    """Install the timer once for many calls, in the main thread, where the system has such timers.
+    """Install the timer for many calls, in the main thread, where the system has such timers.
 
     `give_up` ends the process when code swallows all exceptions.
     """

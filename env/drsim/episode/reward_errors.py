@@ -17,7 +17,6 @@ LONGEST_VALUE = 100
 
 
 def code_of(function: Callable[..., Any]) -> CodeType | None:
-    """Behind wrappers; None for a function in C."""
     try:
         inner: Any = inspect.unwrap(function)
     except ValueError:  # it is wrapped in itself
@@ -31,7 +30,6 @@ def code_of(function: Callable[..., Any]) -> CodeType | None:
 
 
 def line_in(filename: str, trace: TracebackType | None) -> int | None:
-    """The deepest line of the user's file."""
     lines = [
         line for frame, line in traceback.walk_tb(trace) if frame.f_code.co_filename == filename
     ]
@@ -55,7 +53,6 @@ def quoted(path: Path | None, line: int | None) -> str:
 
 
 def described(error: BaseException) -> str:
-    """Type and text of an exception on one line."""
     kind = type(error).__name__
     try:
         text = " ".join(str(error).split())
@@ -86,9 +83,9 @@ def names_in(text: str) -> frozenset[str]:
 
 
 def compact(params: Mapping[str, Any], path: Path | None) -> dict[str, Any]:
-    """The parameters that a file reads, shortened; all if its text is not known.
+    """The parameters that a file reads, shortened; waypoints are told by number.
 
-    Waypoints are told by number. The user's code may have put anything among them.
+    The user's code may have put anything among them.
     """
     text = "" if path is None else "".join(linecache.getlines(str(path)))
     short: dict[str, Any] = {}

@@ -36,8 +36,8 @@ from drsim.track.track import Track
 class Simulation:
     """Cars that drive episodes on one track, each with a track to itself unless they race.
 
-    The same actions give bit-identical observations and rewards on one machine, unless MuJoCo Warp
-    moves the cars on a GPU. A car is parked until `reset` and after its episode.
+    The same actions give bit-identical results on one machine, unless MuJoCo Warp moves the cars.
+    A car is parked until `reset` and after its episode.
 
     Attributes:
         track: In the direction given.
@@ -46,8 +46,7 @@ class Simulation:
         traffic: None where a car is alone.
         physics: What moves the cars and why, for a log.
         draws: Whether frames and scans are refreshed; several times as fast without.
-        unstable: Cars whose physics failed in the last step. They stand where they were before,
-            and count as off track. Shape (n,).
+        unstable: Cars whose physics failed in the last step: put back, and off track. Shape (n,).
     """
 
     def __init__(
@@ -299,7 +298,7 @@ class Simulation:
 
     @property
     def wheels(self) -> Floats:
-        """As `CarBatch.wheels`. Shape (n, 2)."""
+        """As `CarBatch.wheels`."""
         return self._cars.wheels
 
     @property
@@ -307,7 +306,7 @@ class Simulation:
         return self._cars.speed.copy()
 
     def privileged(self, cars: Ints) -> Singles:
-        """See `privileged_features`. Shape (k, PRIVILEGED_DIMS)."""
+        """See `privileged_features`."""
         here = np.column_stack([self._cars.front_xy[cars], self._cars.yaw_rad[cars]])
         return features(
             self._tracks,
@@ -320,7 +319,7 @@ class Simulation:
         )
 
     def teacher_state(self, cars: Ints) -> Singles:
-        """See `teacher_features`. Shape (k, TEACHER_DIMS)."""
+        """See `teacher_features`."""
         state = self._episodes.state
         now = CarsNow(
             cars=cars,

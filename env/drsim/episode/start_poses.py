@@ -13,16 +13,10 @@ from drsim.track.track import Track
 Side = Literal["left", "centre", "right"]
 
 STEP_M = 0.01
-"""Of the search for a place."""
 
 
 class StartPose(NamedTuple):
-    """Where a car starts.
-
-    Attributes:
-        pose: Metres, and yaw in radians.
-        offset_m: Really, to the left.
-    """
+    """Pose in metres and radians, and the real offset to the left."""
 
     pose: Floats
     offset_m: float
@@ -43,7 +37,7 @@ def offset_of(track: Track, fraction: float, side: Side) -> float:
 def start_pose(track: Track, fraction: float, offset_m: float, angle_deg: float) -> StartPose:
     """The start that was asked for, or the nearest one towards the centre line on the road.
 
-    `track` is in the driving direction; offset and angle are to the left.
+    Offset and angle are to the left.
     """
     centre = track.pose_at(np.array([fraction * track.length_m]))[0]
     yaw = centre[2] + np.radians(angle_deg)

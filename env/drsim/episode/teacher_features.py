@@ -1,7 +1,4 @@
-"""What a teacher drives by: all that decides how to go on, known exactly.
-
-A camera policy then learns from the teacher.
-"""
+"""What a teacher drives by: all that decides how to go on, known exactly."""
 
 from typing import NamedTuple
 
@@ -15,22 +12,20 @@ from drsim.track.track import Track
 
 _AHEAD_M = (0.3, 0.6, 0.9, 1.2, 1.6, 2.0, 2.5, 3.0, 4.0, 5.0)
 _OBJECTS = 4
-"""Two in a row decide how to pass the first; the rules of races let few more come into reach."""
+"""Two in a row decide how to pass the first."""
 
 _HORIZON_M = 6.0
 """At 4 m/s a second and a half."""
 
 _PASSED_M = -0.9
-"""Half a box and the car behind its reference point are 0.55 m; the rest is for cars across the
-road.
-"""
+"""Half a box and the car behind its reference point are 0.55 m."""
 
 _FAST_RAD_S = 4.0
 _LONG_STEPS = 300
 _OWN, _EACH = 12, 9
 
 EPISODE_DIMS = 2
-"""The last columns, which tell a critic about the episode's end, but not how to drive."""
+"""The last columns: for a critic, not for driving."""
 
 TEACHER_DIMS = _OWN + 2 * len(_AHEAD_M) + _EACH * _OBJECTS + EPISODE_DIMS
 _CAR_WIDTH_M = SHAPES["race_car"].footprint_m[1]
@@ -40,13 +35,11 @@ class CarsNow(NamedTuple):
     """What is known of k cars. Shape (k,) unless given.
 
     Attributes:
-        backward: Each car's index into the tracks.
+        backward: Index into the tracks.
         poses: Reference points, metres, and yaws, radians. Shape (k, 3).
         velocity: As `CarBatch.velocity`. Shape (k, 3).
         wheel_rad: To the left.
-        requests: The last degrees and m/s. Shape (k, 2).
-        along_m: Along the centre line.
-        progress: Percent.
+        requests: Degrees and m/s. Shape (k, 2).
     """
 
     cars: Ints
@@ -66,37 +59,26 @@ def teacher_features(
 ) -> Singles:
     """Features of each car for a teacher, mostly within -1 .. 1. Shape (k, TEACHER_DIMS).
 
-    Lengths along the lap are in the car's own direction, from its reference point, 0.14 m ahead of
-    its origin; left is positive. In this order:
+    Lengths are along the lap in the car's own direction, from its reference point, 0.14 m ahead of
+    its origin; left is positive. Columns:
 
-    | columns | what |
-    | --- | --- |
-    | 0 | offset from the centre line in half widths of the road |
-    | 1 | half the width of the road, metres |
-    | 2, 3 | sine and cosine of the heading against the centre line |
-    | 4, 5 | speed forward / 4 m/s, and to the left, m/s |
-    | 6 | yaw rate / 4 rad/s |
-    | 7 | angle of the front wheels / 30 degrees |
-    | 8, 9 | last request: steering / 30 degrees, speed / 4 m/s; 0 at the start |
-    | 10, 11 | sine and cosine of the place on the lap |
-    | 12 to 31 | ten points of the centre line ahead: forward and left / distance |
-    | 32 to 67 | four objects, nine columns each |
-    | 68, 69 | progress / a lap, steps / 300 |
+    - 0: offset from the centre line in half widths of the road; 1: half a width, metres
+    - 2, 3: sine and cosine of the heading against the centre line
+    - 4, 5: speed forward / 4 m/s, and to the left, m/s; 6: yaw rate / 4 rad/s
+    - 7: angle of the front wheels / 30 degrees
+    - 8, 9: last request: steering / 30 degrees, speed / 4 m/s; 0 at the start
+    - 10, 11: sine and cosine of the place on the lap
+    - 12 to 31: ten points of the centre line ahead: forward and left / distance
+    - 32 to 67: four objects, nine columns each
+    - 68, 69: progress / a lap, steps / 300
 
-    Objects from 0.9 m behind to 6 m ahead, the hindmost first. All columns but the second are 0
-    for none:
+    Of objects from 0.9 m behind to 6 m ahead, the hindmost first; 0 for none but in the second:
 
-    | column | what |
-    | --- | --- |
-    | 0 | 1 for an object |
-    | 1 | distance along the lap / 6 m; 1 for none |
-    | 2, 3 | its centre forward / 6 m, and to the left / 2 m, at most 2 |
-    | 4 | its offset from the centre line less that of the car, metres |
-    | 5, 6 | room to its left and right on the road, less a car's width, metres |
-    | 7 | its speed along the lap less that of the car / 4 m/s |
-    | 8 | its speed to the left, across the lap, m/s |
-
-    `speeds_mps` are those of all cars.
+    - 0: 1 for an object; 1: distance / 6 m, 1 for none
+    - 2, 3: its centre forward / 6 m, and to the left / 2 m, at most 2
+    - 4: its offset from the centre line less that of the car, metres
+    - 5, 6: room to its left and right on the road, less a car's width, metres
+    - 7, 8: its speed along the lap less that of the car / 4 m/s, and to the left, m/s
     """
     rows = np.zeros((len(now.cars), TEACHER_DIMS), np.float32)
     for direction, track in enumerate(tracks):

@@ -15,8 +15,7 @@ class TrackPositions:
     """Places of all cars, each on the track in its own driving direction.
 
     Attributes:
-        where: On the centre line. Rows that were handed out stay as they are.
-        wheels_on: On the road. Shape (n,).
+        where: Rows that were handed out stay as they are.
         along_m: Without jumps to neighbouring stretches. Shape (n,).
     """
 
@@ -44,7 +43,6 @@ class TrackPositions:
         self.along_m = along_m
 
     def refresh_placed(self, cars: Ints) -> None:
-        """Find some cars that have been placed."""
         self._seen_xy[cars] = self._cars.front_xy[cars]
         self.where = Location._make(column.copy() for column in self.where)
         self.wheels_on = self.wheels_on.copy()

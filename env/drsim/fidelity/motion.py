@@ -1,8 +1,8 @@
 """How far our car ends from a recorded one, given the same actions for the same times.
 
 A bicycle that does at once what it is asked drives beside it. Each drive is driven once, and each
-window takes its piece, moved to begin at the recorded pose: the floor is flat and endless, so this
-equals stepping the earlier actions before every window, and is thirty times faster.
+window is a piece of it, moved to the recorded pose: the floor is flat, so this equals stepping
+before every window, and is thirty times faster.
 """
 
 import math
@@ -27,9 +27,7 @@ from drsim.car.physics import PhysicsChoice, choose_physics
 from drsim.fidelity.recordings import Recording
 
 SETTLING_ROWS = 3
-"""No window begins at these: the reference may put a car at its start with the speed that it had
-before.
-"""
+"""The reference may put a car at its start with the speed that it had before."""
 
 WARM_UP_S = 1.0
 """Earlier after a break it is unknown how the car moved."""
@@ -43,7 +41,7 @@ _CARS = 256
 class Windows:
     """How far our car and the bicycle ended from the recorded car; arrays of shape (w,).
 
-    Angles are 0 .. 180. `driven_m` is how far the recorded car got, in a straight line.
+    `driven_m` is how far the recorded car got, in a straight line.
     """
 
     position_m: Floats
@@ -60,10 +58,7 @@ def compare_motion(
     horizon_s: float = 1.0,
     physics: PhysicsChoice = "mujoco",
 ) -> Windows:
-    """Replay drives and compare poses `horizon_s` ahead, from every row that allows it.
-
-    The default car is the calibrated one.
-    """
+    """Replay drives and compare poses `horizon_s` ahead, from every row that allows it."""
     found = [np.empty((0, 5))]
     for drive, replayed in zip(drives, replay(drives, parameters, physics), strict=True):
         first, last = _windows(drive, horizon_s)
@@ -85,10 +80,10 @@ def replay(
     parameters: CarParameters | None = None,
     physics: PhysicsChoice = "mujoco",
 ) -> list[Floats]:
-    """Drive the recorded actions, each for the time that the recorded car drove it.
+    """Drive the recorded actions, each for its recorded time.
 
-    Returns poses at the start of every row, from the world's origin on: x and y (metres) of the
-    point 0.14 m ahead of the car's origin, and yaw (radians). Shape (t, 3).
+    Returns poses at the start of every row: x and y (metres) of the point 0.14 m ahead of the
+    car's origin, and yaw (radians). Shape (t, 3).
     """
     parameters = parameters or CarParameters()
     found: list[Floats] = [np.empty((0, 3))] * len(drives)

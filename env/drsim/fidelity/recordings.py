@@ -1,7 +1,6 @@
 """Recorded drives: simtrace CSV files of the reference simulator, or ours.
 
-A file may end in the middle of a line, or lack columns. Lines that cannot be read are counted, and
-the drive is cut there.
+Lines that cannot be read are counted, and the drive is cut there.
 """
 
 import csv
@@ -46,20 +45,17 @@ class RecordingError(ValueError):
 class Recording:
     """A stretch of an episode that was driven without a break.
 
-    A row's pose is the one that its action starts from. The last four attributes are the recording
-    simulator's.
+    A row's pose is the one that its action starts from. Unknown columns are NaN or -1.
 
     Attributes:
         poses: x, y (metres, the point 0.14 m ahead of the car's origin) and yaw (radians, without
             jumps). Shape (t, 3).
         actions: Degrees and m/s. Shape (t, 2).
-        starts_s: Simulation time; NaN in the first row if unknown. Shape (t,).
+        starts_s: Simulation time. Shape (t,).
         held: The first row's action did not act.
         from_rest: The car stood at first; else, how it moved is unknown.
-        progress: Percent; NaN if unknown. Shape (t,).
-        waypoint: The closest; -1 if unknown. Shape (t,).
-        wheels_on: 1 if all were on the track, 0 if not, -1 if unknown. Shape (t,).
-        track_length_m: NaN if unknown.
+        progress: Percent. Shape (t,).
+        wheels_on: 1 if all were on the track. Shape (t,).
     """
 
     episode: int
@@ -77,7 +73,7 @@ class Recording:
 
 @dataclass(frozen=True)
 class Recordings:
-    """The drives of a folder, and how many lines could not be read."""
+    """Drives, and how many lines could not be read."""
 
     drives: list[Recording]
     left_out: int

@@ -41,7 +41,6 @@ class Agreement:
 
 
 def compare_track_columns(drives: Sequence[Recording], track: Track) -> Agreement:
-    """Of drives (at least one) in either direction."""
     poses = np.concatenate([drive.poses for drive in drives])
     waypoint = np.concatenate([drive.waypoint for drive in drives])
     wheels_on = np.concatenate([drive.wheels_on for drive in drives])
@@ -68,11 +67,7 @@ def compare_track_columns(drives: Sequence[Recording], track: Track) -> Agreemen
 
 
 def all_wheels_on(poses: Floats, track: Track) -> Bools:
-    """Whether all four wheels of standing cars are on the road.
-
-    Poses are x and y (metres) of the point 0.14 m ahead of the origin, and yaw (radians). Shape
-    (n, 3).
-    """
+    """Whether all four wheels of standing cars are on the road; poses as in `Recording`."""
     if not len(poses):
         return np.zeros(0, np.bool_)
     yaw = poses[:, 2]

@@ -37,32 +37,26 @@ class RacerEnv(gym.Env[Perceived, Any]):
 
     ## Action space
 
-    With `DiscreteActions` (the default: 5 angles, each with 1 and 2 m/s), `Discrete(n)`: a
-    position in the list. With `ContinuousActions`, `Box(-1, 1, (2,), float32)`:
+    With `DiscreteActions` (the default: 5 angles, each with 1 and 2 m/s), `Discrete(n)`. With
+    `ContinuousActions`, `Box(-1, 1, (2,), float32)`: steering, from the least angle to the
+    greatest (left), and speed, from the least to the greatest; numbers beyond are clipped.
 
-    | index | action   | -1                       | 1                     |
-    | ----- | -------- | ------------------------ | --------------------- |
-    | 0     | steering | least angle [degrees]    | greatest (left) angle |
-    | 1     | speed    | least speed [m/s]        | greatest speed        |
-
-    Numbers beyond -1 and 1 count as -1 and 1. The car turns its wheels by 30 degrees at most, with
-    a lag of about 0.1 s; it drives 0.1 to about 3.6 m/s and cannot stop. One action lasts 1/15 s.
+    The wheels turn by 30 degrees at most, with a lag of about 0.1 s; the car drives 0.1 to about
+    3.6 m/s and cannot stop. One action lasts 1/15 s.
 
     ## Observation space
 
-    With one sensor, what that sensor gives; with a camera and a lidar, a `Dict` of both by name.
+    What the sensor gives; with a camera and a lidar, a `Dict` of both by name.
 
-    | sensor                                          | space                                      |
-    | ----------------------------------------------- | ------------------------------------------ |
-    | FRONT_FACING_CAMERA, LEFT_CAMERA, observation   | `Box(0, 255, (120, 160, 1), uint8)`, grey  |
-    | STEREO_CAMERAS                                  | `Box(0, 255, (120, 160, 2), uint8)`        |
-    | LIDAR                                           | `Box(0.15, 1, (64,), float32)`, metres     |
-    | SECTOR_LIDAR                                    | `Box(0, 1, (8,), float32)`                 |
-    | DISCRETIZED_SECTOR_LIDAR                        | `Box(0, 1, (sectors * values,), float32)`  |
+    - FRONT_FACING_CAMERA, LEFT_CAMERA, observation: `Box(0, 255, (120, 160, 1), uint8)`, grey
+    - STEREO_CAMERAS: `Box(0, 255, (120, 160, 2), uint8)`
+    - LIDAR: `Box(0.15, 1, (64,), float32)`, metres
+    - SECTOR_LIDAR: `Box(0, 1, (8,), float32)`
+    - DISCRETIZED_SECTOR_LIDAR: `Box(0, 1, (sectors * values,), float32)`
 
-    The camera looks ahead with a horizontal field of view of 64.7 degrees, pitched 14 degrees
-    down, from 0.13 m above the ground; row 0 is at the top. The lidar looks backwards, as in the
-    reference: ray 0 points 30 degrees to the left, and the rays go round by the rear.
+    The camera has a horizontal field of view of 64.7 degrees, pitched 14 degrees down, 0.13 m
+    above the ground; row 0 is at the top. The lidar looks backwards, as in the reference: ray 0
+    points 30 degrees to the left, and the rays go round by the rear.
 
     ## Reward
 
@@ -78,7 +72,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
     ## End of an episode
 
     Terminated: a full lap (progress exactly 100), a crash, all four wheels off the track, 15 steps
-    without motion, 15 steps of falling progress. Truncated: `rules.max_steps` reached. With
+    without motion or of falling progress. Truncated: `rules.max_steps` reached. With
     `rules.max_resets`, a violation puts the car back on the track; it waits, and ignores actions.
 
     ## Info
@@ -89,10 +83,9 @@ class RacerEnv(gym.Env[Perceived, Any]):
 
     ## Rendering
 
-    `render_mode="rgb_array"` gives a picture, `"human"` shows it in a window of 640x480 (extra
-    `rendering`). The `view` is "camera", what the car sees, (120, 160, 3), or in colour "chase"
-    from behind and "top" from above, (480, 640, 3). The first of these takes about 1 s, others
-    about 20 ms of one core.
+    `render_mode="rgb_array"` gives a picture, `"human"` shows it in a window (extra `rendering`).
+    The `view` is "camera", (120, 160, 3), or "chase" from behind and "top" from above, (480, 640,
+    3): about 1 s for the first, then 20 ms of one core.
     """
 
     # Not a ClassVar, because Gymnasium declares it without.
@@ -125,12 +118,12 @@ class RacerEnv(gym.Env[Perceived, Any]):
             rules: When episodes end; default: those of training.
             sensors: What the car perceives, or names of sensors.
             race: What else is on the track, or "time_trial", "object_avoidance", "head_to_bot".
-            start: Where on the lap episodes start, 0 .. 1; anywhere when None.
+            start: Of the lap, 0 .. 1; anywhere when None.
             reverse: Drive against the direction of the track.
-            randomize: "nothing", "lights" or "textures" that change from episode to episode.
+            randomize: "nothing", "lights" or "textures", per episode.
             realism: Sim-to-real extras; default: none.
             longest_latency_s: Of conditions given to `reset`.
-            car: Name of a set of car parameters (`drsim.CAR_SETS`), or your own.
+            car: Name of car parameters (`drsim.CAR_SETS`), or your own.
             render_mode: "rgb_array", "human", or None.
             view: "camera", "chase" or "top".
 

@@ -1,8 +1,7 @@
 """Computes the fastest line of a car round a closed track, and its speeds.
 
-A nonlinear programme finds places and speeds of a point mass at nodes on the normals of a
-reference line: the smoothed centre line, then the line found before, whose normals do not cross
-within the road.
+A nonlinear programme places a point mass on normals of a reference line: the smoothed centre line,
+then the line found before.
 """
 
 from typing import Any, NamedTuple
@@ -17,8 +16,8 @@ STEP_M = 0.15
 """With 0.1 m, lap times are 0.2 % longer."""
 
 BEYOND_M = 0.085
-"""How far the car's origin may be beyond a border: half its track width, so that the wheels of one
-side stay on the road.
+"""Of the car's origin beyond a border: half its track width, so that the wheels of one side stay
+on.
 """
 
 _SMOOTH_M = 0.3
@@ -46,13 +45,11 @@ class Line(NamedTuple):
 
     @property
     def step_m(self) -> Floats:
-        """To the next node. Shape (n,)."""
         step_m: Floats = np.hypot(*(np.roll(self.xy, -1, axis=0) - self.xy).T)
         return step_m
 
     @property
     def step_s(self) -> Floats:
-        """To the next node. Shape (n,)."""
         return 2.0 * self.step_m / (self.speed_mps + np.roll(self.speed_mps, -1))
 
     @property

@@ -1,7 +1,7 @@
 """What limits a lap: each car's grip and speed, as measured in the MuJoCo car.
 
-With random requests of 256 cars (99 % of windows of 0.2 s are below), raised to the fastest
-driving found: see docs/track-limit.md.
+With random requests (99 % of windows of 0.2 s are below), raised to the fastest driving: see
+docs/track-limit.md.
 """
 
 from collections.abc import Mapping
@@ -17,9 +17,9 @@ class Grip:
     """What a car can do at most.
 
     Attributes:
-        lateral_mps2: At each of `SPEEDS_MPS`. Small at low speeds, because all wheels turn at one
-            speed, so that the car understeers.
-        best_brake_mps2: Deceleration at which the car corners best: braking helps it to turn.
+        lateral_mps2: At each of `SPEEDS_MPS`. All wheels turn at one speed, so a slow car
+            understeers.
+        best_brake_mps2: At which the car corners best.
         pull_per_s: Acceleration for each m/s below the top speed.
         jerk_mps3: Of lateral acceleration: steering lag and inertia.
     """

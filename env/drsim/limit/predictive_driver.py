@@ -1,8 +1,7 @@
 """Drives the MuJoCo car along a line as fast as it can, by looking ahead in copies of the car.
 
-In each step, many copies try requests of half a second. Of the best, which gains most time and
-ends near the line, the first step is driven (the cross-entropy method). `Simulation` then judges
-these requests by the rules of episodes.
+Copies try requests of half a second; the first step of the best is driven (the cross-entropy
+method). `Simulation` then judges by the rules of episodes.
 """
 
 from dataclasses import dataclass
@@ -25,23 +24,16 @@ _FIRST_M = 1.0
 _FINER = 4
 _KEPT_SHARE = 0.7
 _PAST, _AHEAD = -8, 60
-"""Where a car is looked for, in points from where it was."""
+"""Points of the line in which a car is looked for."""
 _OFFSET_S, _HEADING_S, _SLOW_S = 3.0, 0.15, 0.08
-"""Seconds that the end of a plan counts worse: per square metre beside the line, per square radian,
-and per m/s too slow."""
+"""Costs of a plan's end: per square metre beside the line, per square radian, per m/s too slow."""
 _OFF_S = 1.0
 """Per step without a wheel on the road."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How hard the driver looks for the best requests.
-
-    Attributes:
-        copies: Cars that try at a time.
-        rounds: Each nearer to the best.
-        horizon: Steps ahead.
-    """
+    """How hard the driver looks: cars that try, rounds, and steps ahead."""
 
     copies: int = 48
     rounds: int = 2
@@ -52,8 +44,8 @@ class DrivenLap(NamedTuple):
     """What the car drove.
 
     Attributes:
-        flying_s: Of the best lap, read between steps; None if it left the road.
-        standing_s: From rest as an episode counts it; None if not clean.
+        flying_s: Of the best lap; None if it left the road.
+        standing_s: As an episode counts it; None if not clean.
     """
 
     flying_s: float | None

@@ -1,4 +1,4 @@
-"""A line by its offset from the centre line at stations along the lap, and back to points."""
+"""A line by its offset from the centre line at stations along the lap."""
 
 from typing import NamedTuple
 
@@ -17,9 +17,7 @@ _FARTHEST_M = 2.0
 class Stations(NamedTuple):
     """A line at evenly spaced places of the centre line, from waypoint 0. Shape (n,).
 
-    Attributes:
-        offset_m: To the left, along the section between the borders.
-        clock_s: Since the first station.
+    `offset_m` is to the left, along the section between the borders.
     """
 
     offset_m: Floats

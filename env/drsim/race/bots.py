@@ -1,4 +1,4 @@
-"""Bot cars: slow cars without physics that follow the lanes of the track."""
+"""Bot cars: slow cars without physics that follow the lanes."""
 
 from typing import NamedTuple
 
@@ -61,7 +61,6 @@ class Bots:
             self._changes.wait_s[car] = random.uniform(*self._rules.lane_change_time_s, len(lanes))
 
     def advance(self, moving: Bools) -> None:
-        """Let 1/15 s go by for the bots of some cars."""
         step_s = 1.0 / CONTROL_HZ
         halted = self._halt_s > 0
         self._halt_s[moving & halted] -= step_s
@@ -97,11 +96,7 @@ def _drift(
     share: Floats,
     drift: Floats,
 ) -> Bools:
-    """Wait or change lanes for one step; true where a bot has completed its change.
-
-    A change follows 3 p^2 - 2 p^3: it begins and ends along the lane. Written are `changes`,
-    `share` and `drift`.
-    """
+    """A lane change follows 3 p^2 - 2 p^3: it begins and ends along the lane."""
     arrived: Bools = np.zeros(share.shape, np.bool_)
     for i in np.flatnonzero(going):
         for k in range(arrived.shape[1]):

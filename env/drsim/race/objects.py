@@ -33,9 +33,9 @@ class Objects(NamedTuple):
     Attributes:
         xy: Metres. Shape (n, k, 2).
         footprint_m: Length and width of crash rectangles. Shape (k, 2).
-        distance_m: Along the centre line in the car's driving direction. Shape (n, k).
-        speed_mps: The speed that reward functions are told. Shape (k,).
-        tells_heading: Whether they are told the heading; that of a box is always 0. Shape (k,).
+        distance_m: In the car's driving direction. Shape (n, k).
+        speed_mps: As reward functions are told. Shape (k,).
+        tells_heading: To them; that of a box is always 0. Shape (k,).
     """
 
     xy: Floats
@@ -50,7 +50,7 @@ class Objects(NamedTuple):
 
 @kernel
 def closest(distance_m: Floats, cars: Ints, along_m: Floats) -> tuple[Ints, Ints]:
-    """Indices of the objects before and after c cars, along the lap and round its end.
+    """Indices of the objects before and after c cars, round the end of the lap.
 
     Of equally far objects the last counts as before a car, the first as after it.
     """
@@ -81,8 +81,8 @@ def in_camera(
 ) -> Bools:
     """Whether a car's camera sees the centre or a floor corner of an object.
 
-    `objects` are the first three parts of `Objects`, `which` one of each car, `front_xy` the point
-    0.14 m ahead of its origin. The camera is at its nominal place, as in the reference.
+    `front_xy` is 0.14 m ahead of its origin. The camera is at its nominal place, as in the
+    reference.
     """
     return _in_camera(objects, cars, which, front_xy, heading_rad, _CAMERA)
 

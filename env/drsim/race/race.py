@@ -1,4 +1,4 @@
-"""Kinds of race: the rules for obstacles, bot cars and a second racer on the track."""
+"""Kinds of race: rules for obstacles, bot cars and a second racer."""
 
 import math
 from dataclasses import dataclass

@@ -23,8 +23,8 @@ CUBOID = np.dtype(
         ("color", np.float32, 3),
     ]
 )
-"""Middle, cosine and sine of the yaw, half its size on the floor, lowest and highest z, all in
-metres; red, green and blue, 0 to 255.
+"""Middle, cosine and sine of the yaw, half its size on the floor, lowest and highest z, metres;
+red, green, blue, 0 to 255.
 """
 
 
@@ -81,17 +81,11 @@ SHAPES: dict[str, Shape] = {
         _car("race_car", (223.9, 25.8, 37.0)),
     )
 }
-"""Source of sizes, margins and colours: the reference simulator's models; the colours of the two
-printed boxes are assumed.
-"""
+"""Source: the reference simulator's models; the colours of the two printed boxes are assumed."""
 
 
 class Solids:
-    """The solids around each of n cars, k for each and of the same shapes.
-
-    Attributes:
-        boxes: A live view of type `CUBOID`. Shape (n, m).
-    """
+    """The solids around each of n cars, k for each and of the same shapes."""
 
     def __init__(self, num_cars: int, shapes: Sequence[Shape]) -> None:
         parts = [(index, box) for index, shape in enumerate(shapes) for box in shape.boxes]
@@ -108,11 +102,11 @@ class Solids:
         self.move(everybody, np.zeros((*shape, 2)), np.zeros(shape))
 
     def move(self, cars: Ints, xy: Floats, yaw_rad: Floats) -> None:
-        """Place the solids of c cars: `xy`, shape (c, k, 2), and `yaw_rad`, shape (c, k)."""
+        """Place the solids of c cars. Shapes (c, k, 2) and (c, k)."""
         _move(self.boxes, cars, xy, yaw_rad, (self._shape_of, self._center_m))
 
     def paint(self, cars: Ints, colors: Floats) -> None:
-        """Paint whole solids of c cars, 0 to 255, shape (c, k, 3); no tyres."""
+        """Paint whole solids, 0 to 255, shape (c, k, 3); no tyres."""
         painted = np.flatnonzero(~self._keeps_color)
         self.boxes["color"][cars[:, None], painted] = colors[:, self._shape_of[painted]]
 

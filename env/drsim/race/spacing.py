@@ -46,7 +46,7 @@ def drawn_places(
 ) -> Floats:
     """Metres along the lap, drawn evenly among all places that keep the gap, also across its end.
 
-    In driving order from the start, which stays free; `count` objects must fit. Shape (count,).
+    In driving order from the start, which stays free; `count` objects must fit.
     """
     length_m = track.length_m
     taken_m = max(count - 1, 0) * gap_m

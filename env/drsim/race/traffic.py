@@ -1,4 +1,4 @@
-"""What each car meets on the track: obstacles, bots and opponents; their places and crashes."""
+"""What each car meets on the track: obstacles, bots and opponents."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ from drsim.track.lanes import LanePaths
 from drsim.track.track import CENTER, INNER, OUTER, Track
 
 NEAR_M = 1.0
-"""An object this near changes where a car starts or is put back. Source: the reference simulator."""
+"""Changes where a car starts or is put back. Source: the reference simulator."""
 
 BLOCKS_M = 0.5
 """A car this near to an obstacle on its lane may touch it."""
@@ -27,10 +27,7 @@ OPPONENT_GAP_M = 0.75
 
 @dataclass(frozen=True)
 class Contacts:
-    """Who ran into what in a step; arrays of shape (n,).
-
-    `other` is the index of that object, -1 for none; `other_stands` that it is an obstacle.
-    """
+    """Who ran into what in a step; `other` is its index, -1 for none. Shape (n,)."""
 
     crashed: Bools
     other: Ints
@@ -41,14 +38,10 @@ class Traffic:
     """The objects of n cars, k for each, in the order of the reference: opponent, obstacles, bots.
 
     Distances are along the centre line, in the car's driving direction.
-
-    Attributes:
-        xy: Metres. Shape (n, k, 2).
-        track_width_m: Of the road there. Shape (n, k).
     """
 
     def __init__(self, tracks: tuple[Track, Track], num_cars: int, race: Race) -> None:
-        """ValueError if objects do not fit on the track; `tracks` are it as given, and reversed."""
+        """ValueError if objects do not fit on the track."""
         self._tracks = tracks
         self._race = race
         self._opponents = race.racers - 1
@@ -99,10 +92,7 @@ class Traffic:
         backward: Ints,
         seeds: Seeds,
     ) -> None:
-        """Place the objects of new episodes of some cars.
-
-        `start_fraction` is of the lap; `backward` is 1 against the track's direction.
-        """
+        """Place the objects of new episodes of some cars."""
         self._backward[cars] = backward
         self._put_back_at[cars] = 0
         columns = (cars.tolist(), start_fraction.tolist(), backward.tolist(), seeds.tolist())
@@ -118,11 +108,7 @@ class Traffic:
             self._move_bots()
 
     def start_lane(self, cars: Ints) -> Ints:
-        """Lane on which each car starts, as a number.
-
-        Two racers start on different lanes. Otherwise the centre line, or near an object, the lane
-        with more room.
-        """
+        """Two racers start on different lanes; else the centre line, or the lane away from an object."""
         if self._opponents:
             return np.where(cars % 2 == 0, OUTER, INNER)
         apart_m = np.abs(self._gap_m(self.distance_m[cars], self._start_m[cars][:, None]))
@@ -154,7 +140,7 @@ class Traffic:
         """Find out which cars ran into what, and stop bots that ran into a racer.
 
         With a bot or an opponent, only the car behind has crashed. Cars that are not `active`
-        touch nothing. `along_m` is where the points 0.14 m ahead of them are along the lap.
+        touch nothing.
         """
         touching = overlaps(
             (origin_xy, yaw_rad, np.array(SHAPES["race_car"].footprint_m)),
@@ -186,11 +172,7 @@ class Traffic:
         return Contacts(crashed, other, stands)
 
     def clear_of(self, cars: Ints, fraction: Floats, lanes: Ints) -> tuple[Floats, Ints]:
-        """Where cars go on that are put back.
-
-        Near an obstacle behind it on the other lane, every `mercy`-th time ahead of it; else at
-        the given `fraction` of the lap and lane.
-        """
+        """Where cars go on: behind a near obstacle on the other lane, every `mercy`-th time ahead of it."""
         rules = self._race.obstacles
         if rules is None or not self._obstacles:
             return fraction, lanes

@@ -10,12 +10,11 @@ from drsim.track.track import Track
 _CAR_M = SHAPES["race_car"].footprint_m
 
 _STEP_M, _WIDEST_M = 0.02, 3.0
-"""Ways to the left and to the right of the centre line that are tried: their distance, and the
-farthest."""
+"""Of ways beside the centre line: spacing and the farthest."""
 
 
 def closed_at_m(track: Track, objects: Objects) -> Floats:
-    """Where along the lap objects first leave a car no way, metres; NaN for nowhere. Shape (n,).
+    """Where along the lap objects first leave a car no way, metres; NaN for nowhere.
 
     A way is straight ahead, as wide as the car, with its middle on the road.
     """

@@ -1,7 +1,6 @@
 """The computed camera: grey frames of what lenses see, without OpenGL.
 
-`raycast` follows each pixel's ray to the ground, a wall or the sky, then `cuboids` draws what
-stands there.
+`raycast` draws ground, walls and sky, then `cuboids` what stands there.
 """
 
 import math
@@ -31,13 +30,10 @@ def lens_pose(
 
 
 class Light(NamedTuple):
-    """What the light makes of a scene, for each lens.
+    """What the light makes of a scene, for each lens: greys, and light on solids per colour.
 
     Attributes:
         palettes: Of the greys of the ground. Shape (n, 256).
-        wall_greys: Shape (n, 4).
-        sky_greys: Shape (n,).
-        ambient: On solids, per colour. Shape (n, 3).
         sun: On sides that face it. Shape (n, 3).
     """
 
@@ -61,10 +57,9 @@ def render(
 ) -> None:
     """Draw what lenses see, one frame each, without the GIL.
 
-    Threads may each draw a slice. A lens outside the walls misses the ones it has passed; a pose
-    that is not finite gives a black frame. `lens_pos` is in metres, `lens_mat` has columns
-    forward, left, up, and `boxes` the type `solids.CUBOID`, shape (n, m). `rounding` is what the
-    reference's filter of stereo frames does.
+    A lens outside the walls misses the ones it has passed; a pose that is not finite gives a black
+    frame. `lens_pos` is in metres, `lens_mat` has columns forward, left, up, and `boxes` the type
+    `solids.CUBOID`, shape (n, m). `rounding` is for the reference's stereo frames.
 
     Raises:
         ValueError: The shapes do not fit together.
@@ -116,7 +111,6 @@ _WHOLE = 1e-3
 
 
 def _on_solids(light: Light | None, cars: int) -> Singles:
-    """Weights of red, green and blue, ambient and in the sun. Shape (n, 6)."""
     if light is None:
         usual = [weight * part for part in (AMBIENT, SUN) for weight in LUMA]
         return np.tile(np.array(usual, np.float32), (cars, 1))

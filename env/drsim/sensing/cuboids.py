@@ -1,4 +1,4 @@
-"""Draws cuboids, such as boxes and other cars, over frames, with edges blurred by a tent filter.
+"""Draws cuboids over frames, with edges blurred by a tent filter.
 
 All loops that call each other stay in this one file, as in `drsim.sensing.raycast`.
 """
@@ -41,13 +41,7 @@ class _Lens(NamedTuple):
 
 
 class _Images(NamedTuple):
-    """The images of m cuboids in one frame.
-
-    Attributes:
-        outlines: Corners, pixels. Shape (m, sides, 5, 2).
-        corners: 0 where a side cannot be seen. Shape (m, sides).
-        windows: First and past the last row, then column. Shape (m, 4).
-    """
+    """Of m cuboids in one frame; `corners` is 0 where a side cannot be seen, `windows` first and past the last row, then column."""
 
     outlines: Floats
     corners: Ints
@@ -59,8 +53,7 @@ class _Images(NamedTuple):
 def draw(boxes: Cuboids, light: Singles, lens_parts: tuple[Any, ...], out: Pixels) -> None:
     """Draw the cuboids that each lens sees; arguments as in `camera.render`.
 
-    `light` holds the weights of red, green and blue in a grey, on every side, then in the sun.
-    Shape (n, 6).
+    `light` holds weights of red, green and blue, on every side, then in the sun. Shape (n, 6).
     """
     lens_pos, lens_mat, focal_px, bias = lens_parts
     cars, rows, columns = out.shape
@@ -124,10 +117,7 @@ def _reaches_before(box: Any, lens: _Lens) -> bool:
 def _side(
     box: Any, side: int, light: Singles, lens: _Lens, size_px: tuple[int, int], outline: Floats
 ) -> tuple[int, float]:
-    """The corners of a side (at most 5, 0 if unseen), cut off at the near plane, and its grey.
-
-    A side is lit by Lambert's cosine law.
-    """
+    """A side's corners, cut off at the near plane, and its grey by Lambert's cosine law."""
     pos, focal_px = lens.pos, lens.focal_px
     rows, columns = size_px
     cos, sin, half_x, half_y = box.cos, box.sin, box.half_length, box.half_width

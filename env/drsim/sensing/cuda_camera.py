@@ -20,8 +20,7 @@ _POSE = 13
 class CudaCamera:
     """Draws what the lenses of n cars see, and keeps the frames on the GPU.
 
-    Each call of the driver takes as long as several frames, so a step makes three: poses, drawing,
-    frames back.
+    A step makes three calls of the driver, because each takes as long as several frames.
 
     Attributes:
         frames: In main memory, complete after `wait`. Shape (n, eyes, rows, columns).
@@ -62,7 +61,6 @@ class CudaCamera:
             raise OSError(" ".join(f"{type(error).__name__}: {error}".split())) from error
 
     def draw(self, eyes: Sequence[LensParts], cars: Ints, light: Light | None) -> None:
-        """Begin to draw the frames of some cars, with the lenses and light of all."""
         if not len(cars):
             return
         count = len(cars)
@@ -90,7 +88,6 @@ class CudaCamera:
         )
 
     def fetch(self) -> None:
-        """Begin to copy all frames to main memory."""
         self.device_frames.copy_to_host(self.frames, stream=self._stream)
 
     def wait(self) -> None:

@@ -1,7 +1,7 @@
 """The camera's inner loops on an NVIDIA GPU.
 
-A thread draws one column of a few rows. Greys differ from `raycast`'s by one at most, because a
-GPU multiplies and adds without rounding in between.
+Greys differ from `raycast`'s by one at most, because a GPU multiplies and adds without rounding in
+between.
 """
 
 import math
@@ -58,10 +58,9 @@ def _draw(
 ) -> None:
     """Draw frames: blocks of a thread for each column, a grid of (strips of rows, frames).
 
-    `pairs` are those of `Scene.pairs`. `world` is x and y of the ground picture's lower left
-    corner, side of a texel, walls and their height, metres. `shades` are greys of walls and sky,
-    (1 or n, 5), `palettes` (1 or n, 256). `lenses` are position, axes row by row, frame, (k, 13);
-    `lens` is the focal length in pixels, and what is added to a grey.
+    `world` is x and y of the ground picture's corner, side of a texel, walls and their height,
+    metres; `lenses` position, axes row by row, frame, (k, 13); `lens` focal length in pixels and
+    what is added to a grey.
     """
     corner_x_m, corner_y_m, finest_m = world[0], world[1], world[2]
     focal_px, bias = lens
@@ -155,7 +154,6 @@ def _draw(
 
 @_on_gpu
 def sum_of(vector: tuple[float, float, float]) -> float:
-    """Not finite if one of them is not."""
     return vector[0] + vector[1] + vector[2]
 
 
@@ -163,7 +161,7 @@ def sum_of(vector: tuple[float, float, float]) -> float:
 def ground_grey(
     pairs: Any, level: Any, palette: NDArray[np.uint8], ray: Any, column: Single
 ) -> Single:
-    """The blend of four texels, in 65536ths."""
+    """In 65536ths."""
     depth = Single(1.0) / min(ray[4] + column * ray[7], Single(-LEAST_FALL))
     last_x, last_y = np.int32(256 * (level[2] - 1)), np.int32(256 * (level[3] - 1))
     x = min(max(np.int32(ray[0] + depth * (ray[2] + column * ray[5])), np.int32(0)), last_x)
@@ -184,7 +182,7 @@ def backdrop_grey(
     ray: Any,
     column: Single,
 ) -> tuple[Single, Single]:
-    """Grey of walls and sky, and the share of the ground."""
+    """With the share of the ground."""
     zero, half, one = Single(0.0), Single(0.5), Single(1.0)
     x, y = ray[0] + column * ray[3], ray[1] + column * ray[4]
     z = ray[2] + column * ray[5]

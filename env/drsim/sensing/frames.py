@@ -33,8 +33,8 @@ class _Eye(NamedTuple):
 class FrameRenderer:
     """The current frame of every car.
 
-    Threads share ground, walls and sky (or a `CudaCamera` draws them) frame by frame without
-    Python, because the caller computes in Python meanwhile. All threads draw the rest.
+    Threads share the work frame by frame without Python, because the caller computes in Python
+    meanwhile.
 
     Attributes:
         frames: Grey, rewritten between `start` and `finish`; left eye first. Shape (n, eyes, 120,
@@ -55,10 +55,10 @@ class FrameRenderer:
         changes: Callable[[Ints], bool] | None = None,
         gpu: "CudaCamera | None" = None,
     ) -> None:
-        """Start black; `num_threads` render, the caller's included.
+        """`num_threads` render, the caller's included.
 
         `solids` must not move between `start` and `finish`. `after` gets the rows of rendered
-        frames, on the thread that finished them, if `changes` says that it would change them.
+        frames, on the thread that finished them.
         """
         shape = (num_cars, eyes, FRONT.rows, FRONT.columns)
         self.frames: Bytes = np.zeros(shape, np.uint8) if gpu is None else gpu.frames

@@ -96,7 +96,6 @@ def _near(start: float, end: float, reach: float, count: int) -> tuple[int, int]
 
 @kernel
 def _stamp_distance(line: Floats, closed: bool, reach: float, distance: Singles) -> None:
-    """Lower texels' distances to that of a polyline, below `reach`; an open line ends squarely."""
     rows, columns = distance.shape
     final = len(line) - 1
     for i in range(1, len(line)):
@@ -165,7 +164,6 @@ def _stripes_of_kerb(track: Track, look: Look, grid: Grid, side: Singles) -> Byt
 def _stamp_stripes(
     line: Floats, reach: float, stripe: float, side: Singles, stripes: Bytes
 ) -> None:
-    """A texel belongs to the segment from which it has its distance in `side`."""
     rows, columns = stripes.shape
     passed = 0.0
     for i in range(1, len(line)):
@@ -188,7 +186,7 @@ def _stamp_stripes(
 
 
 class _Cover(NamedTuple):
-    """What covers each texel, 0..255; `side` is the distance to the border, positive on the road."""
+    """What covers each texel, 0..255; `side` is positive on the road."""
 
     side: Singles
     marks: Bytes
@@ -212,10 +210,7 @@ def _figures(paint: Paint) -> Singles:
 def _mix(
     cover: _Cover, grain: Singles, near: Single, far: Single, kerb_end: Single, paints: _Paints
 ) -> Bytes:
-    """Blended paints.
-
-    From the border outwards, in texels: line between `far` and `near`, kerb to `kerb_end`, field.
-    """
+    """From the border outwards, in texels: line between `far` and `near`, kerb to `kerb_end`, field."""
     side, marks, stripes = cover.side, cover.marks, cover.stripes
     road, line, kerb, kerb_light, field, dash = paints
     half, part = np.float32(0.5), np.float32(1.0 / 255.0)

@@ -1,4 +1,4 @@
-"""Lamps that disturb a camera: one that shines into the lens, and those that the floor mirrors."""
+"""Lamps that shine into the lens, and those that the floor mirrors."""
 
 import math
 
@@ -20,24 +20,20 @@ _MOST_LAMPS = 96
 _HEIGHTS_M = (2.6, 4.2)
 _BEHIND_WALL_M = 0.5
 _OVER_WALL_M = (0.3, 1.1)
-"""Behind a wall, and above it, as a floodlight or a window would be."""
+"""Behind a wall, and above it."""
 
 _ROUGHNESS = 0.04
 """Slope of the floor's unevenness, radians."""
 
 _LAMP_SIZE_M = 0.25
 _MIRRORED = 1500.0
-"""Greys of a lamp in a perfect mirror. All numbers here were chosen by eye, so that full strength
-looks like a varnished floor.
-"""
+"""Greys in a perfect mirror. All numbers here were chosen by eye, to look like a varnished floor."""
 
 _STRAIGHT_ON = 0.04
 _REACH = 3.0
 
 
 class Lamps:
-    """The lamps of the running episodes of n cars."""
-
     def __init__(self, scene: Scene, num_cars: int) -> None:
         self._walls_m = scene.walls_m
         self._wall_height_m = scene.wall_height_m
@@ -185,10 +181,7 @@ def _add_image(
 
 @kernel
 def _shine(frames: Frames, lenses: Lenses, strengths: Floats, lamps_m: Floats) -> None:
-    """Add a lamp's halo, haze from light scattered in the lens, rays from smears, and a ghost.
-
-    Exposure is shorter, because the camera measures the whole picture.
-    """
+    """Exposure is shorter, because the camera measures the whole picture."""
     pos, mat, focal_px, _ = lenses
     rows, columns = frames.shape[1], frames.shape[2]
     light = np.empty(columns, np.float32)
@@ -227,10 +220,7 @@ def _shine(frames: Frames, lenses: Lenses, strengths: Floats, lamps_m: Floats) -
 def _light_of_row(
     light: Singles, down: Single, first: Single, power: Single, radius_px: Single
 ) -> None:
-    """Light in a row `down` below the lamp, from `first` to the right of it.
-
-    Without exponentials and tests, so that it becomes vector instructions.
-    """
+    """Without exponentials and tests, so that it becomes vector instructions."""
     one = Single(1.0)
     core, halo, ray = Single(380.0) * power, Single(90.0) * power, Single(75.0) * power
     per_core = one / (radius_px * radius_px)

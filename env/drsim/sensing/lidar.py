@@ -1,4 +1,4 @@
-"""The lidar: distances around a car to walls and to what stands on the floor."""
+"""The lidar: distances around a car to walls and cuboids."""
 
 import math
 from dataclasses import dataclass
@@ -15,11 +15,10 @@ class LidarModel:
     """A lidar. Source of the defaults: the reference simulator's launch files.
 
     Attributes:
-        samples: Rays in one scan.
         sweep_rad: From the first ray to the last.
         mount_m: In the car's base frame: forward, up.
-        yaw_rad: Of the middle of the sweep. The reference mounts the scanner backwards, so that it
-            is blind 30 degrees to either side of straight ahead; models were trained on that.
+        yaw_rad: Of the middle of the sweep. The reference's is blind 30 degrees to either side of
+            straight ahead; models were trained on that.
     """
 
     samples: int = 64
@@ -55,8 +54,7 @@ def scan(
 ) -> Singles:
     """Distances in metres; infinite where nothing is in range. Shape (n, samples).
 
-    Walls lower than the scanner are not seen. `boxes` are cuboids, shape (n, m), `body_xy` the
-    cars' origins.
+    Walls lower than the scanner are not seen.
     """
     forward_m, height_m = lidar.mount_m
     least_m, most_m = lidar.range_m

@@ -1,7 +1,6 @@
 """Domain randomisation: lights and colours that are drawn for each episode.
 
-All cars share the grey picture of the ground, and see it through palettes, which also map the
-greys between materials, of grain and edges.
+All cars share the grey picture of the ground, and see it through palettes.
 """
 
 import numpy as np
@@ -19,10 +18,10 @@ _USUAL_LAMP = 0.225 / (0.4 + 0.01 * _LAMP_HEIGHT_M)
 """Power over attenuation, on the ground below."""
 
 _SUN_ON_GROUND, _LAMP_ON_GROUND = SUN * TO_SUN[2] - 0.1, 0.1
-"""Parts of sun and lamp in the usual light on the ground. Assumed: no frame shows either alone."""
+"""Assumed: no frame shows either alone."""
 
 _ROAD, _LINE = (15.0, 110.0), (185.0, 255.0)
-"""Brightness of drawn roads and lines: in each colour a line outshines its road."""
+"""In each colour a line outshines its road."""
 
 _HUE = 0.25
 _GRAIN_ROOM = 3.0
@@ -48,11 +47,7 @@ class Lighting:
         return Light._make(part[cars] for part in self._light)
 
     def draw(self, car: int, random: np.random.Generator) -> None:
-        """Draw the light of a new episode of a car.
-
-        As in the reference: colours of sun and lamp and the lamp's attenuations; ambient light and
-        sky stay.
-        """
+        """As in the reference: colours of sun and lamp and the lamp's attenuations."""
         sun, lamp, attenuation = random.random((3, 3))
         sun = sun / _USUAL_SUN
         loss = attenuation @ (1.0, _LAMP_HEIGHT_M, _LAMP_HEIGHT_M**2)
@@ -84,11 +79,7 @@ def _paints(look: Look) -> list[Paint]:
 
 
 def _other_colors(paints: list[Paint], look: Look, random: np.random.Generator) -> Floats:
-    """Other colours, 0..255. Shape (p, 3).
-
-    Their order of brightness stays: greys between two materials, at an edge, would otherwise show
-    a third.
-    """
+    """Their order of brightness stays: greys between two materials would otherwise show a third."""
     road = random.uniform(*_ROAD) * random.uniform(1.0 - _HUE, 1.0 + _HUE, 3)
     line = random.uniform(*_LINE) * random.uniform(1.0 - 0.5 * _HUE, 1.0, 3)
     olds = np.array([paint.grey for paint in paints])

@@ -92,7 +92,6 @@ class Observations:
         return None if self._gpu is None else self._gpu.device_frames
 
     def draw(self, car: int, random: np.random.Generator) -> None:
-        """Draw lights and colours of a new episode."""
         if self._lighting is None:
             return
         self._lighting.draw(car, random)
@@ -101,7 +100,6 @@ class Observations:
             self._solids.paint(np.array([car]), colors)
 
     def light(self, car: int, conditions: Conditions) -> None:
-        """Put the lamps of a new episode."""
         self._lamps.begin(
             car,
             glare=conditions.glare,
@@ -110,7 +108,6 @@ class Observations:
         )
 
     def start(self, cars: Ints, bodies: CarBatch) -> None:
-        """Begin to refresh some cars, in rising order."""
         if self._solids is not None and self._traffic is not None:
             self._solids.move(cars, self._traffic.xy[cars], self._traffic.yaw_rad[cars])
         lens_pos, lens_mat = self._disturbances.lenses(bodies.lens_pos, bodies.lens_mat)

@@ -1,10 +1,9 @@
 """The camera's inner loops: sky and walls, then the ground, ray by ray.
 
-The reference simulator shrinks 640 x 480 to 160 x 120 with a tent filter, two output pixels wide.
-Here each pixel averages over its tent: sideways by the choice of the ground picture's copy,
-downwards by several sample lines.
+The reference simulator shrinks 640 x 480 to 160 x 120 with a tent filter, two output pixels wide:
+here sideways by the choice of the ground picture's copy, downwards by several sample lines.
 
-Loops that call each other stay in this one file: numba's cache does not notice changes of another.
+Loops that call each other stay in one file: numba's cache does not notice changes of another.
 """
 
 import math
@@ -23,14 +22,12 @@ Single = np.float32
 Vector = tuple[float, float, float]
 
 _SHARPNESS = 1.0
-"""Side of a texel over that of a pixel. 0.82 has the variance of the tent filter; 1.0 looks the
-same and reads less memory.
+"""Of a texel over a pixel. 0.82 has the variance of the tent filter; 1.0 looks the same and reads
+less memory.
 """
 
 _LINE_GAP = 2.2
-"""In texels. 1.6 takes 30 % longer and brings the mean difference from 0.7 to 0.6 greys, compared
-with 144 rays per pixel.
-"""
+"""In texels. 1.6 takes 30 % longer and brings the mean difference from 0.7 to 0.6 greys."""
 
 MOST_LINES = 2
 """Between two rows; near the horizon coarser texels take over."""
@@ -58,12 +55,10 @@ class Ground(NamedTuple):
 
 
 class Backdrop(NamedTuple):
-    """Walls and sky, and what becomes of the greys of the ground, for n lenses.
+    """Walls and sky, and what becomes of the greys of the ground, for n lenses or for all.
 
     Attributes:
         walls_m: Inner faces: least x, greatest x, least y, greatest y.
-        wall_greys: For all lenses, (1, 4), or (n, 4).
-        sky_greys: Shape (1,) or (n,).
         palettes: (0, 256) where greys stay, or (n, 256).
     """
 
@@ -78,7 +73,6 @@ class Lenses(NamedTuple):
     """The lenses of n cars.
 
     Attributes:
-        pos: Metres. Shape (n, 3).
         mat: Columns forward, left, up. Shape (n, 3, 3).
         bias: Added to a grey before its fraction is cut off.
     """
@@ -158,13 +152,7 @@ class _Walls(NamedTuple):
 
 
 class _Beyond(NamedTuple):
-    """What lies behind the ground in one frame.
-
-    Attributes:
-        share: Of the ground in each pixel.
-        first: Row that shows any ground.
-        clear: Row that shows nothing else, where both arrays end.
-    """
+    """What lies behind the ground: its share in each pixel, the first row that shows it, and the first that shows nothing else."""
 
     behind: Singles
     share: Singles
@@ -203,10 +191,7 @@ def _backdrop(walls: _Walls, lens: Lens, behind: Singles, share: Singles) -> tup
 
 @kernel
 def ray_through(lens: Lens, height_px: float, rows: int, columns: int) -> tuple[Vector, Vector]:
-    """World direction, of depth 1, of the leftmost pixel, and its change per column.
-
-    `height_px` counts downwards from the upper edge.
-    """
+    """World direction, of depth 1, of the leftmost pixel, and its change per column."""
     forward, to_left, to_up, focal_px = lens.forward, lens.left, lens.up, lens.focal_px
     left = (0.5 * columns - 0.5) / focal_px
     up = (0.5 * rows - height_px) / focal_px
@@ -236,7 +221,7 @@ def _backdrop_row(
     behind: Singles,
     share: Singles,
 ) -> None:
-    """With one over signed distances of walls (`near`), so without division. `edges` are the lens's heights over the floor and the walls, and pixels per blur."""
+    """With one over signed distances of walls, so without division."""
     zero, half, one = Single(0.0), Single(0.5), Single(1.0)
     ahead_x, ahead_y, ahead_z = Single(ahead[0]), Single(ahead[1]), Single(ahead[2])
     step_x, step_y, step_z = Single(step[0]), Single(step[1]), Single(step[2])
@@ -354,10 +339,7 @@ def _aim(
     at: Ints32,
     between: Ints32,
 ) -> None:
-    """Find each pixel's word, and its place between texels in 256ths.
-
-    Apart from `_fetch` and `_blend`: its scattered reads would prevent vector instructions.
-    """
+    """Apart from `_fetch` and `_blend`: its scattered reads would prevent vector instructions."""
     first, pitch = level[0], level[1]
     zero, least = np.int32(0), Single(-LEAST_FALL)
     last_x, last_y = np.int32(256 * (level[2] - 1)), np.int32(256 * (level[3] - 1))

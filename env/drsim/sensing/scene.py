@@ -29,18 +29,17 @@ _LEVELS = 8
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What `camera.render` looks at. Build it once per track with `build_scene`.
+    """What `camera.render` looks at; see `build_scene`.
 
     Attributes:
         texels: All copies, row by row. A word holds the greys of a texel in bits 0..7, of the one
             above (greater y) in 8..15, to the right in 16..23, above right in 24..31, so that
-            blending takes one memory access. Neighbouring words overlap by half.
+            blending takes one memory access.
         levels: Index of the first word, words per row, columns, rows. Shape (levels, 4).
         x_m: Left edge.
         y_m: Lower edge.
         texel_m: Of the first copy; it doubles.
         walls_m: Inner faces: least x, greatest x, least y, greatest y.
-        wall_greys: In the order of `walls_m`.
     """
 
     texels: Words
@@ -139,10 +138,7 @@ def _words(pairs: Pairs) -> Words:
 
 
 def _pitch(columns: int) -> int:
-    """Words per row: an odd number of 64-byte cache lines.
-
-    A pitch near a power of two would use one slot of the cache again and again (3x slower).
-    """
+    """An odd number of 64-byte cache lines: near a power of two it would be 3x slower."""
     lines = -(-(columns + 1) // 32)
     return 32 * (lines | 1)
 

@@ -15,7 +15,7 @@ CAMERAS = ("FRONT_FACING_CAMERA", "LEFT_CAMERA", "observation", "STEREO_CAMERAS"
 LIDARS = ("LIDAR", "SECTOR_LIDAR", "DISCRETIZED_SECTOR_LIDAR")
 
 _LEAST_M, _MOST_M = 0.15, 1.0
-"""Limits to which the values of LIDAR are clipped. Source: the reference simulator's filter."""
+"""Limits of LIDAR. Source: the reference simulator's filter."""
 
 _SECTORS = 8
 _SECTOR_NEAR_M = 0.5
@@ -80,12 +80,10 @@ class Sensors:
 
     @property
     def lidar_model(self) -> LidarModel:
-        """As it is mounted."""
         return replace(LIDAR, yaw_rad=0.0) if self.lidar_forward else LIDAR
 
     @property
     def num_values(self) -> int:
-        """Of the lidar."""
         if self.lidar is None:
             return 0
         return {"LIDAR": LIDAR.samples, "SECTOR_LIDAR": _SECTORS}.get(

@@ -1,7 +1,6 @@
 """What a world looks like: line widths, colours after lighting, walls and sky.
 
-Greys and colours are what the lens sees, 0..255. The light was measured on frames of the reference
-simulator in one world; `_LIGHT` carries it over to the textures of others.
+Greys are what the lens sees, 0..255, measured on frames of the reference simulator in one world.
 """
 
 import math
@@ -16,14 +15,14 @@ LUMA: RGB = (0.2989, 0.5870, 0.1140)
 """Source: the reference simulator's camera filter."""
 
 _LIGHT = 1.115
-"""Seen grey over texture grey. Measured on frames of the reference simulator, where all materials
-agree within 2 %; assumed for all worlds, as 121 of the 127 share one sun and lamp.
+"""Seen grey over texture grey. Measured on frames of the reference simulator, where materials
+agree within 2 %; 121 of the 127 worlds share one sun and lamp.
 """
 
 AMBIENT, SUN = 0.5, 0.7075
-"""Parts of that light on things that stand: on every side, and on a side that faces the sun. Source
-of the first: the reference simulator's worlds; the second makes both together `_LIGHT` on level
-ground. Assumed: no frame shows an object."""
+"""Of that light, on every side, and on one that faces the sun. Source: the reference simulator's
+worlds; both together are `_LIGHT` on level ground. Assumed: no frame shows an object.
+"""
 
 
 @dataclass(frozen=True)
@@ -45,11 +44,10 @@ class Walls:
 
     Attributes:
         margin_m: From the bounding box of the outer border.
-        height_m: 0 for none.
         greys: At the least x, greatest x, least y, greatest y. Measured on three frames of the
             reference simulator in one world, assumed for all.
         tint: Over the grey. Source: the texture, 36, 70, 81; the frames agree within one grey.
-        field_half_m: The field reaches this far from the origin; None: to the margin.
+        field_half_m: From the origin; None: to the margin.
     """
 
     margin_m: float = 0.762
@@ -59,7 +57,7 @@ class Walls:
     field_half_m: float | None = None
 
     def around(self, road: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-        """Least x, greatest x, least y, greatest y of the field; `road`: least x, y, greatest x, y."""
+        """Least x, greatest x, least y, greatest y of the field."""
         low_x, low_y, high_x, high_y = road
         half_m = -math.inf if self.field_half_m is None else self.field_half_m
         return (
@@ -76,10 +74,8 @@ class Look:
 
     Attributes:
         border_side: "in" when touching the white line is on track; "out" when off track.
-        kerb_width_m: Outside the white line.
         dash_pitch_m: From start to start.
-        dash_start_m: From waypoint 0. The default fits three frames of the reference simulator
-            best.
+        dash_start_m: From waypoint 0, to fit three frames of the reference simulator.
         start_depth_m: Of the chequered line; 0 for none.
         start_squares: Across the road and along it.
         line: Also of the light fields of the start line.
@@ -111,8 +107,8 @@ class Look:
 def look_of(world: str) -> Look:
     """Appearance of a world by name; an unknown name gets the common set.
 
-    Source of widths and texture colours: the reference simulator. Instead of scenery there is sky,
-    in cities walls. Assumed: start lines, nearly black fields, and the same sky everywhere.
+    Source of widths and texture colours: the reference simulator. Assumed: start lines, nearly
+    black fields, and the same sky everywhere.
     """
     name, _ = split_direction(world)
     look = _COMMON
@@ -141,8 +137,7 @@ def _lit(rgb: RGB, grain: float = 0.0) -> Paint:
 
 
 _GRAIN, _LINE_GRAIN, _FIELD_GRAIN = 5.0, 8.0, 3.0
-"""Grain of texels, greys, that gives frames the deviation measured near and far on the reference
-simulator's. Assumed for all worlds."""
+"""Greys, so that frames deviate like the reference simulator's. Assumed for all worlds."""
 
 _COMMON = Look(
     road=_lit((64, 63, 61), _GRAIN),
@@ -209,6 +204,4 @@ _WITHOUT_WALLS = {
 _OPEN_FIELD = Walls(
     height_m=0.0, greys=4 * (_COMMON.sky_grey,), tint=(1.0, 1.0, 1.0), field_half_m=12.5
 )
-"""25 m by 25 m, as in the reference simulator. The edge has no height, and the sky's grey because
-the camera blends along it.
-"""
+"""As in the reference simulator. The edge has the sky's grey because the camera blends along it."""

@@ -1,4 +1,4 @@
-"""A road of given width along a centre line, without loops where it bends sharply."""
+"""A road of given width along a centre line, without loops in sharp bends."""
 
 import numpy as np
 
@@ -24,8 +24,7 @@ def road_along(name: str, center: Floats, width_m: Floats, length_m: float | Non
     """The road along a centre line, a loop if its ends meet within one road width.
 
     `center` is in driving order, in metres, or in any unit if it is scaled to `length_m`; shape
-    (k, 2), finite. `width_m` has the shape (k,). Waypoints then stand about `SPACING_M` apart. An
-    open track's inner border is on the left.
+    (k, 2). Waypoints then stand about `SPACING_M` apart.
 
     Raises:
         TrackError: The road is too short, too long, too narrow or too wide, or crosses itself.
@@ -121,10 +120,7 @@ def _beside(center: Floats, left_m: Floats, closed: bool) -> Floats:
 
 
 def _without_loops(line: Floats, left_m: Floats, closed: bool) -> Floats:
-    """The line, cut short where it crosses itself inside a bend.
-
-    All its rows there move to the crossing, so that waypoints keep border points.
-    """
+    """The line, cut short where it crosses itself inside a bend."""
     n = len(line)
     window = min(n // 2, round(_BEND_WIDTHS * 2 * np.abs(left_m).max() / SPACING_M))
     cut = line.copy()
@@ -146,11 +142,7 @@ def _without_loops(line: Floats, left_m: Floats, closed: bool) -> Floats:
 
 
 def _crossed(a: Floats, b: Floats, c: Floats, d: Floats, *, touching: bool) -> Bools:
-    """Whether the segment a b crosses each of m segments c d; no parallel one.
-
-    With `touching`, an end on the other segment lies to the right of it, so that a line through a
-    vertex crosses once.
-    """
+    """No parallel one. With `touching`, an end on the other segment lies to the right of it, so that a line through a vertex crosses once."""
     ab, cd = b - a, d - c
     sides = _cross(ab, c - a), _cross(ab, d - a), _cross(cd, a - c), _cross(cd, b - c)
     if touching:

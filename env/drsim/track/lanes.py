@@ -1,4 +1,4 @@
-"""The inner and the outer lane as smooth curves, for bots that drive without physics."""
+"""Both lanes as smooth curves, for bots that drive without physics."""
 
 import math
 from typing import NamedTuple
@@ -22,13 +22,7 @@ millimetre.
 
 
 class LanePlaces(NamedTuple):
-    """Where k bots for each of n cars are. Shape (n, k).
-
-    Attributes:
-        distance_m: In the car's driving direction.
-        share: 0 on the inner lane, 1 on the outer one.
-        drift: Change of that per metre.
-    """
+    """Where bots are, shape (n, k); `share` is 0 on the inner lane, 1 on the outer, `drift` its change per metre."""
 
     distance_m: Floats
     share: Floats
@@ -38,7 +32,7 @@ class LanePlaces(NamedTuple):
 class LanePaths:
     """Both lanes of a track as cubic splines over the distance along the centre line.
 
-    So a bot is faster on the outer lane of a curve. Source: the reference simulator.
+    So a bot is faster on the outer lane of a curve, as in the reference simulator.
     """
 
     def __init__(self, tracks: tuple[Track, Track]) -> None:

@@ -13,24 +13,18 @@ SAME_M = 1e-9
 
 _NEIGHBOURS = 4
 _HAIR = 1e-12
-"""Share of a segment this near to whose end counts as that end, so that rounding does not put a
-waypoint before itself.
-"""
+"""Share of a segment, so that rounding does not put a waypoint before itself."""
 
 START_X, START_Y, END_X, END_Y, INVERSE_SQUARE, START_M, END_M, YAW_RAD = range(8)
-"""Rows of an array of segments: both ends, one over the squared length, the distances along the
-polyline at both ends, and the direction."""
+"""Rows of segments: both ends, one over the squared length, distances, direction."""
 
 
 class Road(NamedTuple):
-    """A track as `locate` needs it.
+    """A track as `locate` needs it: `segments`, and first and last rows of vertices.
 
     Attributes:
-        center: Like the borders, of `segments`.
-        first: First row of each vertex.
-        last: Last row of each vertex.
         is_ccw: The inner border lies to the left.
-        backward: Driven from the last row of the centre line.
+        backward: Driven from the last row.
     """
 
     center: Floats
@@ -51,8 +45,7 @@ class Location(NamedTuple):
         center_xy: That point. Shape (m, 2).
         from_center_m: Distance from it.
         previous: The last waypoint at or before `distance_m`.
-        next: The one after it, the first of repeated ones; 0 behind the last one. On a closed
-            track the last waypoint repeats waypoint 0.
+        next: The one after it, the first of repeated ones; 0 behind the last one.
         nearest: The nearer of the two.
         track_width_m: Between that point's projections on the borders.
         left_of_center: Whether the left one is nearer.
@@ -87,8 +80,7 @@ def without_repeats(points: Floats) -> Floats:
 def segments(points: Floats) -> Floats:
     """The segments of a polyline for this module's kernels. Shape (8, m - 1) for m vertices.
 
-    The same numbers on every processor, because no routine of NumPy differs. The length does not
-    depend on the end it is measured from.
+    The same numbers on every processor, because no routine of NumPy differs.
     """
     line = without_repeats(points)
     start, end = line[:-1], line[1:]
@@ -180,10 +172,7 @@ def inside_road(xy: Floats, outer: Floats, inner: Floats) -> Bools:
 
 @kernel
 def _nearest(line: Floats, x: float, y: float, scratch: Floats) -> tuple[int, float, float, float]:
-    """Segment nearest to a point, how far along it (0 .. 1), and that point.
-
-    Two passes, because the first then runs in vector registers. The first of equals wins.
-    """
+    """Two passes, because the first then runs in vector registers. The first of equals wins."""
     n = line.shape[1]
     for k in range(n):
         along, px, py = _nearest_of(line, k, x, y)
@@ -204,10 +193,7 @@ def _distance_m(line: Floats, k: int, along: float) -> float:
 
 @kernel
 def _nearest_of(line: Floats, k: int, x: float, y: float) -> tuple[float, float, float]:
-    """How far along segment k (0 .. 1), and that point.
-
-    Ends are exact, so that neighbours are equally near there.
-    """
+    """Ends are exact, so that neighbours are equally near there."""
     ax, ay, bx, by = line[START_X, k], line[START_Y, k], line[END_X, k], line[END_Y, k]
     along = ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) * line[INVERSE_SQUARE, k]
     if along >= 1.0 - _HAIR:
@@ -227,7 +213,6 @@ def _square_to(line: Floats, vertex: int, x: float, y: float) -> float:
 
 @kernel
 def _edges_that_count(ring: Floats, group: Floats, rows: Ints) -> int:
-    """Pick into `rows` the edges that a ray towards +x from a point can meet; returns their number."""
     least_x, least_y, most_y = group[0, 0], group[0, 1], group[0, 1]
     for i in range(1, group.shape[0]):
         least_x = min(least_x, group[i, 0])

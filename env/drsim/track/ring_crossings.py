@@ -1,4 +1,4 @@
-"""Which cells of a grid lie on the road: those with an odd number of borders to their left."""
+"""Which cells of a grid lie on the road: an odd number of borders to their left."""
 
 import math
 

@@ -42,8 +42,7 @@ _TRANSFORM = re.compile(r"[\s,]*(\w+)\s*\(([^()]*)\)")
 def read_line(text: str, chords: int) -> Floats:
     """Points along the first path, polyline or polygon of a drawing, about as many as `chords`.
 
-    In the drawing's unit, y up. Entities are refused: they can multiply without end. Shape (k, 2),
-    k >= 2.
+    In the drawing's unit, y up. Entities are refused: they can multiply without end.
 
     Raises:
         TrackError: The text is not a drawing with such a line.

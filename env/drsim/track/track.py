@@ -1,4 +1,4 @@
-"""Geometry of a track: where points lie along it, whether they are on it, poses on its lanes."""
+"""Geometry of a track: where points lie along it, whether they are on it, poses on lanes."""
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -14,7 +14,6 @@ Lane = Literal["center", "inner", "outer"]
 
 LANES: tuple[Lane, Lane, Lane] = ("center", "inner", "outer")
 CENTER, INNER, OUTER = 0, 1, 2
-"""Numbers of lanes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +28,7 @@ class Track:
         outer: Border outside the loop. Shape (n, 2).
         closed: Whether it is a loop.
         reverse: Driven against its definition.
-        turned: The same road the other way round; what must be equal to the last bit is computed
-            there.
+        turned: The same road the other way round, for what must be equal to the last bit.
     """
 
     name: str
@@ -58,7 +56,6 @@ class Track:
 
     @cached_property
     def length_m(self) -> float:
-        """Of the centre line."""
         return float(self._as_given._center_segments[END_M, -1])
 
     @cached_property
@@ -111,8 +108,8 @@ class Track:
     def pose_at(self, distance_m: Floats, lane: Lane = "center") -> Floats:
         """Poses on a lane, each towards its next vertex: metres and radians. Shape (m, 3).
 
-        Distances along the centre line wrap on a closed track, else end at its ends. The inner and
-        the outer lane are midway to a border; a pose is at their nearest point.
+        Distances along the centre line wrap on a closed track. The inner and the outer lane are
+        midway to a border; a pose is at their nearest point.
         """
         part = np.asarray(distance_m, dtype=np.float64) / self.length_m
         part = part % 1.0 if self.closed else np.clip(part, 0.0, 1.0)

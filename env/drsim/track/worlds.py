@@ -37,12 +37,10 @@ class WorldInfo:
     Attributes:
         direction: "open" if it is not a loop.
         waypoints: On a loop the last one repeats the first.
-        repeated: Indices of those that repeat the one before.
+        repeated: Those that repeat the one before.
         spacing_m: On average, without these.
         line_family: "in" when the white line belongs to the road, else "out".
         source: "own", or the path of the route file.
-        difficulty: None for a route file.
-        about: One line; empty for a route file.
     """
 
     name: str
@@ -114,7 +112,7 @@ def known_worlds(tracks_dir: Path | None = None) -> list[str]:
 def directed(track: Track, *, clockwise: bool | None = None, reverse: bool = False) -> Track:
     """A track in the requested direction; the one place that decides about directions.
 
-    A `clockwise` that turns it makes another world; `reverse` is told to reward functions.
+    `clockwise` makes another world; `reverse` is told to reward functions.
 
     Raises:
         TrackError: The track is not a loop.
@@ -202,7 +200,7 @@ def _unknown(world: str, tracks_dir: Path | None) -> str:
 
 
 def _build(name: str, definition: dict[str, Any]) -> Track:
-    """Waypoints at even distances along a closed spline, a few shifted: racers write their numbers into reward functions, and the route they know is uneven there."""
+    """Waypoints at even distances, a few shifted: racers write their numbers into reward functions."""
     spline = ClosedSpline(np.array(definition["control_points_m"], dtype=np.float64))
     distance_m = np.linspace(0.0, spline.length_m, definition["waypoints"], endpoint=False)
     for waypoint, shift_m in definition.get("shifted_waypoints_m", {}).items():

@@ -17,11 +17,9 @@ class Surroundings(NamedTuple):
     """What is around the track.
 
     Attributes:
-        panorama: A column for each direction from east over north, the highest row first. Shape
-            (rows, columns, 3).
-        steepest: Tangent of its greatest height; the last row is level.
+        panorama: A column for each direction from east over north, the highest row first.
+        steepest: Tangent of its greatest height.
         barriers: Inner faces: least x, greatest x, least y, greatest y.
-        barrier_m: Their height.
         colors: Of barriers, light boards and haze, 0 to 255.
         haze_m: Depth in which haze makes up 63 %.
     """
@@ -42,11 +40,7 @@ def paint_horizon(
     below: Floats,
     mixed: Singles,
 ) -> None:
-    """Paint the horizon into some rows of a picture, black where there is only ground.
-
-    `directions` are of first pixels, (n, 3), `step` their change; `below` is each row's share of
-    ground.
-    """
+    """Paint the horizon into some rows, black where there is only ground (`below` is its share)."""
     around = Surroundings(*around_parts)
     for row in range(len(mixed)):
         ahead = (directions[row, 0], directions[row, 1], directions[row, 2])
@@ -64,7 +58,6 @@ def paint_barriers(
     directions: Floats,
     mixed: Singles,
 ) -> None:
-    """Lay the barriers over some rows of a picture."""
     around = Surroundings(*around_parts)
     if around.barrier_m <= 0.0:
         return

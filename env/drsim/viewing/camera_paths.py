@@ -10,7 +10,7 @@ from drsim.track.track import Track
 from drsim.viewing.world_view import Lens
 
 SWING_S = 0.25
-"""Time constant of turns. Assumed: the reference simulator's depends on the speed of the computer."""
+"""Assumed: the reference simulator's depends on the computer."""
 
 CUT_M = 1.0
 """A car that has moved further between frames was put somewhere else."""
@@ -36,7 +36,7 @@ class FollowingCamera:
         self._last: Floats | None = None
 
     def cut(self) -> None:
-        """Look along the car at once, as after a change of scene."""
+        """Look along the car at once."""
         self._last = None
 
     def lens(self, pose: tuple[float, float, float], *, step_s: float = 1.0 / CONTROL_HZ) -> Lens:

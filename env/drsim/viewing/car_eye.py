@@ -18,7 +18,7 @@ _AT_A_TIME = 64
 class CarEye:
     """The sensors of a standing car, for poses that were recorded without pictures.
 
-    A car that drives leans a little: its pictures were a few rows higher or lower.
+    A car that drives leans: its pictures were a few rows higher or lower.
     """
 
     def __init__(self, track: Track, shapes: tuple[Shape, ...] = ()) -> None:

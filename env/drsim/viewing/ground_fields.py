@@ -1,7 +1,4 @@
-"""Distances on the ground of a track, on a grid, from which a picture of any size is painted.
-
-They vary smoothly, so a coarse grid gives edges that are sharp in every picture.
-"""
+"""Distances on the ground of a track, on a coarse grid, for edges that are sharp in any picture."""
 
 import math
 from dataclasses import dataclass
@@ -24,13 +21,8 @@ REACH_M = 0.6
 """Limit of distances."""
 
 SIDE, KERB, ALONG_BORDER, CENTRE, ALONG_CENTRE = range(5)
-"""What the numbers of a cell are, by their index.
-
-- Distance to the nearest border, metres, positive on the road.
-- How much of a kerb lies at that border, 0 to 1.
-- How far along the border that is, metres.
-- Distance to the centre line, metres.
-- How far along the centre line that is, metres.
+"""Distance to the nearest border, positive on the road; share of a kerb there; distance along the
+border; distance to and along the centre line. Metres.
 """
 
 KERB_RADIUS_M = (1.6, 3.0)
@@ -79,7 +71,6 @@ def measure_ground(track: Track, *, everywhere: bool) -> GroundFields:
 
 
 def kerbs_of(line: Floats, closed: bool) -> Floats:
-    """How much of a kerb belongs to each point of a border."""
     steps = np.hypot(*np.diff(line, axis=0).T)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     length = float(along[-1])

@@ -1,7 +1,4 @@
-"""Paints the ground in the view of the world: field, road, lines, kerbs, dashes, start line.
-
-Each edge is blended by the part of a pixel beyond it.
-"""
+"""Paints the ground in the view of the world: field, road, lines, kerbs, dashes, start line."""
 
 import math
 from typing import Any, NamedTuple
@@ -21,8 +18,7 @@ class Ground(NamedTuple):
     """What `drsim.viewing.ground_fields` measured, and the grain.
 
     Attributes:
-        grain: Copies of a tile that joins itself, each with half the dots along its sides. Shape
-            (k, n, n); n is a power of two.
+        grain: Copies of a tile, each with half the dots along its sides. Shape (k, n, n).
     """
 
     cells: Singles
@@ -36,7 +32,7 @@ class Marks(NamedTuple):
     """What is painted on the ground; metres.
 
     Attributes:
-        line: Begin and end from the border, positive on the road.
+        line: From the border, positive on the road.
         dash: Width, length, pitch, and first start.
         start: Middle (x, y), direction across the road (x, y), length and depth.
         squares: Across and along.
@@ -74,10 +70,7 @@ def paint_ground(
     light: Singles,
     mixed: Singles,
 ) -> None:
-    """Lay the ground over rows of a picture, `mixed`, which hold what lies behind it.
-
-    Tuples are the parts of records; `light` is what shadows leave, shape (n, columns).
-    """
+    """Lay the ground over rows of a picture, `mixed`, which hold what lies behind it."""
     ground, marks, palette = Ground(*ground_parts), Marks(*marks_parts), Palette(*palette_parts)
     pos, _, to_left, to_up, focal_px = lens_parts
     directions, depths, belows = row_parts
@@ -109,11 +102,7 @@ def _ground_row(
     light: Singles,
     mixed: Singles,
 ) -> None:
-    """Lay the ground over a row of pixels, each of which covers a parallelogram.
-
-    `view` is the direction of the first pixel, its change, the depth and the share of ground; `at`
-    its place on the ground, and the change; `fall` the change from row to row.
-    """
+    """Each pixel covers a parallelogram. `view`: direction of the first pixel, its change, depth, share of ground; `at`: its place and the change; `fall`: the change from row to row."""
     # Taken out of the records once: each access in the loop would count references.
     cells, grain = ground.cells, ground.grain
     corner_x, corner_y, cell_m = ground.x_m, ground.y_m, ground.cell_m

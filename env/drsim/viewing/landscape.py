@@ -1,7 +1,4 @@
-"""What lies around a track in pictures for people: sky, clouds, hills and woods.
-
-Cars never see it. Each world's landscape never changes.
-"""
+"""What lies around a track in pictures for people: sky, clouds, hills and woods."""
 
 import zlib
 from functools import lru_cache
@@ -14,14 +11,10 @@ from drsim.arrays import Floats, Singles
 Picture = NDArray[np.uint8]
 
 COLUMNS, ROWS = 4096, 384
-"""Size of the panorama; a pixel is about as large as one of a picture."""
-
 STEEPEST = 0.55
 """Tangent of 29 degrees above the horizon."""
 
 ZENITH, HORIZON = (70.0, 128.0, 205.0), (208.0, 224.0, 238.0)
-"""Colours of the sky at the greatest height and just above the hills."""
-
 HAZE = (186.0, 205.0, 214.0)
 HAZE_M = 70.0
 """Ground takes on 63 % of that colour."""
@@ -37,8 +30,6 @@ _RANGES: tuple[tuple[float, float, int, tuple[float, float, float]], ...] = (
 _WOODS = (58.0, 92.0, 52.0)
 _SUN_AZIMUTH_RAD = -0.2
 _TILE, _COPIES = 1024, 8
-"""Dots along a side of the grain, and copies of it."""
-
 _GRAINS = (0.9, 0.8, 0.6, 0.5, 0.5, 0.5, 0.4)
 
 

@@ -9,7 +9,7 @@ from drsim.car.car import WHEEL_RADIUS_M
 from drsim.race.solids import Shape
 
 PAINT, STRIPED, GLASS, TYRE, RIM, BLACK, LAMP, TAIL, CARD, PRINTED, PLAIN = range(11)
-"""Materials; `drsim.viewing.solid_painting` knows what they look like."""
+"""Materials; see `solid_painting`."""
 
 WHEELS: tuple[tuple[float, float], ...] = (
     (-0.0817, -0.0805),
@@ -41,8 +41,8 @@ _BODY: tuple[tuple[float, float, float, float, float, float], ...] = (
     (0.150, 0.045, 0.027, 0.037, 0.054, 0.064),
     (0.166, 0.030, 0.020, 0.042, 0.049, 0.054),
 )
-"""Cross-sections: forward, half widths at shoulder and top, heights of floor, shoulder and top,
-metres. A shell of our own that fills the reference's size.
+"""Forward, half widths at shoulder and top, heights of floor, shoulder and top, metres; fills the
+reference's size.
 """
 
 _CABIN: tuple[tuple[float, float, float, float, float, float], ...] = (
@@ -62,7 +62,6 @@ class Mesh:
 
     Attributes:
         places: Of corners on the surface, metres. Shape (v, 2).
-        faces: Indices of corners. Shape (f, 3).
         color: 0 to 255.
     """
 

@@ -18,7 +18,6 @@ class PixelRows(NamedTuple):
         directions: Of first pixels. Shape (n, 3).
         depths: Of the ground, along the lens. Shape (n,).
         below: The part below the horizon, 0 to 1. Shape (n,).
-        step: From pixel to pixel, in x and y.
     """
 
     directions: Floats

@@ -23,10 +23,9 @@ class Thing:
     """A car or a box in a picture.
 
     Attributes:
-        pose: Metres and radians, of the point on the floor that its shape names.
+        pose: Metres and radians.
         color: 0 to 255.
         steering_rad: To the left.
-        rolled_m: Of the wheels.
         roll_rad: To the right.
         dip_rad: Nose down.
         ghost: Whether one sees through it.
@@ -46,9 +45,7 @@ class Thing:
 class ThingMeshes:
     """The meshes of all things together; each car has five parts, its body and its wheels.
 
-    Attributes:
-        owner: Each corner's part. Shape (v,).
-        solid_faces: Triangles that are not ghosts'.
+    `owner` is each corner's part; `solid_faces` excludes ghosts.
     """
 
     kinds: tuple[tuple[Shape, RGB | None, bool], ...]
@@ -76,7 +73,6 @@ class ThingMeshes:
     def seen(
         self, turns: Floats, shifts: Floats, lens: LensParts, size: tuple[int, int]
     ) -> tuple[object, ...]:
-        """In a picture, for parts turned and shifted."""
         made = self.triangles
         corners, normals = np.empty_like(made.corners), np.empty_like(made.normals)
         project(made.corners, made.normals, turns, shifts, self.owner, lens, size, corners, normals)
@@ -117,7 +113,6 @@ class _Parts:
 
 
 def placed(things: Sequence[Thing]) -> tuple[Floats, Floats]:
-    """Axes and places of all parts."""
     turns: list[Floats] = []
     shifts: list[Floats] = []
     for thing in things:

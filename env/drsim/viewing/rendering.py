@@ -22,7 +22,7 @@ _CAR = SHAPES["race_car"]
 
 
 class Viewer:
-    """Pictures of the cars of a simulation in one of the `VIEWS`."""
+    """Pictures of the cars of a simulation."""
 
     def __init__(self, simulation: Simulation, view: str) -> None:
         self._simulation = simulation
@@ -35,7 +35,6 @@ class Viewer:
         return {**self.__dict__, "_world": None}
 
     def cut(self) -> None:
-        """An episode begins: look along the car at once."""
         self._behind.cut()
 
     def cut_to(self, car: int) -> Frame:

@@ -12,8 +12,7 @@ _FURTHEST_M = 60.0
 """Depth of shadows."""
 
 SHADOW_X, SHADOW_Y, SHADOW_COS, SHADOW_SIN, SHADOW_LENGTH, SHADOW_WIDTH, SHADOW_HEIGHT = range(7)
-"""Columns of the shadows: middle, direction, half length and half width of what casts one, and its
-height, in metres."""
+"""Columns: middle, direction, half length and width, height, metres."""
 
 
 @kernel
@@ -25,10 +24,7 @@ def shade(
     row_parts: tuple[Floats, Floats, Floats],
     light: Singles,
 ) -> None:
-    """Find the light on the ground in rows of a picture, shape (n, columns).
-
-    `leaning` is how far a shadow falls per metre of height.
-    """
+    """The light on the ground in rows of a picture; `leaning` is per metre of height."""
     directions, depths, below = row_parts
     for row in range(len(light)):
         light[row] = np.float32(1.0)

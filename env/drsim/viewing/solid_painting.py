@@ -1,7 +1,4 @@
-"""Draws triangles over a picture: cars and boxes with light and patterns.
-
-Each sample of a pixel's grid first gets its nearest triangle, then its colour.
-"""
+"""Draws triangles over a picture: cars and boxes with light and patterns."""
 
 import math
 from typing import Any, NamedTuple
@@ -22,9 +19,8 @@ class Triangles(NamedTuple):
     """The triangles of all things in a picture.
 
     Attributes:
-        corners: Column, row, and one over the depth, 0 behind the lens; before, metres in their
-            part's frame. Shape (v, 3).
-        places: On the surface. Shape (v, 2).
+        corners: Column, row, and one over the depth, 0 behind the lens; before, metres. Shape (v,
+            3).
         colors: Of things, 0 to 1. Shape (t, 3).
     """
 
@@ -51,8 +47,7 @@ def project(
 ) -> None:
     """Move corners and normals into the world, and corners on into the picture.
 
-    `turns` and `shifts` are of parts, (p, 3, 3) and (p, 3). Written: `seen`, as
-    `Triangles.corners`, and `turned`.
+    Written: `seen`, as `Triangles.corners`, and `turned`.
     """
     pos, forward, left, up, focal_px = lens_parts
     rows, columns = size
@@ -89,8 +84,7 @@ def draw(
 ) -> None:
     """Draw triangles over some rows of a picture.
 
-    `opaque` is how many triangles are solid, and how many there are; `size` rows, columns and
-    first row; `fine` samples along a pixel.
+    `opaque`: how many are solid, and how many there are; `size`: rows, columns and first row.
     """
     triangles = Triangles(*parts)
     _, columns, first = size

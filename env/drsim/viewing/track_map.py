@@ -50,8 +50,7 @@ def text_map(track: Track, columns: int = 78, rows: int = 16) -> list[str]:
 def picture_map(track: Track, width_px: int = 800, line: Floats | None = None) -> Picture:
     """Road, dashed centre line, the start as a white bar, the direction as arrow heads.
 
-    A `line` of x, y and speed, (n, 3), goes from red (slow) to green. Very high tracks get
-    narrower. RGB, shape (rows, columns, 3).
+    A `line` of x, y and speed, (n, 3), goes from red (slow) to green. RGB.
     """
     low_x, low_y, high_x, high_y = track.bounds
     width_m, height_m = high_x - low_x + 2 * _MARGIN_M, high_y - low_y + 2 * _MARGIN_M

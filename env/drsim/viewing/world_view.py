@@ -1,7 +1,4 @@
-"""Coloured pictures of a track and what stands on it, from any place, without OpenGL.
-
-What the cameras of cars see is in `drsim.sensing`.
-"""
+"""Coloured pictures of a track and what stands on it, from any place, without OpenGL."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -41,7 +38,7 @@ _BARRIER_LIGHT: RGB = (232.0, 236.0, 238.0)
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """Where a camera is; the axes of `mat` are columns forward, left, up; the angle is horizontal."""
+    """Where a camera is; columns of `mat` are forward, left, up; the angle is horizontal."""
 
     pos: Floats
     mat: Floats
@@ -49,7 +46,7 @@ class Lens:
 
 
 class WorldView:
-    """Makes frames of one track. Shape (rows, columns, 3), uint8, red, green and blue.
+    """Makes frames of one track. Shape (rows, columns, 3), uint8.
 
     Not for two threads at a time: it has threads of its own.
     """
@@ -63,7 +60,7 @@ class WorldView:
         look: Look | None = None,
         threads: int = 2,
     ) -> None:
-        """Measure and paint the world: 0.5 to 1 s, up to 70 MB. Default look: the world's."""
+        """Measure and paint the world: 0.5 to 1 s, up to 70 MB."""
         look = look or look_of(track.name)
         self.size = (rows, columns)
         everywhere = look.kerb_width_m > 0.0
