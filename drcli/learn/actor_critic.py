@@ -31,9 +31,7 @@ class Output(NamedTuple):
 class PolicyAndValue(nn.Module):
     """What policies with a critic have in common.
 
-    Attributes:
-        returns: Scales the critic, so that errors of large values do not disturb the shared body,
-            and small ones count.
+    `returns` scales the critic, so that large values do not disturb the shared body.
     """
 
     spec: PolicySpec
@@ -91,8 +89,8 @@ class PolicyAndValue(nn.Module):
 class ActorCritic(PolicyAndValue):
     """Policy and value on one shared body.
 
-    The reference's two take twice the arithmetic; the exported policy is the same. With
-    `state_dims` the value comes from the state, and the body learns from the policy only.
+    The reference's two take twice the arithmetic. With `state_dims` the value comes from the
+    state.
     """
 
     def __init__(self, spec: PolicySpec) -> None:
@@ -131,7 +129,7 @@ class ActorCritic(PolicyAndValue):
 class Teacher(PolicyAndValue):
     """A policy that sees the state, and shares the critic with its student.
 
-    What the critic learned is a good beginning (Pinto et al., 2017, "Asymmetric actor critic").
+    (Pinto et al., 2017, "Asymmetric actor critic").
     """
 
     def __init__(self, student: ActorCritic) -> None:

@@ -15,15 +15,12 @@ class PPOConfig:
 
     Attributes:
         huber: Huber loss (delta 1) for the value, whose mean size is `return_scale.UNITS`.
-        clip_value: Largest change of a value, in the critic's own units. None here and below: no
-            limit.
-        clip_advantage: Of normalised ones.
+        clip_value: In the critic's own units. None here and below: no limit.
         target_kl: Mean KL divergence after which no further epoch follows.
         lr_schedule: "linear" lets `lr` fall over `schedule_steps`.
-        smoothness: Weight of the squared difference of the policy between successive steps (Mysore
-            et al., 2021, "Regularizing action policies for smooth control").
-        bootstrap_cut: Add the critic's estimate where the step limit cut an episode off; the
-            reference does not.
+        smoothness: Weight of the policy's squared change between steps (Mysore et al., 2021,
+            "Regularizing action policies for smooth control").
+        bootstrap_cut: Add the critic's estimate where the step limit cut an episode off.
     """
 
     batch_size: int = 64
@@ -60,15 +57,14 @@ class SACConfig:
     """Hyperparameters of SAC.
 
     Attributes:
-        sac_alpha: What one nat of entropy is worth in reward; if learned, the first value, in the
-            critics' units.
-        sac_auto_alpha: Learn it, for an entropy of -1 nat per dimension of an action.
+        sac_alpha: What one nat of entropy is worth; if learned, the first value, in the critics'
+            units.
+        sac_auto_alpha: Learn it, for -1 nat per dimension of an action.
         sac_tau: The target critics lag 1 / tau gradient steps; the reference copies them every n =
             `num_episodes_between_training` steps, and lags n / 2: tau = 2 / n.
-        sac_n_step: Rewards before the critic's estimate. With the reference's one, what happens a
-            few steps later reaches an action slowly.
+        sac_n_step: With the reference's one, what happens a few steps later reaches an action
+            slowly.
         sac_updates_per_step: None: the device's default.
-        sac_learning_starts: Environment steps.
     """
 
     batch_size: int = 64

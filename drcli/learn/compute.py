@@ -23,11 +23,7 @@ _GRAPHS = "each step as one CUDA graph"
 class Compute:
     """Device and number format of an update.
 
-    Attributes:
-        bf16: For convolutions and matrix products; the rest stays in float32.
-        threads: Unused on a GPU.
-        parts: See `DataParallel`.
-        graphs: See `CapturedStep`.
+    `bf16` is for convolutions and matrix products; the rest stays in float32.
     """
 
     device: torch.device
@@ -50,7 +46,7 @@ def gpu_count() -> int:
 def flush_denormals() -> None:
     """Let this thread and those that it starts round numbers next to 0 to 0, which is faster.
 
-    Only for the main function of a process, because it affects all code.
+    Only for main functions: it affects all code.
     """
     torch.set_flush_denormal(True)
 
@@ -61,8 +57,7 @@ def choose_compute(
     """Choose device and number format by a rule, so that equal seeds train equally.
 
     bfloat16 is 1.1 to 1.9 times as fast as float32 with AMX or AVX512_BF16, and 1.4 to 2.3 times
-    on an NVIDIA H200 (`scripts/bench gpu`). Elsewhere it is emulated, several times slower: a
-    training that began in it (`before`) goes on in float32.
+    on an NVIDIA H200 (`scripts/bench gpu`). Elsewhere it is emulated, several times slower.
     """
     torch.set_num_threads(threads)
     if torch.cuda.is_available():

@@ -23,11 +23,9 @@ SMALLEST_PART = 16
 """Fewer samples take more time each."""
 
 FEWEST_CARS = 4
-"""Fewer are hardly faster."""
-
 LARGE = 2_000_000
-"""Parameters from which on the optimizer uses threads: 5.8 million gain 1.03 times the samples/s,
-0.6 million lose a tenth while another program is busy.
+"""Parameters for which threads pay: 5.8 million gain 1.03 times the samples/s, 0.6 million lose a
+tenth while another program is busy.
 """
 
 M = TypeVar("M", bound=nn.Module)
@@ -47,8 +45,7 @@ class DataParallel(Generic[M]):
     On two cores 1.07 times as fast as threads inside operations, 1.5 times beside a busy program.
 
     Attributes:
-        most_samples: At once; None for all of a part. Halved when a GPU's memory is too small,
-            with the same sum up to rounding.
+        most_samples: At once; halved when a GPU's memory is too small. None: all of a part.
     """
 
     def __init__(
@@ -64,7 +61,7 @@ class DataParallel(Generic[M]):
         """Start a thread for each part; a GPU has one.
 
         With `bf16`, all parts share one cast of the weights: casting in every layer took a third
-        of the time (torch.autocast, AMD EPYC with AVX512_BF16). A `group` needs `num_statistics`.
+        of the time (torch.autocast, AMD EPYC with AVX512_BF16).
         """
         self._model = model
         self._group = group
@@ -91,7 +88,7 @@ class DataParallel(Generic[M]):
 
     @contextmanager
     def optimizer_threads(self) -> Iterator[None]:
-        """Inside, the calling thread has as many threads as suit the optimizer."""
+        """With as many threads as suit the optimizer."""
         before = torch.get_num_threads()
         if self._pool is not None and not self._is_large:
             torch.set_num_threads(self._part_threads)
@@ -104,7 +101,7 @@ class DataParallel(Generic[M]):
         """Add the gradient of the mean loss to the parameters'; return means of the statistics.
 
         Sums have a fixed order, so that equal seeds give equal weights. All of a group call this
-        with the same minibatch, and without gradients.
+        with the same minibatch.
 
         Raises:
             torch.OutOfMemoryError: Even a single sample is too large.
@@ -199,8 +196,8 @@ class DataParallel(Generic[M]):
 class DataParallelPolicy:
     """A policy that chooses for parts of the cars at the same time.
 
-    Threads inside operations are 1.1 times as fast on two quiet cores, but half as fast beside a
-    busy program: call `torch.set_num_threads(1)`.
+    Threads inside operations are half as fast beside a busy program: call
+    `torch.set_num_threads(1)`.
     """
 
     def __init__(self, policy: Policy, threads: int) -> None:

@@ -1,4 +1,4 @@
-"""Bodies of the networks, by their names in model_metadata.json: frames and scans to features."""
+"""Bodies of the networks, by their names in model_metadata.json."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -58,16 +58,14 @@ FEWEST_FRAMES = 2
 """oneDNN adds up a single frame in another order."""
 
 ROWS = {torch.float32: 16, torch.bfloat16: 32}
-"""Of a product. Fewer are slower for 20 cars, more for 4. Tiles of matrix units for bfloat16 have
-16 or 32 rows.
-"""
+"""Fewer are slower for 20 cars, more for 4."""
 
 
 class Dense(nn.Linear):
     """A dense layer that gives a row the same bits in any batch while it is in evaluation mode.
 
     The shape of a product decides in which order libraries add up, so a car would drive
-    differently beside others. On a processor, all products of a layer therefore have one shape.
+    differently beside others.
     """
 
     def forward(self, x: Tensor) -> Tensor:
@@ -95,7 +93,7 @@ class Dense(nn.Linear):
 class Encoder(nn.Module):
     """A body: ReLU after every layer, Glorot-uniform kernels and zero biases as in the reference.
 
-    Camera features, flattened with channels last (TensorFlow's order), then the lidar's.
+    Channels last (TensorFlow's order), then the lidar.
     """
 
     def __init__(self, spec: PolicySpec) -> None:
@@ -145,11 +143,10 @@ class Encoder(nn.Module):
         return int(cast(nn.Conv2d, self.convolutions[0]).stride[0])
 
     def _first(self, frames: Tensor) -> Tensor:
-        """The first convolution.
+        """Channels last, as the first input decides for all layers, is two to four times as fast.
 
-        Channels last, which the first input decides for all layers, is two to four times as fast.
-        Scaling the kernel instead of pixels saves a pass. Blocks are twice to ten times as fast in
-        bfloat16 only, because products get enough channels.
+        Blocks are twice to ten times as fast in bfloat16 only, because products get enough
+        channels.
         """
         first = cast(nn.Conv2d, self.convolutions[0])
         weight = first.weight / 255.0
@@ -179,8 +176,7 @@ def compute_in(model: nn.Module, number_format: torch.dtype) -> None:
 def in_blocks(frames: Tensor, size: int) -> Tensor:
     """Frames cut into square blocks, whose pixels follow each other row by row.
 
-    From (n, c, height, width) to (n, c, height / size, width / size, size * size), uint8. `size`
-    is a power of two up to 8.
+    From (n, c, height, width) to (n, c, height / size, width / size, size * size), uint8.
     """
     count, channels, height, width = frames.shape
     # Whole rows of blocks are moved as one number each, which is several times as fast.
@@ -194,7 +190,7 @@ _WHOLE = {1: torch.uint8, 2: torch.int16, 4: torch.int32, 8: torch.int64}
 
 
 def kernel_in_blocks(weight: Tensor, size: int) -> Tensor:
-    """The kernel of a convolution with stride `size` for frames in blocks, whose stride is 1.
+    """The kernel of a convolution with stride `size` for frames in blocks.
 
     From (filters, c, k, k) to (filters, c * size * size, m, m), m * size >= k.
     """

@@ -18,8 +18,7 @@ class LearnerLostError(RuntimeError):
 class GradientGroup:
     """The learner processes of a training, seen from one of them.
 
-    torch's DistributedDataParallel needs the gradients in the network itself, and cannot repeat a
-    minibatch that did not fit into a GPU.
+    torch's DistributedDataParallel cannot repeat a minibatch that did not fit into a GPU.
 
     Attributes:
         rank: 0 is the trainer.
@@ -34,10 +33,7 @@ class GradientGroup:
         self._turn = 0
 
     def own_share(self, samples: int) -> tuple[slice, float]:
-        """This process's samples of a minibatch, and their weight in the mean.
-
-        If there are fewer samples than processes, each computes all of them.
-        """
+        """This process's samples, and their weight; all samples if there are too few."""
         if samples < self.size:
             return slice(0, samples), 1.0 / self.size
         ends = [samples * rank // self.size for rank in (self.rank, self.rank + 1)]
@@ -87,12 +83,12 @@ class GradientGroup:
         return numbers[:-1].view(statistics.shape)
 
     def share_memory(self, slots: Tensor | None) -> None:
-        """Exchange gradients through shared `slots` of shape (2, size, n), float32; None to send them."""
+        """Exchange gradients through shared `slots`; None to send them. Shape (2, size, n)."""
         self.slots = slots
         self._sums = torch.empty(0 if slots is None else slots.shape[2])
 
     def of_all(self, number: int) -> list[int]:
-        """A number of each process, by rank."""
+        """By rank."""
         numbers = torch.zeros(self.size, dtype=torch.int64)
         numbers[self.rank] = number
         self.sum(numbers)
@@ -105,7 +101,6 @@ class GradientGroup:
             raise LearnerLostError(_first_line(error)) from error
 
     def from_trainer(self, tensors: Iterable[Tensor]) -> None:
-        """Replace contiguous tensors."""
         try:
             for tensor in tensors:
                 if tensor.numel():

@@ -3,12 +3,10 @@
 from typing import Literal
 
 Phase = Literal["teacher", "distillation", "ppo"]
-"""Of a teacher that sees the state, then of a student with a camera that learns from it, then from
-its own driving.
-"""
+"""Of a teacher that sees the state, then of its student, then of that from its own driving."""
 
 FINE_LR = 3e-5
-"""Limit of the last phase. With small deviations, 1e-3 threw away within seconds what was learned."""
+"""Limit. With small deviations, 1e-3 threw away within seconds what was learned."""
 
 FINE_LR_OF_CHOICES = 1e-4
 """Probabilities of listed actions change more slowly."""

@@ -1,4 +1,4 @@
-"""Common to all policies: their shape, their input, and how they choose actions."""
+"""Common to all policies: shape, input, and choice of actions."""
 
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -23,10 +23,8 @@ class PolicySpec:
         num_actions: Length of a list, or continuous dimensions.
         continuous: A Gaussian over [-1, 1].
         network: `neural_network` of model_metadata.json.
-        eyes: Cameras.
         stack: Frames that are seen together.
         state_dims: For the critic only.
-        taught: Whether a teacher drives by the state alone.
     """
 
     num_actions: int
@@ -57,7 +55,7 @@ class Observation(NamedTuple):
     Attributes:
         frames: uint8, oldest first, left eye first. Shape (n, stack * eyes, 120, 160), or as in
             `encoders.in_blocks`.
-        scan: Lidar. Shape (n, d), d may be 0.
+        scan: Shape (n, d), d may be 0.
         state: For the critic only. Shape (n, k), k may be 0.
     """
 

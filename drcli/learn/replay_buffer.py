@@ -16,10 +16,9 @@ class Transitions(NamedTuple):
 
     Attributes:
         actions: In [-1, 1]. Shape (n, dims).
-        returns: Discounted rewards up to `after`, float64. Shape (n,).
+        returns: Discounted rewards up to `after`.
         after: Up to `n_step` steps later; meaningless where `discounts` is 0.
-        discounts: Gamma to the power of the steps between, 0 if the rules ended the episode. Shape
-            (n,).
+        discounts: Gamma to the power of the steps between, 0 if the rules ended the episode.
     """
 
     before: Observation
@@ -41,7 +40,7 @@ class ReplayBuffer:
     """A ring buffer of whole episodes in main memory; new episodes replace the oldest.
 
     A step takes little more than its frame, 19.2 kB. If the step limit cut an episode off, its
-    last step is not learned from, and those before look less than `n_step` steps ahead.
+    last step is not learned from.
     """
 
     def __init__(
@@ -75,7 +74,6 @@ class ReplayBuffer:
 
     @property
     def transitions(self) -> int:
-        """Steps that can be drawn."""
         return len(self._usable_rows)
 
     def add(self, rollout: Rollout) -> None:
@@ -144,7 +142,6 @@ class ReplayBuffer:
     def sample_observed(
         self, count: int, draw: torch.Generator, newest: int
     ) -> tuple[Observation, Tensor]:
-        """Observations with actions, half of them from the `newest` steps."""
         ages = torch.rand(count, generator=draw)
         ages[::2] *= min(newest, self.steps) / self.steps
         rows = (self._end - 1 - (ages * self.steps).long()) % self.capacity

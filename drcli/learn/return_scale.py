@@ -1,15 +1,15 @@
 """Scales returns by their running size, so that the critic can learn from rewards of any size.
 
-The idea is PopArt's (van Hasselt et al., 2016, "Learning values across many orders of magnitude"):
-the last layer is rescaled with it, so that predictions stay. Subtracting the mean gave no earlier
-lap over five seeds (docs/benchmarks.md).
+PopArt's idea (van Hasselt et al., 2016, "Learning values across many orders of magnitude"): the
+last layer is rescaled with it. Subtracting the mean gave no earlier lap over five seeds
+(docs/benchmarks.md).
 """
 
 import torch
 from torch import Tensor, nn
 
 FOLLOW = 0.3
-"""Weight of one iteration in the running size."""
+"""Weight of one iteration."""
 
 UNITS = 5.0
 """Mean size of the returns. Of 3, 5 and 10 it needed the fewest steps to a lap (medians of five
@@ -21,10 +21,6 @@ class ReturnScale(nn.Module):
     """How much reward one of the critic's own units is worth; stored with the weights.
 
     In double precision, so multiplied rewards lead to the same weights, byte for byte.
-
-    Attributes:
-        scale: 0 before the first returns, so that a fresh critic expects 0.
-        weight: Sum of the weights in the running mean.
     """
 
     scale: Tensor
@@ -38,11 +34,9 @@ class ReturnScale(nn.Module):
         self.register_load_state_dict_pre_hook(_as_before)  # type: ignore[no-untyped-call]
 
     def forward(self, units: Tensor) -> Tensor:
-        """To rewards, float64."""
         return units.double() * self.scale
 
     def units(self, rewards: Tensor) -> Tensor:
-        """From rewards, float64, to float32."""
         return (rewards / torch.where(self.scale > 0.0, self.scale, 1.0)).float()
 
     @torch.no_grad()

@@ -24,14 +24,13 @@ class Rollout:
     Attributes:
         frames: uint8, shape (t, eyes, 120, 160).
         actions: int64 indices of shape (t,), or unclipped float32 values of shape (t, dims).
-        values: In reward. Shape (t,).
-        lengths: Steps of each episode. Shape (e,).
-        last_values: Estimate of the rest where the step limit cut off, else 0. Shape (e,).
+        values: In reward.
+        lengths: Of episodes. Shape (e,).
+        last_values: Of the rest where the step limit cut off. Shape (e,).
         cut: By the step limit. Shape (e,).
-        scans: Shape (t, d), d = 0 without a lidar.
+        scans: Shape (t, d).
         states: For the critic only. Shape (t, k).
         learned: Steps whose reward is known; elsewhere the critic's estimate stands for the rest.
-            Shape (t,).
     """
 
     frames: NDArray[np.uint8]
@@ -93,7 +92,7 @@ class RolloutTensors:
     """A rollout with normalised advantages, as tensors on the learner's device.
 
     Frames stay in main memory if a GPU's is too small. On a GPU, columns may have more rows.
-    `values` and `returns` are in the critic's units, `frame_rows` has the shape (t, stack).
+    `values` and `returns` are in the critic's units.
     """
 
     frames: Tensor
@@ -118,8 +117,6 @@ class RolloutTensors:
         returns: Tensor,
         memory: ReusedMemory | None = None,
     ) -> "RolloutTensors":
-        """Join a rollout with the results of an update."""
-
         def place(name: str, column: Tensor) -> Tensor:
             return column.to(returns.device) if memory is None else memory.place(name, column)
 

@@ -52,10 +52,7 @@ class SAC:
         compute: Compute,
         group: GradientGroup | None = None,
     ) -> None:
-        """Each process of a `group` keeps some of the episodes, and draws from those.
-
-        Gradients count by what a process can draw from, which estimates the mean of all.
-        """
+        """Each process of a `group` keeps some of the episodes, and draws from those."""
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
@@ -116,10 +113,7 @@ class SAC:
         should_stop: Callable[[], bool] = lambda: False,
         steps_before: int = 0,
     ) -> list[SACStats]:
-        """As `PPO.update`, but any weights may have driven the rollout.
-
-        An epoch is a part of the update. No statistics before `sac_learning_starts`.
-        """
+        """As `PPO.update`, but any weights may have driven the rollout, and an epoch is a part."""
         self._follow_returns(rollout)
         self.remember(rollout)
         own = self.replay.transitions
@@ -224,7 +218,6 @@ class SAC:
             return loss, torch.stack([actor_loss, *qf, -log_probs.mean(), worth, shown])
 
     def alpha(self) -> Tensor:
-        """In the critics' units."""
         if self.config.sac_auto_alpha:
             return self.model.log_alpha.detach().exp()
         return self.model.returns.units(self._fixed_alpha)
@@ -244,6 +237,5 @@ class SAC:
         return error(values, target.expand_as(values), reduction=reduction)
 
     def _alpha_loss(self, model: SACAgent, log_probs: Tensor) -> Tensor:
-        """Lowers the temperature if the entropy is above its target."""
         target_entropy = -model.spec.num_actions
         return model.log_alpha * (-log_probs.mean() - target_entropy)

@@ -1,4 +1,4 @@
-"""The networks of soft actor-critic: a Gaussian squashed into (-1, 1) by tanh, and twin critics."""
+"""The networks of soft actor-critic: a tanh-squashed Gaussian, and twin critics."""
 
 import math
 from copy import deepcopy

@@ -1,8 +1,8 @@
 """Learns in three phases: a teacher that sees the track, its student with a camera, and PPO.
 
-The teacher learns within seconds, because its network is small and no picture is drawn. The
-student imitates it on roads that it drives itself (Ross et al., 2011, "DAgger"; Chen et al., 2019,
-"Learning by cheating"). What is best for somebody who sees less differs: hence PPO.
+The teacher learns within seconds, because no picture is drawn. The student imitates it on roads
+that it drives itself (Ross et al., 2011, "DAgger"; Chen et al., 2019, "Learning by cheating").
+What is best for somebody who sees less differs: hence PPO.
 """
 
 from collections.abc import Callable
@@ -40,11 +40,11 @@ TEACHER = PPOConfig(
     smoothness=0.5,
     bootstrap_cut=True,
 )
-"""Of the model's hyperparameters, for the camera, only the discount factor counts here.
+"""Of the model's hyperparameters only the discount factor counts here.
 
-Without smoothness, a teacher weaves by what no camera shows. On `reinvent_base` a student then
-drove 37 of 40 laps clean, in 5.5 s; with 0.25 to 1, all, in 5.4 s (one seed each, 150,000 steps of
-the teacher, 15,000 of the student).
+Without smoothness, a teacher weaves. On `reinvent_base` a student then drove 37 of 40 laps clean,
+in 5.5 s; with 0.25 to 1, all, in 5.4 s (one seed each, 150,000 steps of the teacher, 15,000 of the
+student).
 """
 
 STUDENT = PPOConfig(batch_size=64, lr=1e-3, lr_schedule="linear", schedule_steps=50_000)
@@ -60,7 +60,7 @@ CRITIC_WARMUP = 3
 
 REPORTS = 4
 SMALL_LOG_STD = -2.3
-"""In distillation: enough to show what to do beside the line; cars stay on the road."""
+"""Enough to show what to do beside the line; cars stay on the road."""
 
 FINE_LOG_STD = -1.6
 FINE_KL = 0.03

@@ -38,11 +38,7 @@ class PPOStats(_Statistics):
 
 @dataclass(frozen=True)
 class SACStats(_Statistics):
-    """Means over a part of an update.
-
-    `qf1_values` and `qf2_values` are the critics' estimates; `alpha_loss` is NaN if alpha is
-    fixed.
-    """
+    """Means over a part of an update; `alpha_loss` is NaN if alpha is fixed."""
 
     actor_loss: float
     qf1_values: float
@@ -76,10 +72,9 @@ class NonFiniteLossError(ArithmeticError):
 
 
 def require_finite_losses(losses: Mapping[str, float]) -> None:
-    """Once per epoch: on a GPU, a check of each minibatch would wait for it.
+    """Raise NonFiniteLossError if one is NaN or infinite.
 
-    Raises:
-        NonFiniteLossError: One is NaN or infinite.
+    Once per epoch: on a GPU, a check of each minibatch would wait for it.
     """
     if not all(math.isfinite(loss) for loss in losses.values()):
         named = ", ".join(f"{name} {loss:.4g}" for name, loss in losses.items())
@@ -87,10 +82,6 @@ def require_finite_losses(losses: Mapping[str, float]) -> None:
 
 
 def require_finite_weights(model: nn.Module) -> None:
-    """Check the weights.
-
-    Raises:
-        NonFiniteLossError: A weight is NaN or infinite.
-    """
+    """Raise NonFiniteLossError if a weight is NaN or infinite."""
     if not all(bool(torch.isfinite(p).all()) for p in model.parameters()):
         raise NonFiniteLossError("The weights contain NaN or infinite values.")

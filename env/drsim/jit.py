@@ -66,13 +66,10 @@ def _take_number(_context: Any, counter: Any) -> tuple[Any, Callable[..., Any]]:
 
 
 prefetch: Any = intrinsic(_prefetch)
-"""`prefetch(array, index)` asks the memory for an element, and goes on without it; unsigned."""
+"""`prefetch(array, index)` asks the memory for an element. The index is unsigned."""
 
 take_number: Any = intrinsic(_take_number)
-"""`take_number(counter)` returns the first integer of an array and adds 1 to it.
-
-Threads get different ones.
-"""
+"""`take_number(counter)` returns the first integer of an array and adds 1 to it, across threads."""
 
 
 def _compiled(function: F, *, cache: bool) -> F:

@@ -51,8 +51,6 @@ WHEELS_M = np.array(
 
 WHEELBASE_M = _FRONT_X - _REAR_X
 REAR_AXLE_BEHIND_M = REFERENCE_POINT_AHEAD_M - _REAR_X
-"""Behind the reference point."""
-
 _SETTLE_STEPS = 30
 
 
@@ -227,7 +225,7 @@ class CarBatch:
         self._refresh()
 
     def state(self) -> Floats:
-        """All that motion depends on, with MuJoCo only. Shape (n, k)."""
+        """All that motion depends on, with MuJoCo only."""
         return self._mujoco().state()
 
     def set_state(self, state: Floats) -> None:
@@ -266,7 +264,6 @@ class CarBatch:
 
 
 def _rest_pose(model: mujoco.MjModel) -> tuple[float, float]:
-    """A standing car's height, metres, and pitch, radians, nose down positive."""
     data = mujoco.MjData(model)
     steps = round(_SETTLE_STEPS / CONTROL_HZ / model.opt.timestep)
     mujoco.mj_step(model, data, steps)

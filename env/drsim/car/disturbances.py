@@ -45,7 +45,7 @@ class Disturbances:
         self._spoilt[car] = c.image_noise > 0 or c.brightness != 1.0 or c.blur_px > _LEAST_BLUR_PX
 
     def lenses(self, lens_pos: Floats, lens_mat: Floats) -> tuple[Floats, Floats]:
-        """From where lenses should be to where they are; as in `CarBatch`."""
+        """From nominal lenses to real ones."""
         if not self._moved.any():
             return lens_pos, lens_mat
         shifted = lens_pos + np.einsum("nij,nj->ni", lens_mat, self._shift_m)
@@ -55,7 +55,6 @@ class Disturbances:
         self._noise_key[cars] += np.uint64(1)
 
     def spoils(self, cars: Ints) -> bool:
-        """Whether `spoil` changes a frame of these cars."""
         return bool(self._spoilt[cars].any())
 
     def spoil(self, frames: Frames, cars: slice) -> None:

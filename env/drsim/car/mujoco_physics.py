@@ -1,4 +1,4 @@
-"""Steps many cars with MuJoCo, on its thread pool."""
+"""Steps many cars with MuJoCo's thread pool."""
 
 from typing import Any
 

@@ -22,7 +22,7 @@ MOST_CONTACTS = 8
 """Each of four wheels is a capsule with two ends."""
 
 _MODULES = ("smooth", "forward", "constraint", "passive", "derivative")
-"""Those that take longest to compile, and are needed."""
+"""Those that take longest to compile."""
 
 _VARIED = (
     "pair_friction",

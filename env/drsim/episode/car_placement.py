@@ -1,4 +1,4 @@
-"""Puts cars on the track: where episodes begin, go on, and aside when they are over."""
+"""Puts cars on the track: where episodes begin and go on, and aside."""
 
 import numpy as np
 

@@ -34,7 +34,6 @@ class Status(IntEnum):
 
     @property
     def label(self) -> str:
-        """The word in traces."""
         return self.name.lower()
 
 
@@ -155,8 +154,6 @@ class EpisodeState(NamedTuple):
 
 
 class Episodes:
-    """The running episodes of n cars, in `state`."""
-
     def __init__(self, num_cars: int, rules: EpisodeRules) -> None:
         self.rules = rules
 
@@ -202,13 +199,11 @@ class Episodes:
         state.progress[cars] = advance_progress(np.zeros(len(cars)), fraction, start_fraction)
 
     def wait(self, cars: Bools) -> None:
-        """Count one step of waiting for paused cars."""
         self.state.pause_steps[cars] -= 1
         self.state.steps[cars] += 1
         self.state.lap_steps[cars] += 1
 
     def put_back(self, cars: Ints, fraction: Floats) -> None:
-        """Take over where cars stand after a forgiven violation, 0 .. 1."""
         start, before = self.state.start_fraction[cars], self.state.progress[cars]
         # A car can be put back with its nose across the finish line. It has not driven there: the
         # lap counts with the next step that it drives.

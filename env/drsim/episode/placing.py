@@ -9,7 +9,7 @@ from drsim.track.track import INNER, LANES, OUTER, Lane, Track
 
 _PARKED_BESIDE_M = 0.3
 JUMP_M = 1.0
-"""No car drives this far in one step (the fastest 0.24 m)."""
+"""No car drives this far in one step."""
 
 _SAMPLES = 81
 
@@ -45,14 +45,13 @@ class Placing:
         return poses
 
     def nearer_lane(self, cars: Ints, fraction: Floats, xy: Floats) -> Ints:
-        """Inner or outer lane, by index, whichever is nearer to a point, metres."""
+        """Inner or outer lane, by index."""
         to_inner_m, to_outer_m = (
             np.hypot(*(self.on(cars, fraction, lane)[:, :2] - xy).T) for lane in LANES[1:]
         )
         return np.where(to_inner_m <= to_outer_m, INNER, OUTER)
 
     def aside(self, cars: Ints, fraction: Floats) -> Floats:
-        """Poses where nobody drives. Shape (k, 3)."""
         poses = self.on(cars, fraction)
         x_min, y_min, x_max, y_max = self.tracks[0].bounds
         low, high = np.array([x_min, y_min]), np.array([x_max, y_max])

@@ -1,4 +1,4 @@
-"""Calls the reward functions of many cars, and counts the calls."""
+"""Calls the reward functions of many cars."""
 
 from collections.abc import Callable, Sequence
 

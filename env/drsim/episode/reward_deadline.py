@@ -14,7 +14,7 @@ REPEAT_S = 0.25
 """Between exceptions after a deadline: a bare `except:` in a loop swallows the first."""
 
 PATIENCE_S = 5.0
-"""How long they are raised before the process ends."""
+"""Until the process ends."""
 
 STUCK = signal.SIGPROF if hasattr(signal, "SIGPROF") else None
 """Ends a process inside one endless operation; all stacks go to standard error first."""
@@ -25,7 +25,6 @@ _STUCK_FACTOR = float(max(2, os.cpu_count() or 1))
 _STDERR = 2
 
 _LEAST_S = 1e-3
-"""0 would stop the timer."""
 
 
 class DeadlinePassed(BaseException):
@@ -54,7 +53,10 @@ class Alarm:
         self.armed = True
 
     def wind(self) -> None:
-        """Set the timer to the earliest deadline; if Python cannot react, a second one ends the process."""
+        """Set the timer to the earliest deadline.
+
+        If Python cannot react, a second one ends the process.
+        """
         if self._last_s:
             _switch.is_on = True
             signal.setitimer(signal.ITIMER_PROF, self._last_s)
@@ -62,7 +64,6 @@ class Alarm:
         signal.setitimer(signal.ITIMER_REAL, max(left_s, _LEAST_S), REPEAT_S)
 
     def stop(self) -> None:
-        """A signal still to be handled sets no timer again."""
         self.armed = False
         self._over = True
         if self._last_s:
@@ -71,7 +72,7 @@ class Alarm:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     def ring(self, _signal: int, frame: FrameType | None) -> None:
-        """The signal may have been meant for an earlier call."""
+        """The signal may be meant for an earlier call."""
         if self._over:
             return
         if not self.armed or self._left_s() > 0.0:

@@ -1,4 +1,4 @@
-"""Error texts for a user's code: file and line, the exception, the returned value."""
+"""Error texts for a user's code: file, line, exception, returned value."""
 
 import ast
 import inspect
@@ -13,7 +13,6 @@ from typing import Any
 
 LONGEST_TEXT = 300
 LONGEST_VALUE = 100
-"""Of a longer one only the type is shown."""
 
 
 def code_of(function: Callable[..., Any]) -> CodeType | None:

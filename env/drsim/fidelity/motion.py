@@ -39,9 +39,9 @@ _CARS = 256
 
 @dataclass(frozen=True)
 class Windows:
-    """How far our car and the bicycle ended from the recorded car; arrays of shape (w,).
+    """How far our car and the bicycle ended from the recorded car.
 
-    `driven_m` is how far the recorded car got, in a straight line.
+    `driven_m` is how far that got. Shape (w,).
     """
 
     position_m: Floats
@@ -162,7 +162,7 @@ def _windows(drive: Recording, horizon_s: float) -> tuple[Ints, Ints]:
 
 
 def _bicycle(drive: Recording, first: Ints, last: Ints) -> Floats:
-    """It follows requests at once and never slips. Shape (w, 3)."""
+    """It follows requests at once and never slips."""
     steering_rad = np.radians(np.clip(drive.actions[:, 0], -MAX_STEERING_DEG, MAX_STEERING_DEG))
     wheel_rad_s = np.clip(drive.actions[:, 1], MIN_SPEED_MPS, MAX_SPEED_MPS) / COMMAND_RADIUS_M
     way_m = wheel_rad_s * WHEEL_RADIUS_M * (drive.ends_s - drive.starts_s)

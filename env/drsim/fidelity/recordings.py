@@ -20,19 +20,17 @@ _STANDING = ("prepare", "pause", "manual_pause", "park")
 """`episode_status` while the reference holds the car."""
 
 _GOING_ON = (*_STANDING, "in_progress")
-"""After any other status the car is put elsewhere, or the episode is over."""
+"""After others the car is put elsewhere, or the episode is over."""
 
 _LONGEST_STEP_S = 0.5
-"""A longer row is a break: the simulator stood still, and the car drove on. A host that is too
-slow for its camera makes steps of 0.2 s.
-"""
+"""A longer row is a break: the car drove on. A host that is too slow makes steps of 0.2 s."""
 
 _FASTEST_MPS = 5.0
 _JUMP_M = 0.15
 """A car that got this much further than by its speed was put there."""
 
 _ACTION = re.compile(r'"?\[\s*([^\s,\]]+)[\s,]+([^\s,\]]+)\s*\]"?')
-"""Degrees and m/s; as a list of Python, with a comma that would divide it."""
+"""Degrees and m/s; as a list of Python, with a comma."""
 
 _WHEELS_ON = {"true": 1, "1": 1, "false": 0, "0": 0}
 

@@ -17,7 +17,6 @@ PROGRESS_TOLERANCE = 0.02
 
 _LENGTH_TOLERANCE = 0.01
 _FURTHEST_M = 2.0
-"""Of half of the recorded points from the centre line, and most difference of length."""
 
 
 @dataclass(frozen=True)

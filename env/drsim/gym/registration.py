@@ -12,7 +12,6 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "drsim/DeepRacerObjectAvoidance-v0": {"race": "object_avoidance"},
     "drsim/DeepRacerHeadToBot-v0": {"race": "head_to_bot"},
 }
-"""Ids, and the arguments that differ from `RacerEnv`'s defaults."""
 
 
 def register() -> None:

@@ -54,7 +54,6 @@ class Line(NamedTuple):
 
     @property
     def lap_s(self) -> float:
-        """Of a flying lap."""
         return float(self.step_s.sum())
 
 

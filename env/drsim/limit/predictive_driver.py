@@ -59,13 +59,12 @@ def drive_line(
     seed: int,
     effort: Effort | None = None,
 ) -> DrivenLap:
-    """Drive a lap from rest and a little more, then judge it as an episode."""
+    """Drive a lap from rest and more, then judge it as an episode."""
     requests = _Planner(track, line, parameters, seed, effort or Effort()).requests()
     return _judged(track, parameters, requests)
 
 
 def _judged(track: Track, parameters: CarParameters, requests: Floats) -> DrivenLap:
-    """Degrees and m/s, shape (t, 2). Two laps, so that the episode goes on after the first."""
     simulation = Simulation(
         track,
         num_cars=1,
@@ -176,7 +175,6 @@ class _Planner:
         return chosen, np.repeat(after_it[None], effort.copies, axis=0), point
 
     def _tried(self, plans: Floats, state: Floats, here: int) -> tuple[Floats, Floats, Ints]:
-        """Costs in seconds, states after the first step, and points reached."""
         cars = self._cars
         cars.set_state(state)
         point: Ints = np.full(len(plans), here)

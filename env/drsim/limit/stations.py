@@ -9,8 +9,6 @@ from drsim.limit.fastest_line import Line
 from drsim.track.track import Track
 
 STATION_M = 0.2
-"""On average, along the centre line."""
-
 _FARTHEST_M = 2.0
 
 
@@ -52,7 +50,6 @@ def stations_of(track: Track, line: Line) -> Stations:
 
 
 def points_of(track: Track, offset_m: Floats) -> Floats:
-    """Of evenly spaced stations. Shape (n, 2)."""
     centers, across = _sections(track, len(offset_m))
     return centers + offset_m[:, None] * across
 

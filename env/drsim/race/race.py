@@ -13,8 +13,7 @@ class ObstacleRules:
 
     Attributes:
         count: How many; `positions` win over it.
-        kind: What stands there.
-        min_gap_m: Least distance along the centre line, metres.
+        min_gap_m: Along the centre line, metres.
         randomize: Draw places and lanes for each episode, instead of even distances and
             alternating lanes.
         positions: Fraction of the lap, 0 .. 1, and lane: -1 outer, else inner.
@@ -44,11 +43,9 @@ class BotRules:
     """Slow cars that keep to a lane. The defaults are those of the reference's launcher.
 
     Attributes:
-        count: How many.
         speed_mps: Along the centre line.
-        min_gap_m: Least distance at the start of an episode, metres.
+        min_gap_m: At the start of an episode, metres.
         randomize: Draw places and lanes for each episode.
-        lane_change: Whether they change lanes.
         lane_change_time_s: Least and most seconds between changes.
         lane_change_distance_m: Metres that a change takes.
         penalty_s: How long a car's bots stand still after one ran into it.

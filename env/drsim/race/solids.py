@@ -41,7 +41,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Shape:
-    """A kind of object; crashes are decided by its footprint, length and width."""
+    """A kind of object; the footprint decides about crashes."""
 
     name: str
     boxes: tuple[Box, ...]

@@ -9,8 +9,6 @@ LAST_PLACE_M = 1.0
 """Before the end of the lap. Source: the reference simulator."""
 
 FREE_START_M = 1.0
-"""To either side of the start, where there is room."""
-
 MOST_OBJECTS = 100
 
 
@@ -25,7 +23,7 @@ def check_room(track: Track, count: int, gap_m: float) -> None:
 
 
 def most_that_fit(track: Track, gap_m: float) -> int:
-    """How many objects can keep a gap; a single one always can."""
+    """A single one always can."""
     room_m = track.length_m - LAST_PLACE_M
     if room_m >= MOST_OBJECTS * gap_m:
         return MOST_OBJECTS

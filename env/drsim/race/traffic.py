@@ -19,10 +19,10 @@ NEAR_M = 1.0
 """Changes where a car starts or is put back. Source: the reference simulator."""
 
 BLOCKS_M = 0.5
-"""A car this near to an obstacle on its lane may touch it."""
+"""From an obstacle on its lane."""
 
 OPPONENT_GAP_M = 0.75
-"""Of the second racer's start. Source: the reference simulator."""
+"""Source: the reference simulator."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Traffic:
             self._move_bots()
 
     def start_lane(self, cars: Ints) -> Ints:
-        """Two racers start on different lanes; else the centre line, or the lane away from an object."""
+        """The centre line, or the lane away from an object; two racers start on different lanes."""
         if self._opponents:
             return np.where(cars % 2 == 0, OUTER, INNER)
         apart_m = np.abs(self._gap_m(self.distance_m[cars], self._start_m[cars][:, None]))
@@ -126,7 +126,6 @@ class Traffic:
             self._move_bots()
 
     def follow(self, origin_xy: Floats, yaw_rad: Floats) -> None:
-        """Take over where racers are that race each other."""
         if not self._opponents:
             return
         other = np.arange(len(origin_xy)) ^ 1
@@ -172,7 +171,10 @@ class Traffic:
         return Contacts(crashed, other, stands)
 
     def clear_of(self, cars: Ints, fraction: Floats, lanes: Ints) -> tuple[Floats, Ints]:
-        """Where cars go on: behind a near obstacle on the other lane, every `mercy`-th time ahead of it."""
+        """Where cars go on.
+
+        Behind a near obstacle on the other lane, every `mercy`-th time ahead of it.
+        """
         rules = self._race.obstacles
         if rules is None or not self._obstacles:
             return fraction, lanes
@@ -194,7 +196,7 @@ class Traffic:
         return fraction, lanes
 
     def objects(self) -> Objects:
-        """A live view for reward functions."""
+        """A live view."""
         return Objects(
             xy=self.xy,
             yaw_rad=self.yaw_rad,
@@ -207,14 +209,11 @@ class Traffic:
         )
 
     def gap_m(self, cars: Ints, along_m: Floats) -> Floats:
-        """How far ahead of some cars their objects are; negative behind. Shape (c, k).
-
-        On a loop, the shorter way.
-        """
+        """How far ahead of cars their objects are, the shorter way; negative behind."""
         return self._gap_m(self.distance_m[cars], along_m[:, None])
 
     def moving_mps(self, car_speeds_mps: Floats) -> Floats:
-        """How fast all objects move now, opponents by the cars' speeds. Shape (n, k)."""
+        """How fast all objects move now. Shape (n, k)."""
         speeds = np.zeros_like(self.distance_m)
         if self._opponents:
             speeds[:, 0] = car_speeds_mps[np.arange(len(speeds)) ^ 1]

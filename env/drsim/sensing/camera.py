@@ -17,13 +17,12 @@ from drsim.track.appearance import AMBIENT, LUMA, SUN
 
 Frames = NDArray[np.uint8]
 LensParts = tuple[Floats, Floats, float, float]
-"""Positions, axes, focal length in pixels, and what is added to a grey."""
 
 
 def lens_pose(
     body_pos: Floats, body_mat: Floats, camera: CameraModel = FRONT
 ) -> tuple[Floats, Floats]:
-    """Positions (n, 3) and axes (n, 3, 3) of lenses, given those of base frames."""
+    """Of lenses, given those of base frames."""
     cos, sin = math.cos(camera.pitch_rad), math.sin(camera.pitch_rad)
     tilt = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
     return body_pos + body_mat @ np.array(camera.mount_m), body_mat @ tilt
@@ -90,10 +89,7 @@ def lens_parts(
 def draw_ground(
     scene: Scene, lenses: LensParts, out: Frames, wanted: Ints, taken: Ints, light: Light | None
 ) -> None:
-    """Draw ground, walls and sky into the `wanted` frames.
-
-    Threads that share the counter `taken`, an array of one 0, share the work.
-    """
+    """Threads that share the counter `taken`, an array of one 0, share the work."""
     backdrop = scene.backdrop
     if light is not None:
         greys = light.wall_greys, light.sky_greys, light.palettes
@@ -102,7 +98,6 @@ def draw_ground(
 
 
 def draw_solids(boxes: Cuboids, lenses: LensParts, out: Frames, light: Light | None) -> None:
-    """Draw over frames what stands on the ground."""
     cuboids.draw(boxes, _on_solids(light, len(boxes)), lenses, out)
 
 

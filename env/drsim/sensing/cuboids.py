@@ -27,8 +27,6 @@ _NEAR_M = 0.02
 _LINES = 8
 _STEEP = 2.0
 _TOUCH_M = 1e-4
-"""Less overlap only touches."""
-
 _SIDES = 5
 
 
@@ -41,7 +39,7 @@ class _Lens(NamedTuple):
 
 
 class _Images(NamedTuple):
-    """Of m cuboids in one frame; `corners` is 0 where a side cannot be seen, `windows` first and past the last row, then column."""
+    """Of m cuboids in one frame; `corners` is 0 where a side cannot be seen."""
 
     outlines: Floats
     corners: Ints
@@ -117,7 +115,7 @@ def _reaches_before(box: Any, lens: _Lens) -> bool:
 def _side(
     box: Any, side: int, light: Singles, lens: _Lens, size_px: tuple[int, int], outline: Floats
 ) -> tuple[int, float]:
-    """A side's corners, cut off at the near plane, and its grey by Lambert's cosine law."""
+    """By Lambert's cosine law."""
     pos, focal_px = lens.pos, lens.focal_px
     rows, columns = size_px
     cos, sin, half_x, half_y = box.cos, box.sin, box.half_length, box.half_width
@@ -322,7 +320,6 @@ def _span(outline: Floats, y: float) -> tuple[float, float, float, float]:
 def _add_edge(
     edge: float, blur: float, weight: float, grey: float, low: int, high: int, steps: Singles
 ) -> None:
-    """An edge right of which a share begins, blurred by a tent."""
     begin = int(min(max(edge - blur - 0.5, low), high))
     end = int(min(max(edge + blur + 1.5, low + 1.0), high))
     sharpness, before = 1.0 / blur, 0.0

@@ -36,8 +36,6 @@ def _on_gpu(function: F) -> F:
 
 
 ROWS = 8
-"""Of a block, which samples one gap that its neighbour samples too."""
-
 _GAPS = ROWS + 1
 _LINES = MOST_LINES * _GAPS
 _WALLS = 4
@@ -182,7 +180,6 @@ def backdrop_grey(
     ray: Any,
     column: Single,
 ) -> tuple[Single, Single]:
-    """With the share of the ground."""
     zero, half, one = Single(0.0), Single(0.5), Single(1.0)
     x, y = ray[0] + column * ray[3], ray[1] + column * ray[4]
     z = ray[2] + column * ray[5]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _FRAMES_PER_JOB = 4
 _FRAMES_ALONE = 2
-"""Rendered before another thread would wake up."""
+"""Until another thread would wake up."""
 
 
 class _Eye(NamedTuple):
@@ -83,7 +83,7 @@ class FrameRenderer:
         self._pool = _pool(self._num_threads)
 
     def start(self, cars: Ints, lens_pos: Floats, lens_mat: Floats) -> None:
-        """Begin to render some cars, in rising order, with the lenses of all."""
+        """Begin to render some cars, in rising order."""
         self._cars = cars
         if not len(cars):
             return
@@ -107,7 +107,6 @@ class FrameRenderer:
             ]
 
     def finish(self) -> None:
-        """Render what no other thread has begun, and wait for the rest."""
         try:
             if self._gpu is None:
                 self._draw_ground()

@@ -210,7 +210,7 @@ def _figures(paint: Paint) -> Singles:
 def _mix(
     cover: _Cover, grain: Singles, near: Single, far: Single, kerb_end: Single, paints: _Paints
 ) -> Bytes:
-    """From the border outwards, in texels: line between `far` and `near`, kerb to `kerb_end`, field."""
+    """From the border outwards: line between `far` and `near`, kerb to `kerb_end`, field."""
     side, marks, stripes = cover.side, cover.marks, cover.stripes
     road, line, kerb, kerb_light, field, dash = paints
     half, part = np.float32(0.5), np.float32(1.0 / 255.0)

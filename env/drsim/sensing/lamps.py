@@ -12,8 +12,6 @@ from drsim.sensing.scene import Scene
 Frames = NDArray[np.uint8]
 Single = np.float32
 Lenses = tuple[Floats, Floats, float, float]
-"""Positions, axes, focal length in pixels, and a number not used."""
-
 _GAP_M = 2.2
 _MARGIN_M = 2.5
 _MOST_LAMPS = 96
@@ -27,7 +25,7 @@ _ROUGHNESS = 0.04
 
 _LAMP_SIZE_M = 0.25
 _MIRRORED = 1500.0
-"""Greys in a perfect mirror. All numbers here were chosen by eye, to look like a varnished floor."""
+"""Greys in a perfect mirror. Numbers here were chosen by eye, to look like a varnished floor."""
 
 _STRAIGHT_ON = 0.04
 _REACH = 3.0
@@ -44,7 +42,7 @@ class Lamps:
         self._reflections: Floats = np.zeros(num_cars)
 
     def begin(self, car: int, *, glare: float, reflections: float, pattern: int) -> None:
-        """Put a new episode's lamps where the pattern says. Strengths are 0 .. 1."""
+        """Strengths are 0 .. 1."""
         self._glare[car] = glare
         self._reflections[car] = reflections
         if glare > 0.0 or reflections > 0.0:
@@ -56,13 +54,13 @@ class Lamps:
         return bool((self._glare[cars] > 0.0).any() or (self._reflections[cars] > 0.0).any())
 
     def reflect(self, cars: slice, frames: Frames, lenses: Lenses) -> None:
-        """Add what the floor mirrors, without the GIL, before anything that stands on it."""
+        """Add what the floor mirrors, without the GIL."""
         if (self._reflections[cars] > 0.0).any():
             room = self._walls_m, _ROUGHNESS, _MIRRORED
             _reflect(frames, lenses, self._reflections[cars], self._lamps_m[cars], room)
 
     def shine(self, cars: slice, frames: Frames, lenses: Lenses) -> None:
-        """Add the glare to finished frames, without the GIL."""
+        """Add the glare, without the GIL."""
         if (self._glare[cars] > 0.0).any():
             _shine(frames, lenses, self._glare[cars], self._floodlight_m[cars])
 

@@ -28,8 +28,8 @@ class Observations:
     """Camera frames and lidar scans of n cars.
 
     Attributes:
-        frames: Grey, rewritten between `start` and `finish`. Shape (n, eyes, 120, 160).
-        scans: Shape (n, d), d may be 0.
+        frames: Rewritten between `start` and `finish`. Shape (n, eyes, 120, 160).
+        scans: Shape (n, d).
     """
 
     def __init__(

@@ -19,8 +19,6 @@ Pairs = NDArray[np.uint16]
 Ints32 = NDArray[np.int32]
 
 FINEST_TEXEL_M = 0.003
-"""On small tracks."""
-
 MOST_TEXELS = 20_000_000
 """With smaller copies, 54 MB."""
 
@@ -64,7 +62,6 @@ class Scene:
         return state
 
     def pairs(self) -> Pairs:
-        """A texel in the low byte, the one above in the high."""
         return np.append(self.texels & 0xFFFF, self.texels[-1:] >> 16).astype(np.uint16)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -87,7 +84,7 @@ class Scene:
 
     @cached_property
     def ground(self) -> Bytes:
-        """The full size. Shape (rows, columns); row 0 has the least y."""
+        """Row 0 has the least y."""
         return self.level(0)
 
     def level(self, index: int) -> Bytes:
@@ -97,7 +94,7 @@ class Scene:
 
 
 def build_scene(track: Track, look: Look | None = None) -> Scene:
-    """Paint a track: 18 to 55 MB, in 0.1 to 0.7 s. Default look: the world's."""
+    """Paint a track: 18 to 55 MB, in 0.1 to 0.7 s."""
     look = look or look_of(track.name)
     border = np.concatenate([track.inner, track.outer])
     low = border.min(axis=0) - look.walls.margin_m

@@ -100,7 +100,7 @@ class Sensors:
         return gym.spaces.Dict({self.camera: frame, self.lidar: values})
 
     def process(self, rays_m: Singles) -> Singles:
-        """From scans, shape (n, 64), to what the model gets, as in the reference. Shape (n, num_values).
+        """From scans, shape (n, 64), to what the model gets, as in the reference.
 
         LIDAR: clipped to 0.15 .. 1 m. SECTOR_LIDAR: 1 where the nearest of 8 rays is nearer than
         0.5 m. DISCRETIZED_SECTOR_LIDAR: the bin of each sector's nearest distance, one-hot, or 0.

@@ -27,7 +27,7 @@ worlds; both together are `_LIGHT` on level ground. Assumed: no frame shows an o
 
 @dataclass(frozen=True)
 class Paint:
-    """One painted material; 0..255, `grain` is a standard deviation of greys."""
+    """One painted material; 0..255."""
 
     grey: float
     grain: float = 0.0
@@ -105,10 +105,9 @@ class Look:
 
 
 def look_of(world: str) -> Look:
-    """Appearance of a world by name; an unknown name gets the common set.
+    """The appearance of a world; an unknown name gets the common set.
 
-    Source of widths and texture colours: the reference simulator. Assumed: start lines, nearly
-    black fields, and the same sky everywhere.
+    Source of widths and colours: the reference simulator. Assumed: start lines and sky.
     """
     name, _ = split_direction(world)
     look = _COMMON
@@ -186,9 +185,7 @@ _LINE_OUTSIDE = {
     "Singapore_f1": (0.076, 0.07),
     "Austin": (0.076, 0.07),
 }
-"""Width of line and kerb, metres. Source: the reference simulator's meshes; the first eight have
-the width of other worlds.
-"""
+"""Width of line and kerb, metres. Source: the reference simulator's meshes."""
 
 _WITHOUT_WALLS = {
     *(
@@ -199,7 +196,7 @@ _WITHOUT_WALLS = {
     "2022_reinvent_champ_cw",
     "2022_reinvent_champ_ccw",
 }
-"""With distant scenery; their one-direction variants have walls. Source: the reference simulator."""
+"""With scenery; one-direction variants have walls. Source: the reference simulator."""
 
 _OPEN_FIELD = Walls(
     height_m=0.0, greys=4 * (_COMMON.sky_grey,), tint=(1.0, 1.0, 1.0), field_half_m=12.5

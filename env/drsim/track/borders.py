@@ -13,11 +13,9 @@ LENGTHS_M = (2.0, 1000.0)
 """The longest of the reference simulator is 89 m."""
 
 WIDTHS_M = (0.25, 20.0)
-"""The car is 0.2 m wide."""
-
 _BEND_WIDTHS = 4.0
 _PARALLEL_M2 = 1e-12
-"""Cross product of segments below which their crossing is rounding."""
+"""Less is rounding."""
 
 
 def road_along(name: str, center: Floats, width_m: Floats, length_m: float | None = None) -> Track:
@@ -142,7 +140,11 @@ def _without_loops(line: Floats, left_m: Floats, closed: bool) -> Floats:
 
 
 def _crossed(a: Floats, b: Floats, c: Floats, d: Floats, *, touching: bool) -> Bools:
-    """No parallel one. With `touching`, an end on the other segment lies to the right of it, so that a line through a vertex crosses once."""
+    """No parallel one.
+
+    With `touching`, an end on the other segment lies to the right of it, so that a line through a
+    vertex crosses once.
+    """
     ab, cd = b - a, d - c
     sides = _cross(ab, c - a), _cross(ab, d - a), _cross(cd, a - c), _cross(cd, b - c)
     if touching:

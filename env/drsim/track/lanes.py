@@ -12,17 +12,18 @@ from drsim.track.track import LANES, Lane, Track
 _TABLE_STEP_M = 0.02
 _LOOK_AHEAD_M = 0.05
 _LEAST_STEP_M = 0.01
-"""Nearer vertices would give the curve a jerk."""
+"""Nearer vertices would cause a jerk."""
 
 _FARTHEST_M = 1.0
 _OVERHANG = 12
-"""Vertices by which a loop is continued: the ends then matter less than a thousandth of a
-millimetre.
-"""
+"""The ends then matter less than a thousandth of a millimetre."""
 
 
 class LanePlaces(NamedTuple):
-    """Where bots are, shape (n, k); `share` is 0 on the inner lane, 1 on the outer, `drift` its change per metre."""
+    """Where bots are, shape (n, k).
+
+    `share` is 0 on the inner lane, 1 on the outer.
+    """
 
     distance_m: Floats
     share: Floats
@@ -36,7 +37,6 @@ class LanePaths:
     """
 
     def __init__(self, tracks: tuple[Track, Track]) -> None:
-        """Tabulate both lanes every 2 cm, in both directions."""
         self._length_m = tracks[0].length_m
         steps = int(np.ceil(self._length_m / _TABLE_STEP_M))
         self._step_m = self._length_m / steps
@@ -56,7 +56,6 @@ class LanePaths:
 
 
 def _knots(track: Track, lane: Lane) -> tuple[Floats, Floats]:
-    """Vertices of a lane, and where they project on the centre line, rising."""
     border = track.inner if lane == "inner" else track.outer
     vertices = (track.center + border) / 2
     row_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(track.center, axis=0).T))])

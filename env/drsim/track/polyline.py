@@ -62,7 +62,7 @@ class Location(NamedTuple):
 
 
 def vertices(points: Floats) -> tuple[Ints, Ints]:
-    """First and last row of each vertex; rows may repeat the one before."""
+    """First and last rows; rows may repeat the one before."""
     first = [0]
     for row in range(1, len(points)):
         apart = points[row] - points[first[-1]]
@@ -143,7 +143,6 @@ def locate(xy: Floats, road_parts: tuple[Any, ...]) -> tuple[Any, ...]:
 
 @kernel
 def project(xy: Floats, line: Floats) -> Floats:
-    """Distances along a line of the points nearest to given ones."""
     distance_m, scratch = np.empty(xy.shape[0]), np.empty(line.shape[1])
     for i in range(xy.shape[0]):
         k, along, _, _ = _nearest(line, xy[i, 0], xy[i, 1], scratch)
@@ -153,7 +152,7 @@ def project(xy: Floats, line: Floats) -> Floats:
 
 @kernel
 def inside_road(xy: Floats, outer: Floats, inner: Floats) -> Bools:
-    """Whether points lie strictly inside the outer and outside the inner ring, which may be empty."""
+    """Strictly inside the outer and outside the inner ring, which may be empty."""
     m = xy.shape[0]
     inside = np.empty(m, np.bool_)
     near_outer = np.empty(outer.shape[0], np.int64)
@@ -232,7 +231,7 @@ def _edges_that_count(ring: Floats, group: Floats, rows: Ints) -> int:
 
 @kernel
 def _side(ring: Floats, edges: Ints, x: float, y: float) -> int:
-    """1 inside a ring, 0 on it, -1 outside."""
+    """1 inside, 0 on it, -1 outside."""
     inside = False
     for k in edges:
         ax, ay, bx, by = ring[k, 0], ring[k, 1], ring[k + 1, 0], ring[k + 1, 1]

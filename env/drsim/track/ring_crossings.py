@@ -8,7 +8,6 @@ from drsim.jit import kernel
 
 @kernel
 def cross_ring(ring: Floats, crossed: Bools) -> None:
-    """Flip, in every row, the first cell right of each crossing."""
     rows, columns = crossed.shape
     for i in range(len(ring)):
         ax, ay = ring[i - 1]
@@ -22,7 +21,6 @@ def cross_ring(ring: Floats, crossed: Bools) -> None:
 
 @kernel
 def sign_off_road(crossed: Bools, distance: Singles) -> None:
-    """Make distances negative off the road."""
     rows, columns = crossed.shape
     for row in range(rows):
         on_road = False

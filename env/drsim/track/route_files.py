@@ -19,7 +19,7 @@ DEFAULT_WIDTH_M = 1.07
 _MIN_ROWS = 4
 _MAX_BYTES = 1_000_000
 _FURTHEST_M = 1e6
-"""Beyond it, rounding would swallow the track."""
+"""Beyond, rounding would swallow the track."""
 
 _CHORD_M = 0.05
 _COLUMNS = "centre x y; or centre x y, width; or centre x y, inner x y, outer x y"
@@ -32,17 +32,16 @@ def read_route(
     width_m: float | None = None,
     length_m: float | None = None,
 ) -> Track:
-    """The track of a route file, checked, by the last part of the file's name.
+    """The track of a route file, checked.
 
     - `.npy`: an array of 2, 3 or 6 columns. Source of the format with 6: the reference simulator's
       route files, float64, metres, centre x and y, inner border x and y, outer border x and y, in
       driving order.
-    - `.csv`: the same columns as text, with or without headings, separated by commas or semicolons.
+    - `.csv`: the same as text, with or without headings, separated by commas or semicolons.
     - `.svg`: the first path, polyline or polygon is the centre line; `length_m` is needed.
 
     With 6 columns every row is a waypoint, also a repeated one: racers count rows. Otherwise
-    waypoints are spread evenly, with borders beside them. Default width: the file's, else 1.07 m;
-    borders are scaled to `length_m` too.
+    waypoints are spread evenly. Default width: the file's, else 1.07 m.
 
     Raises:
         TrackError: The file does not exist or is not a track.

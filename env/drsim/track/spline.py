@@ -60,6 +60,10 @@ def _slopes(points: Floats, chord_m: Floats) -> Floats:
 
 
 def _solved(matrix: Floats, right: Floats) -> Floats:
+    """By elimination, so that waypoints are the same on every processor.
+
+    Libraries add in another order on each kind.
+    """
     rows = np.concatenate([matrix, right], axis=1)
     for k in range(len(matrix)):
         rows[k] /= rows[k, k]

@@ -15,7 +15,7 @@ Curve = tuple[complex, complex, complex, complex]
 """A cubic Bezier curve: start, two control points, end, as x + y i."""
 
 _FURTHEST = 1e9
-"""Beyond it, rounding would swallow the drawing."""
+"""Beyond, rounding would swallow the drawing."""
 
 _NUMBER = re.compile(r"[\s,]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
 _FLAG = re.compile(r"[\s,]*([01])")

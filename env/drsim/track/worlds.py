@@ -200,7 +200,7 @@ def _unknown(world: str, tracks_dir: Path | None) -> str:
 
 
 def _build(name: str, definition: dict[str, Any]) -> Track:
-    """Waypoints at even distances, a few shifted: racers write their numbers into reward functions."""
+    """Some waypoints are uneven: racers write their numbers into reward functions."""
     spline = ClosedSpline(np.array(definition["control_points_m"], dtype=np.float64))
     distance_m = np.linspace(0.0, spline.length_m, definition["waypoints"], endpoint=False)
     for waypoint, shift_m in definition.get("shifted_waypoints_m", {}).items():

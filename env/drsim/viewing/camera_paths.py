@@ -13,7 +13,7 @@ SWING_S = 0.25
 """Assumed: the reference simulator's depends on the computer."""
 
 CUT_M = 1.0
-"""A car that has moved further between frames was put somewhere else."""
+"""Further, a car was put somewhere else."""
 
 _FROM_ABOVE_M = 30.0
 _ROOM = 1.12
@@ -54,7 +54,7 @@ class FollowingCamera:
 
 
 def lens_above(track: Track, size: tuple[int, int]) -> Lens:
-    """A lens that has the whole track in a picture, x to the right."""
+    """Has the whole track in a picture, x to the right."""
     low_x, low_y, high_x, high_y = track.bounds
     rows, columns = size
     width_m = _ROOM * max(high_x - low_x, (high_y - low_y) * columns / rows) + 0.5

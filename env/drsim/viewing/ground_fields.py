@@ -12,21 +12,17 @@ from drsim.track.ring_crossings import cross_ring, sign_off_road
 from drsim.track.track import Track
 
 CELL_M = 0.02
-"""On small tracks."""
-
 MOST_CELLS = 3_000_000
 """60 MB."""
 
 REACH_M = 0.6
-"""Limit of distances."""
-
 SIDE, KERB, ALONG_BORDER, CENTRE, ALONG_CENTRE = range(5)
 """Distance to the nearest border, positive on the road; share of a kerb there; distance along the
 border; distance to and along the centre line. Metres.
 """
 
 KERB_RADIUS_M = (1.6, 3.0)
-"""A bend with the first radius has a whole kerb, with the second none."""
+"""Of bends with a whole kerb, and without."""
 
 _BEND_M = 0.5
 """Border that a bend is measured on, to both sides."""
@@ -43,7 +39,7 @@ class GroundFields:
 
 
 def measure_ground(track: Track, *, everywhere: bool) -> GroundFields:
-    """Measure the ground of a track, 0.1 to 0.4 s, with kerbs at bends or `everywhere`."""
+    """0.1 to 0.4 s; with kerbs at bends or `everywhere`."""
     center = without_repeats(track.center[::-1] if track.reverse else track.center)
     inner, outer = (
         without_repeats(line[::-1] if track.reverse else line)

@@ -102,7 +102,7 @@ def _ground_row(
     light: Singles,
     mixed: Singles,
 ) -> None:
-    """Each pixel covers a parallelogram. `view`: direction of the first pixel, its change, depth, share of ground; `at`: its place and the change; `fall`: the change from row to row."""
+    """`fall` is the change of `at` from row to row."""
     # Taken out of the records once: each access in the loop would count references.
     cells, grain = ground.cells, ground.grain
     corner_x, corner_y, cell_m = ground.x_m, ground.y_m, ground.cell_m

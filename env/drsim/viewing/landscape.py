@@ -12,8 +12,6 @@ Picture = NDArray[np.uint8]
 
 COLUMNS, ROWS = 4096, 384
 STEEPEST = 0.55
-"""Tangent of 29 degrees above the horizon."""
-
 ZENITH, HORIZON = (70.0, 128.0, 205.0), (208.0, 224.0, 238.0)
 HAZE = (186.0, 205.0, 214.0)
 HAZE_M = 70.0
@@ -25,7 +23,7 @@ _RANGES: tuple[tuple[float, float, int, tuple[float, float, float]], ...] = (
     (0.020, 0.038, 9, (118.0, 150.0, 150.0)),
     (0.010, 0.020, 17, (92.0, 128.0, 92.0)),
 )
-"""Hills, furthest first: least height, rise, waves around, colour."""
+"""Furthest first: least height, rise, waves around, colour."""
 
 _WOODS = (58.0, 92.0, 52.0)
 _SUN_AZIMUTH_RAD = -0.2
@@ -35,7 +33,7 @@ _GRAINS = (0.9, 0.8, 0.6, 0.5, 0.5, 0.5, 0.4)
 
 @lru_cache(maxsize=2)
 def landscape_of(world: str) -> Picture:
-    """The panorama of a world, the first row the highest; 0.4 s. Shared: do not write."""
+    """The first row is the highest; 0.4 s. Shared: do not write."""
     random = np.random.default_rng(zlib.crc32(world.encode()) ^ 0x5CE4E)
     height = np.linspace(STEEPEST, 0.0, ROWS)[:, None]
     azimuth = np.linspace(0.0, 2.0 * np.pi, COLUMNS, endpoint=False)
@@ -58,7 +56,7 @@ def landscape_of(world: str) -> Picture:
 
 @lru_cache(maxsize=2)
 def grain_of(world: str) -> Singles:
-    """As in `ground_painting.Ground`. Shared: do not write."""
+    """Shared: do not write."""
     random = np.random.default_rng(zlib.crc32(world.encode()) ^ 0x6A417)
     tile = np.zeros((_TILE, _TILE))
     for octave, strength in enumerate(_GRAINS):

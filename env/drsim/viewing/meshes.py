@@ -123,7 +123,6 @@ def _outwards(corners: Floats, normals: Floats, faces: Ints) -> Ints:
 
 
 def mesh_of(shape: Shape, color: tuple[float, float, float] | None = None) -> Mesh:
-    """A car's body without wheels, or boxes."""
     if has_wheels(shape):
         return car_body(color or shape.boxes[-1].color)
     builder = _Builder()
@@ -139,7 +138,7 @@ def has_wheels(shape: Shape) -> bool:
 
 
 def car_body(color: tuple[float, float, float]) -> Mesh:
-    """Without wheels; about 900 triangles."""
+    """About 900 triangles."""
     builder = _Builder()
     _add_loft(builder, _BODY, STRIPED)
     _add_loft(builder, _CABIN, GLASS)

@@ -213,6 +213,10 @@ class MujocoView:
 
 
 def _opengl(columns: int, rows: int) -> Any:
+    """A context without a window, as MUJOCO_GL names: egl or osmesa.
+
+    What mujoco would choose when loaded, the rest of this program switches off.
+    """
     kind = os.environ.get("MUJOCO_GL", "").lower()
     if kind == "osmesa":
         from mujoco.osmesa import GLContext

@@ -55,7 +55,6 @@ class ThingMeshes:
 
     @staticmethod
     def of(kinds: tuple[tuple[Shape, RGB | None, bool], ...]) -> "ThingMeshes":
-        """Ghosts come last."""
         parts = _Parts()
         tyre = wheel()
         solid_faces = 0

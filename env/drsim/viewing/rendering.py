@@ -38,7 +38,6 @@ class Viewer:
         self._behind.cut()
 
     def cut_to(self, car: int) -> Frame:
-        """Without swinging over from the car before."""
         self.cut()
         return self.picture(car)
 
@@ -87,7 +86,7 @@ class Window:
         self._clock: Any = pygame.time.Clock()
 
     def show(self, picture: Frame) -> None:
-        """Wait until 1/15 s has passed since the last one."""
+        """Waits until 1/15 s has passed since the last one."""
         columns_first = np.ascontiguousarray(picture.swapaxes(0, 1))
         surface = self._pygame.surfarray.make_surface(columns_first)
         self._pygame.transform.scale(surface, self._screen.get_size(), self._screen)

@@ -27,11 +27,7 @@ Frame = NDArray[np.uint8]
 GHOST_OPACITY = 0.42
 
 BARRIER_M = 0.22
-"""Instead of walls, so that one looks over them."""
-
 BEND_KERB_M = 0.07
-"""Of worlds that have none themselves."""
-
 _BANDS = 12
 _BARRIER_LIGHT: RGB = (232.0, 236.0, 238.0)
 
