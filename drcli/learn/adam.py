@@ -11,11 +11,9 @@ BETAS = (0.9, 0.999)
 
 
 class Adam:
-    """Adam (Kingma and Ba, 2015, algorithm 1) by PyTorch's functional form, fused.
+    """Adam (Kingma and Ba, 2015, algorithm 1), fused.
 
-    The class `torch.optim.Adam` always loads PyTorch's compiler, which costs every process that
-    learns 70 MB and more than a second.
-
+    `torch.optim.Adam` always loads PyTorch's compiler: 70 MB and more than a second per process.
     """
 
     def __init__(self, parameters: Iterable[Tensor], lr: float, eps: float = 1e-8) -> None:
@@ -30,12 +28,10 @@ class Adam:
 
     @property
     def lr(self) -> float:
-        """Step size of the next steps."""
         return self._rate
 
     @lr.setter
     def lr(self, rate: float) -> None:
-        """Take steps of this size from now on."""
         self._rate = rate
         if isinstance(self._lr, Tensor):
             self._lr.fill_(rate)
@@ -43,13 +39,11 @@ class Adam:
             self._lr = rate
 
     def zero_grad(self) -> None:
-        """Forget the gradients of all parameters."""
         for parameter in self._parameters:
             parameter.grad = None
 
     @torch.no_grad()
     def step(self) -> None:
-        """Change all parameters that have a gradient."""
         due = [i for i, p in enumerate(self._parameters) if p.grad is not None]
         for index in due:
             if index not in self._state:
@@ -73,11 +67,7 @@ class Adam:
         )
 
     def tensors(self) -> dict[str, Tensor]:
-        """The state by "<index of the parameter>.<name>", with the names of `torch.optim.Adam`.
-
-        It is empty before the first step. These tensors are not copies: store them before the next
-        step.
-        """
+        """The state by names of `torch.optim.Adam`: not copies, and empty before the first step."""
         return {
             f"{index}.{name}": value.contiguous()
             for index, state in self._state.items()
@@ -86,9 +76,6 @@ class Adam:
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
         """Continue with a copy of a state that `tensors` returned.
-
-        Each copy gets the memory layout of its parameter: the fused arithmetic ignores strides,
-        and stored tensors have lost theirs.
 
         Raises:
             ValueError: It belongs to other parameters; nothing was changed.

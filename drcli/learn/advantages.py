@@ -1,4 +1,4 @@
-"""Computes advantages: how much better than expected each step of a rollout went."""
+"""Advantages: how much better than expected each step of a rollout went."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from drcli.learn.policy import Float64s
 
 ROUNDING = 1e-9
-"""Advantages that differ by less than this share of their size are equal."""
+"""Relative difference below which advantages count as equal."""
 
 
 def gae(
@@ -21,16 +21,15 @@ def gae(
     """Generalized advantage estimation (Schulman et al., 2016, equation 16).
 
     Args:
-        rewards: Rewards of the steps of several episodes, one after the other. Shape (t,).
+        rewards: Of several episodes, one after the other. Shape (t,).
         values: The critic's estimate before each step. Shape (t,).
-        lengths: Steps of each episode, summing to t. Shape (e,).
+        lengths: Steps of each episode. Shape (e,).
         gamma: Discount factor.
-        lam: Weight of longer returns: 0 trusts the critic, 1 the rewards.
-        last_values: The value after each episode's last step. 0 when left out, for laps completed
-            as well as for failures and cuts: this is the reference's rule, on which
-            hyperparameters tuned there depend. Shape (e,).
-        learned: Where the reward is known; None for everywhere. Elsewhere the advantage is 0, and
-            `values` stands for everything from that step on. Shape (t,).
+        lam: 0 trusts the critic, 1 the rewards.
+        last_values: The value after each episode. Shape (e,). None: 0, for completed laps too, as
+            hyperparameters of the reference expect.
+        learned: Where the reward is known. Elsewhere the advantage is 0, and `values` stands for
+            the rest. Shape (t,).
 
     Returns:
         A(t) = delta(t) + gamma * lam * A(t + 1), with
@@ -58,7 +57,7 @@ def gae(
 def normalized(advantages: Float64s) -> Float64s:
     """Advantages with mean 0 and deviation 1; all 0 if they differ by rounding errors only.
 
-    No constant is added to the deviation: it would count for more the smaller the rewards are.
+    No constant is added to the deviation: it would count more for small rewards.
     """
     centered = advantages - advantages.mean()
     std = centered.std()
@@ -69,9 +68,9 @@ def normalized(advantages: Float64s) -> Float64s:
 
 
 def explained_variance(values: Float64s, returns: Float64s) -> float:
-    """How much of the returns' variance the critic's values explain; NaN if there is no variance.
+    """Share of the returns' variance that the critic explains; NaN if there is none.
 
-    1 is a perfect critic, 0 one that always says the mean, less than 0 a worse one.
+    1 is perfect, 0 as good as the mean, less than 0 worse.
     """
     variance = float(np.var(returns))
     return 1.0 - float(np.var(returns - values)) / variance if variance > 0.0 else float("nan")

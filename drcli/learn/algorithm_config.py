@@ -3,45 +3,24 @@
 from dataclasses import dataclass
 
 SCHEDULE_END = 0.05
-"""Share of a value that is left at the end of its schedule, so that training can go on."""
+"""Share of a value that is left at the end, so that training can go on."""
 
 UPDATES_PER_STEP = {"cpu": 0.5, "cuda": 1.0}
-"""Gradient steps for each environment step. The reference makes 1, which on a processor takes far
-longer than driving."""
+"""The reference's 1 takes a processor far longer than driving."""
 
 
 @dataclass(frozen=True)
 class PPOConfig:
     """Hyperparameters of PPO.
 
-    Clip range, lambda and Adam's epsilon are the reference's constants unless set otherwise.
-
     Attributes:
-        batch_size: Steps in a minibatch.
-        num_epochs: Passes over a rollout.
-        lr: Adam's learning rate.
-        discount_factor: Weight of a reward one step later.
-        beta_entropy: Weight of the entropy in the loss.
-        huber: Huber loss for the value, with delta 1, instead of the squared error. The value is
-            in the critic's own units; the mean size of the returns is `return_scale.UNITS`.
-        clip_range: How far the probability ratio may move away from 1 before the objective is
-            clipped (epsilon in the paper).
-        gae_lambda: Weight of longer returns in the advantage.
-        adam_eps: Added to the root of Adam's second moment.
-        clip_value: How far a value may change, in the critic's own units, before its loss is
-            clipped. None here and below: no limit.
-        clip_advantage: Largest normalised advantage.
-        target_kl: Largest mean KL divergence of an epoch from the policy that drove; the update
-            ends after that epoch.
-        max_grad_norm: Largest norm of a minibatch's gradient.
+        huber: Huber loss (delta 1) for the value, whose mean size is `return_scale.UNITS`.
+        clip_value: In the critic's own units. None here and below: no limit.
+        target_kl: Mean KL divergence after which no further epoch follows.
         lr_schedule: "linear" lets `lr` fall over `schedule_steps`.
-        entropy_schedule: "linear" lets `beta_entropy` fall likewise.
-        schedule_steps: Environment steps after which such a value has reached `SCHEDULE_END`.
-        smoothness: Weight of the squared difference between the policy's means, or probabilities,
-            in a step and in the next one (Mysore et al., 2021, "Regularizing action policies for
-            smooth control"); 0 for none.
-        bootstrap_cut: Add the critic's value estimate to the return of an episode that was cut
-            off by the step limit; the reference adds nothing.
+        smoothness: Weight of the policy's squared change between steps (Mysore et al., 2021,
+            "Regularizing action policies for smooth control").
+        bootstrap_cut: Add the critic's estimate where the step limit cut an episode off.
     """
 
     batch_size: int = 64
@@ -64,11 +43,9 @@ class PPOConfig:
     bootstrap_cut: bool = False
 
     def lr_at(self, steps: int) -> float:
-        """The learning rate after this many environment steps."""
         return self.lr * self._left(self.lr_schedule, steps)
 
     def beta_entropy_at(self, steps: int) -> float:
-        """The weight of the entropy after this many environment steps."""
         return self.beta_entropy * self._left(self.entropy_schedule, steps)
 
     def _left(self, schedule: str, steps: int) -> float:
@@ -80,23 +57,14 @@ class SACConfig:
     """Hyperparameters of SAC.
 
     Attributes:
-        batch_size: Steps in a minibatch.
-        lr: Adam's learning rate, for all networks and the temperature.
-        discount_factor: Weight of a reward one step later.
-        sac_alpha: Temperature: what one nat of entropy is worth in reward. If it is learned, its
-            first value, in the critics' own units, as in `PPOConfig.huber`.
-        sac_auto_alpha: Learn the temperature, so that the policy's entropy becomes -1 nat for each
-            dimension of an action.
-        huber: Huber loss for the critics, with delta 1, instead of the squared error. The values
-            are in the critics' own units.
-        sac_tau: How far the target critics follow the critics at each gradient step. They lag
-            1 / tau steps behind; the reference copies them after every
-            `num_episodes_between_training` steps, n, and lags n / 2 on average: tau = 2 / n.
-        sac_n_step: Rewards that the critics' targets count before they trust a critic. The
-            reference counts one, and what happens a few steps later reaches an action slowly.
-        sac_updates_per_step: Gradient steps for each environment step; None: the device's default.
-        sac_learning_starts: Environment steps to drive before the first gradient step.
-        sac_replay_steps: Environment steps in the replay buffer.
+        sac_alpha: What one nat of entropy is worth; if learned, the first value, in the critics'
+            units.
+        sac_auto_alpha: Learn it, for -1 nat per dimension of an action.
+        sac_tau: The target critics lag 1 / tau gradient steps; the reference copies them every n =
+            `num_episodes_between_training` steps, and lags n / 2: tau = 2 / n.
+        sac_n_step: With the reference's one, what happens a few steps later reaches an action
+            slowly.
+        sac_updates_per_step: None: the device's default.
     """
 
     batch_size: int = 64

@@ -1,7 +1,6 @@
 """Repeats a gradient step on a GPU as one CUDA graph.
 
-A gradient step of the shallow network is 115 operations in float32 and 135 in bfloat16. A GPU
-computes most of them in less time than Python needs to start them. A graph starts all at once.
+A GPU computes most of its 115 operations faster than Python starts them.
 """
 
 from collections.abc import Callable
@@ -10,29 +9,17 @@ import torch
 from torch import Tensor
 
 WARM_UP = 3
-"""Calls of a step before it is captured. They choose algorithms and make the optimizer's state."""
+"""They choose algorithms and make the optimizer's state."""
 
 
 class CapturedStep:
     """A step that is called with tensors of the same shapes again and again.
 
-    The first calls run the step as it is; then it is captured, and later calls only copy their
-    arguments and start the graph. Calls with other shapes run the step as it is. What the step
-    reads besides its arguments must stay at the same addresses until `forget`.
-
-    Attributes:
-        enabled: Whether steps are captured; otherwise every call runs the step as it is.
-        failure: Why the step cannot be captured; None if it can, or has not been tried.
+    What it reads besides its arguments must stay at the same addresses until `forget`.
     """
 
     def __init__(self, step: Callable[..., Tensor], device: torch.device, *, enabled: bool) -> None:
-        """Prepare.
-
-        Args:
-            step: Takes tensors and returns one on the device. It may not wait for the GPU.
-            device: To which arguments are copied that are elsewhere.
-            enabled: See above.
-        """
+        """Prepare; `step` may not wait for the GPU."""
         self._step = step
         self._device = device
         self.enabled = enabled
@@ -44,17 +31,15 @@ class CapturedStep:
 
     @property
     def is_captured(self) -> bool:
-        """Whether the next call starts a graph."""
         return self._graph is not None
 
     def forget(self) -> None:
-        """Capture the step again, because something that it reads has moved."""
         self._graph = None
         self._arguments = ()
         self._calls = 0
 
     def __call__(self, *arguments: Tensor) -> Tensor:
-        """Take the step. The next call may overwrite the tensor that it returns."""
+        """Take the step. The next call may overwrite the result."""
         if not self.enabled or self.failure is not None:
             return self._step(*arguments)
         if self._graph is not None:
@@ -74,7 +59,6 @@ class CapturedStep:
         return self(*arguments)
 
     def _capture(self) -> None:
-        """Record the step, which takes none; on failure, the step is not captured any more."""
         self._arguments = tuple(
             argument.to(self._device, copy=True) for argument in self._arguments
         )
@@ -92,7 +76,6 @@ class CapturedStep:
 
 
 def _fit(arguments: tuple[Tensor, ...], others: tuple[Tensor, ...]) -> bool:
-    """Whether tensors have the shapes and number formats of others."""
     return len(arguments) == len(others) and all(
         given.shape == own.shape and given.dtype is own.dtype
         for given, own in zip(arguments, others, strict=True)

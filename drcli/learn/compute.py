@@ -12,10 +12,8 @@ from drcli.learn.data_parallel import parts_of
 FORMATS = ("fp32", "bf16")
 
 _LIMITS = ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA")
-"""Variables that limit the instructions that oneDNN uses."""
-
 _EAGER = "not compiled: torch.compile reached 0.8 to 1.0 of this speed where it was measured"
-"""On two cores, in fp32, both bodies; compiling took half a minute to more than one."""
+"""Two cores, fp32, both bodies; compiling took half a minute or more."""
 
 
 _GRAPHS = "each step as one CUDA graph"
@@ -25,15 +23,7 @@ _GRAPHS = "each step as one CUDA graph"
 class Compute:
     """Device and number format of an update.
 
-    Attributes:
-        device: "cpu" or "cuda".
-        bf16: Whether convolutions and matrix products run in bfloat16. Weights, optimizer and
-            losses stay in float32.
-        reason: Why, for the log.
-        threads: Processor cores of an update; unused on a GPU.
-        parts: Number of parts of a minibatch; see `DataParallel`.
-        warning: What a racer should know about the format; empty for nothing.
-        graphs: Whether a GPU gets a gradient step as one CUDA graph; see `CapturedStep`.
+    `bf16` is for convolutions and matrix products; the rest stays in float32.
     """
 
     device: torch.device
@@ -46,20 +36,17 @@ class Compute:
 
     @property
     def number_format(self) -> str:
-        """One of `FORMATS`."""
         return FORMATS[self.bf16]
 
 
 def gpu_count() -> int:
-    """How many GPUs torch can use on this machine."""
     return torch.cuda.device_count() if torch.cuda.is_available() else 0
 
 
 def flush_denormals() -> None:
-    """Let this thread, and those that it starts, treat numbers next to 0 as 0.
+    """Let this thread and those that it starts round numbers next to 0 to 0, which is faster.
 
-    Arithmetic with them is far slower, and no gradient needs them. Call this only in the main
-    function of a process, because it affects all code.
+    Only for main functions: it affects all code.
     """
     torch.set_flush_denormal(True)
 
@@ -69,17 +56,8 @@ def choose_compute(
 ) -> Compute:
     """Choose device and number format by a rule, so that equal seeds train equally.
 
-    bfloat16 is for processors with instructions for it: matrix units (AMX), or vectors
-    (AVX512_BF16), where it computes 1.1 to 1.9 times as many samples/s as float32. Without these it
-    is emulated and several times slower, how much differs between processors; so a training that
-    comes from elsewhere goes on in float32 (`bf16_slowdown` tells what that saves). On a GPU whose
-    tensor cores have it, it was 1.4 to 2.3 times as fast (NVIDIA H200, `scripts/bench gpu`).
-
-    Args:
-        wanted: "fp32", "bf16", or "auto" for the rule.
-        batch_size: Steps in a minibatch.
-        threads: Processor cores to use.
-        before: The format that a resumed training began with; "auto" does, unless it is emulated.
+    bfloat16 is 1.1 to 1.9 times as fast as float32 with AMX or AVX512_BF16, and 1.4 to 2.3 times
+    on an NVIDIA H200 (`scripts/bench gpu`). Elsewhere it is emulated, several times slower.
     """
     torch.set_num_threads(threads)
     if torch.cuda.is_available():
@@ -124,11 +102,7 @@ def choose_compute(
 
 
 def bf16_slowdown(device: str) -> float:
-    """How many times as long convolutions take in bfloat16 as in float32, with their gradients.
-
-    The layers and the size of the pictures are those of the shallow network; other networks may
-    lose more or less. Takes a few tenths of a second where bfloat16 is emulated.
-    """
+    """How many times as long convolutions take in bfloat16 as in float32, with gradients."""
     # Other programs would change the wall time, which alone can tell how long a GPU works.
     clock = time.perf_counter if device == "cuda" else time.process_time
     seconds = []
@@ -150,20 +124,12 @@ def bf16_slowdown(device: str) -> float:
 
 
 def driving_format(learner: str | None) -> torch.dtype:
-    """In which number format cars are driven for a learner with that one, one of `FORMATS`.
-
-    The same, because the learner compares its probabilities with those of the drive; but float32 on
-    a processor that is slow in bfloat16.
-    """
+    """The learner's, because it compares probabilities; float32 where bfloat16 is slow."""
     return torch.bfloat16 if learner == "bf16" and bfloat16_units() else torch.float32
 
 
 def bfloat16_units() -> str:
-    """Instructions for bfloat16 that PyTorch can use, as far as ONEDNN_MAX_CPU_ISA allows it.
-
-    Returns:
-        "AMX", "AVX512_BF16", or nothing without any.
-    """
+    """Either "AMX", "AVX512_BF16" or nothing, as far as ONEDNN_MAX_CPU_ISA allows."""
     limit = next((os.environ[name] for name in _LIMITS if os.environ.get(name)), "DEFAULT").upper()
     known = torch.cpu.get_capabilities()
     anything = limit in ("DEFAULT", "ALL") or "AMX" in limit or "AVX10" in limit

@@ -1,7 +1,6 @@
 """Computes gradients and actions of one batch in parts, each in its own thread.
 
-Threads inside an operation wait for each other after each of the hundreds of operations of a
-gradient step. One thread for each part of the batch waits only once.
+Threads inside operations wait for each other hundreds of times per gradient step, these once.
 """
 
 import copy
@@ -21,38 +20,32 @@ from drcli.learn.policy import Observation, Policy, PolicySpec
 from drcli.learn.update_result import NonFiniteLossError
 
 SMALLEST_PART = 16
-"""Samples of a part. Convolutions of fewer samples take more time per sample."""
+"""Fewer samples take more time each."""
 
 FEWEST_CARS = 4
-"""Cars of a part. Convolutions of fewer cars are hardly faster."""
-
 LARGE = 2_000_000
-"""Parameters from which on the optimizer uses threads inside operations. The shallow network's 5.8
-million gain 1.03 times the samples/s; the compact one's 0.6 million lose a tenth while
-another program is busy, because waking threads takes as long as the work."""
+"""Parameters for which threads pay: 5.8 million gain 1.03 times the samples/s, 0.6 million lose a
+tenth while another program is busy.
+"""
 
 M = TypeVar("M", bound=nn.Module)
 
 LossOf = Callable[[M, slice], tuple[Tensor, Tensor]]
-"""Takes a network and a range of samples; returns their mean loss, a scalar, and means of the
-statistics to report. Several threads call it at a time."""
+"""Mean loss and means of statistics of some samples; called in several threads."""
 
 
 def parts_of(batch_size: int, threads: int) -> int:
-    """Number of parts of a minibatch by a fixed rule, so that equal seeds train equally."""
+    """A fixed rule, so that equal seeds train equally."""
     return max(1, min(threads, batch_size // SMALLEST_PART))
 
 
 class DataParallel(Generic[M]):
     """Takes the gradient of a minibatch in parts, with copies of the network on the same weights.
 
-    On two cores this was 1.07 times as fast as threads inside operations on a quiet machine, and
-    1.5 times while one other program was busy.
+    On two cores 1.07 times as fast as threads inside operations, 1.5 times beside a busy program.
 
     Attributes:
-        most_samples: Samples of a part whose gradient is taken at once; None for all. It is halved
-            when the memory of a GPU is too small, and stays so: gradients of smaller parts are
-            added up to the same sum, up to rounding.
+        most_samples: At once; halved when a GPU's memory is too small. None: all of a part.
     """
 
     def __init__(
@@ -65,17 +58,10 @@ class DataParallel(Generic[M]):
         group: GradientGroup | None = None,
         num_statistics: int = 0,
     ) -> None:
-        """Start a thread for each part.
+        """Start a thread for each part; a GPU has one.
 
-        Args:
-            model: The network. Its weights, and gradients, are float32 in any case.
-            parts: How many; a GPU has one.
-            threads: Number of cores.
-            bf16: Whether the bodies compute in bfloat16. All parts share one copy of the weights in
-                it, which is made for each gradient: to cast them in every layer and part took a
-                third of the time (of torch.autocast, on an AMD EPYC with AVX512_BF16).
-            group: The processes between which minibatches are divided first; None for this one.
-            num_statistics: Numbers that `loss_of` returns beside the loss; needed for a group.
+        With `bf16`, all parts share one cast of the weights: casting in every layer took a third
+        of the time (torch.autocast, AMD EPYC with AVX512_BF16).
         """
         self._model = model
         self._group = group
@@ -102,7 +88,7 @@ class DataParallel(Generic[M]):
 
     @contextmanager
     def optimizer_threads(self) -> Iterator[None]:
-        """Inside, the calling thread uses as many threads as suit the optimizer; see `LARGE`."""
+        """With as many threads as suit the optimizer."""
         before = torch.get_num_threads()
         if self._pool is not None and not self._is_large:
             torch.set_num_threads(self._part_threads)
@@ -112,18 +98,10 @@ class DataParallel(Generic[M]):
             torch.set_num_threads(before)
 
     def backward(self, loss_of: LossOf[M], samples: int) -> Tensor:
-        """Add the gradient of the mean loss to the network's parameters.
+        """Add the gradient of the mean loss to the parameters'; return means of the statistics.
 
-        The sums are made in the order of the parts, so that equal seeds give equal weights. If the
-        memory of a GPU is too small, it is tried again with smaller parts. With a group, every
-        process calls this with the same minibatch, and without gradients from before.
-
-        Args:
-            loss_of: Loss and statistics of a range of samples.
-            samples: Number of samples.
-
-        Returns:
-            Means of the statistics over all samples.
+        Sums have a fixed order, so that equal seeds give equal weights. All of a group call this
+        with the same minibatch.
 
         Raises:
             torch.OutOfMemoryError: Even a single sample is too large.
@@ -136,13 +114,7 @@ class DataParallel(Generic[M]):
         return self._backward_with_others(self._group, loss_of, own, weight)
 
     def backward_share(self, loss_of: LossOf[M], samples: int, weight: float) -> Tensor:
-        """The same with a minibatch of this process's own.
-
-        Args:
-            loss_of: Loss and statistics of a range of its samples.
-            samples: Their number.
-            weight: Of their mean; the weights of all processes sum to 1.
-        """
+        """The same with this process's own minibatch; the weights of all processes sum to 1."""
         own = slice(0, samples)
         if self._group is None:
             return self._backward_of(loss_of, own, weight)
@@ -160,10 +132,6 @@ class DataParallel(Generic[M]):
         return group.add_up(learned, statistics, failure)
 
     def _backward_of(self, loss_of: LossOf[M], samples: slice, weight: float) -> Tensor:
-        """Add `weight` times the gradient of the mean loss of some samples.
-
-        It returns as large a share of the statistics.
-        """
         own, length = self._parameters, samples.stop - samples.start
         before = [None if p.grad is None else p.grad.clone() for p in own]
         while True:
@@ -211,7 +179,6 @@ class DataParallel(Generic[M]):
 
     @torch.no_grad()
     def _add_up(self, models: list[M]) -> None:
-        """Add the gradients of the parts to those of the network."""
         for own, *parts in zip(self._parameters, *(m.parameters() for m in models), strict=True):
             grads = [part.grad for part in parts if part is not own and part.grad is not None]
             for part in parts:
@@ -229,30 +196,27 @@ class DataParallel(Generic[M]):
 class DataParallelPolicy:
     """A policy that chooses for parts of the cars at the same time.
 
-    Threads inside operations are 1.1 times as fast on two quiet cores, but half as fast while
-    another program is busy. So the caller should switch them off: `torch.set_num_threads(1)`.
+    Threads inside operations are half as fast beside a busy program: call
+    `torch.set_num_threads(1)`.
     """
 
     def __init__(self, policy: Policy, threads: int) -> None:
-        """Start the threads, one for each part at most. The policy must be on the CPU."""
+        """Start the threads; for a policy on the CPU."""
         self._policy = policy
         self._threads = threads
         self._pool = ThreadPoolExecutor(threads, "policy") if threads > 1 else None
 
     @property
     def spec(self) -> PolicySpec:
-        """The shape of the policy."""
         return self._policy.spec
 
     @property
     def policy(self) -> Policy:
-        """The policy that chooses."""
         return self._policy
 
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Choose an action for each car; see `Policy.act`."""
         count = min(self._threads, len(noise) // FEWEST_CARS)
         if self._pool is None or count < 2:
             return self._policy.act(seen, noise, deterministic, epsilon)
@@ -267,22 +231,12 @@ class DataParallelPolicy:
 
 
 def _parts(length: int, count: int) -> list[slice]:
-    """The ranges of `count` parts of nearly equal length."""
     return [slice(*ends) for ends in pairwise(length * i // count for i in range(count + 1))]
 
 
 def _backward(
     model: M, loss_of: LossOf[M], part: slice, whole: tuple[int, float], most: int | None
 ) -> Tensor:
-    """Add a part's share of the gradient to a network, and return its share of the statistics.
-
-    Args:
-        model: The network.
-        loss_of: Loss and statistics of a range of samples.
-        part: The samples of this part.
-        whole: Samples of which the mean is taken, and the weight of that mean.
-        most: So many samples are computed at once; None for all of the part.
-    """
     samples, weight = whole
     length = part.stop - part.start
     total: Tensor | None = None
@@ -300,7 +254,6 @@ def _backward(
 
 
 def _copy_on_same_weights(model: M) -> M:
-    """Another network on the same weights, but with separate gradients."""
     twin = copy.deepcopy(model)
     shared = (*model.parameters(), *model.buffers())
     for own, other in zip((*twin.parameters(), *twin.buffers()), shared, strict=True):
@@ -309,14 +262,12 @@ def _copy_on_same_weights(model: M) -> M:
 
 
 def _with_bodies_in_bfloat16(model: M) -> M:
-    """A network on the same weights, but for a copy of its bodies' in bfloat16."""
     twin = _copy_on_same_weights(model)
     compute_in(twin, torch.bfloat16)
     return twin
 
 
 def _begin_thread(threads: int, together: Barrier) -> None:
-    """Limit the threads of operations that are called in this thread."""
     torch.set_num_threads(threads)
     torch.get_num_threads()  # makes the limit permanent in this thread
     together.wait()

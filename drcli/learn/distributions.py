@@ -9,9 +9,9 @@ HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
 def sample_categorical(logits: Tensor, noise: Tensor) -> Tensor:
-    """Draw action indices with the caller's random numbers, so that an episode can be repeated.
+    """Draw action indices from logits of shape (n, num_actions).
 
-    `logits` has the shape (n, num_actions), and `noise` is uniform in [0, 1), of shape (n,).
+    `noise`, uniform in [0, 1), of shape (n,), makes an episode repeatable.
     """
     cumulative = logits.softmax(-1).cumsum(-1)
     chosen = torch.searchsorted(cumulative, noise.unsqueeze(-1).to(cumulative.dtype), right=True)
@@ -22,8 +22,7 @@ def sample_categorical(logits: Tensor, noise: Tensor) -> Tensor:
 def sample_e_greedy(logits: Tensor, noise: Tensor, epsilon: float) -> Tensor:
     """Draw action indices uniformly with probability epsilon, else take the most likely ones.
 
-    `noise` is uniform in [0, 1), of shape (n, 2): it decides which action is drawn, and whether the
-    draw counts.
+    `noise` is uniform in [0, 1), of shape (n, 2): the action, and whether it counts.
     """
     count = logits.shape[-1]
     uniform = (noise[:, 0] * count).long().clamp_(max=count - 1)
@@ -36,22 +35,21 @@ def sample_gaussian(mean: Tensor, log_std: Tensor, noise: Tensor) -> Tensor:
 
 
 def log_prob_categorical(logits: Tensor, actions: Tensor) -> Tensor:
-    """Log-probability of action indices. Shape (n,)."""
     return logits.log_softmax(-1).gather(-1, actions.unsqueeze(-1)).squeeze(-1)
 
 
 def log_prob_gaussian(mean: Tensor, log_std: Tensor, actions: Tensor) -> Tensor:
-    """Log-density of values of shape (n, dims). Shape (n,)."""
+    """Log-density of values of shape (n, dims)."""
     scaled = (actions - mean) / log_std.exp()
     return (-0.5 * scaled.square() - log_std - HALF_LOG_2PI).sum(-1)
 
 
 def entropy_categorical(logits: Tensor) -> Tensor:
-    """Entropy of the choice at each step, nats. Shape (n,)."""
+    """Entropy of each step, nats. Shape (n,)."""
     log_p = logits.log_softmax(-1)
     return -(log_p.exp() * log_p).sum(-1)
 
 
 def entropy_gaussian(log_std: Tensor) -> Tensor:
-    """Entropy of the Gaussian, nats: the same at every step. A single value."""
+    """Entropy, nats: the same at every step."""
     return (log_std + 0.5 + HALF_LOG_2PI).sum()

@@ -1,4 +1,4 @@
-"""Bodies of the networks, by their names in model_metadata.json: frames and scans to features."""
+"""Bodies of the networks, by their names in model_metadata.json."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,19 +11,12 @@ from torch.nn import functional
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, Observation, PolicySpec
 
 Convolution = tuple[int, int, int | tuple[int, int]]
-"""Filters, kernel size and stride of a convolution without padding."""
+"""Filters, kernel size and stride; without padding."""
 
 
 @dataclass(frozen=True)
 class Layers:
-    """A body: convolutions, then dense layers on every pixel, flattening, then dense layers.
-
-    Attributes:
-        convolutions: The layers from the frame on.
-        per_pixel: Widths of dense layers that act on the channels of each pixel.
-        dense: Widths of dense layers on all features, lidar included; the last width is the number
-            of features.
-    """
+    """Convolutions, dense layers on every pixel, then on all features, lidar included."""
 
     convolutions: tuple[Convolution, ...]
     per_pixel: tuple[int, ...] = ()
@@ -46,45 +39,36 @@ MONO = {
         ((16, 8, 4), (32, 4, 2), (24, 3, (2, 1))), dense=(256,)
     ),
 }
-"""Bodies for one camera. The first three are the reference's.
+"""For one camera. The first three are the reference's.
 
-The compact one is ours. It has the first convolutions of the shallow one at half their width. Its
-last one halves the rows but not the columns, because the road is found by looking left and right
-(trained to predict position and curvature of the road, it was better than one that halves both).
-Its dense layer has a tenth of the weights. A forward and backward pass needs less than a fifth of
-the arithmetic (24 instead of 129 MFLOP) and, on one core in minibatches of 64, a little more than a
-fifth of the time.
+The compact one has half the width. Its last convolution halves only the rows, because the road is
+found by looking left and right. A forward and backward pass needs 24 instead of 129 MFLOP, and on
+one core (minibatches of 64) about a fifth of the time.
 """
 
 STEREO = MONO | {
     "DEEP_CONVOLUTIONAL_NETWORK": Layers(_STEREO),
     "DEEP_CONVOLUTIONAL_NETWORK_DEEP": Layers(_STEREO, dense=(256, 128)),
 }
-"""Bodies for two cameras."""
-
 _LIDAR = (256, 256)
-"""Dense layers on a lidar's values. Source: the reference's lidar branch."""
+"""Source: the reference's lidar branch."""
 
 
 FEWEST_FRAMES = 2
-"""Frames of a convolution in evaluation mode. oneDNN adds up a single one in another order."""
+"""oneDNN adds up a single frame in another order."""
 
 ROWS = {torch.float32: 16, torch.bfloat16: 32}
-"""Rows of a product in evaluation mode. With fewer, 20 cars or more take longer, and with more,
-4 cars do. The tiles of processors with matrix units for bfloat16 have 16 or 32 rows anyway."""
+"""Fewer are slower for 20 cars, more for 4."""
 
 
 class Dense(nn.Linear):
     """A dense layer that gives a row the same bits in any batch while it is in evaluation mode.
 
-    The libraries below PyTorch choose by the shape of a product in which order they add up, and the
-    input of a policy has a row for each car: a car would drive differently beside other cars. In
-    evaluation mode, and on a processor, all products of a layer therefore have one shape; rows that
-    lack are 0. In training mode, which is for learning, this is `nn.Linear`.
+    The shape of a product decides in which order libraries add up, so a car would drive
+    differently beside others.
     """
 
     def forward(self, x: Tensor) -> Tensor:
-        """From shape (n, in_features), or (n, height, width, in_features), to out_features."""
         weight, bias = self.weight, self.bias
         if self.training or x.is_cuda:
             return functional.linear(x, weight, bias)
@@ -109,11 +93,7 @@ class Dense(nn.Linear):
 class Encoder(nn.Module):
     """A body: ReLU after every layer, Glorot-uniform kernels and zero biases as in the reference.
 
-    The camera's features are flattened with channels last, which is also TensorFlow's order; the
-    lidar's features follow them.
-
-    Attributes:
-        features: Number of features that come out.
+    Channels last (TensorFlow's order), then the lidar.
     """
 
     def __init__(self, spec: PolicySpec) -> None:
@@ -146,7 +126,6 @@ class Encoder(nn.Module):
                 parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
 
     def forward(self, seen: Observation) -> Tensor:
-        """Features of n observations. Shape (n, features)."""
         frames = seen.frames
         if not self.training and len(frames) < FEWEST_FRAMES:
             frames = frames[torch.arange(FEWEST_FRAMES).clamp(max=len(frames) - 1)]
@@ -161,17 +140,13 @@ class Encoder(nn.Module):
 
     @property
     def block(self) -> int:
-        """Side of the blocks of pixels that the first convolution takes in bfloat16; 1 for none."""
         return int(cast(nn.Conv2d, self.convolutions[0]).stride[0])
 
     def _first(self, frames: Tensor) -> Tensor:
-        """The first convolution.
+        """Channels last, as the first input decides for all layers, is two to four times as fast.
 
-        Channels last makes all layers two to four times as fast, even with a single channel; the
-        memory layout of the first input decides for all. Scaling the kernel instead of the pixels
-        saves a pass over the batch. A convolution of blocks is the same sum in another order: in
-        bfloat16, it is twice to ten times as fast, because its products get enough channels; in
-        float32, it gains nothing.
+        Blocks are twice to ten times as fast in bfloat16 only, because products get enough
+        channels.
         """
         first = cast(nn.Conv2d, self.convolutions[0])
         weight = first.weight / 255.0
@@ -189,9 +164,9 @@ class Encoder(nn.Module):
 
 
 def compute_in(model: nn.Module, number_format: torch.dtype) -> None:
-    """Convert the weights of a network's bodies, which then compute in that format.
+    """Convert the weights of bodies; heads keep float32.
 
-    Heads keep float32. What was rounded stays so until weights are loaded again.
+    What was rounded stays so until weights are loaded again.
     """
     for module in model.modules():
         if isinstance(module, Encoder):
@@ -201,12 +176,7 @@ def compute_in(model: nn.Module, number_format: torch.dtype) -> None:
 def in_blocks(frames: Tensor, size: int) -> Tensor:
     """Frames cut into square blocks, whose pixels follow each other row by row.
 
-    Args:
-        frames: uint8. Shape (n, c, height, width); both must be multiples of `size`.
-        size: Side of a block in pixels, a power of two up to 8.
-
-    Returns:
-        uint8, shape (n, c, height / size, width / size, size * size).
+    From (n, c, height, width) to (n, c, height / size, width / size, size * size), uint8.
     """
     count, channels, height, width = frames.shape
     # Whole rows of blocks are moved as one number each, which is several times as fast.
@@ -217,19 +187,12 @@ def in_blocks(frames: Tensor, size: int) -> Tensor:
 
 
 _WHOLE = {1: torch.uint8, 2: torch.int16, 4: torch.int32, 8: torch.int64}
-"""Numbers with as many bytes as a row of a block."""
 
 
 def kernel_in_blocks(weight: Tensor, size: int) -> Tensor:
-    """The kernel of a convolution with stride `size` for frames in blocks, whose stride is 1.
+    """The kernel of a convolution with stride `size` for frames in blocks.
 
-    Args:
-        weight: Shape (filters, c, k, k).
-        size: Side of a block in pixels.
-
-    Returns:
-        Shape (filters, c * size * size, m, m), where m * size is the first multiple from k on; the
-        pixels that k lacks to it have weight 0.
+    From (filters, c, k, k) to (filters, c * size * size, m, m), m * size >= k.
     """
     filters, channels, kernel, _ = weight.shape
     count = -(-kernel // size)
@@ -255,7 +218,7 @@ def _through(layers: nn.ModuleList, x: Tensor) -> Tensor:
 def _with_present_names(
     encoder: nn.Module, tensors: dict[str, Tensor], prefix: str, *_: object
 ) -> None:
-    """Rename the layers of old checkpoints, when the shallow body was the only one."""
+    """For checkpoints from when the shallow body was the only one."""
     old = {f"conv{number + 1}": f"convolutions.{number}" for number in range(3)}
     old["dense"] = "dense.0"
     for before, now in old.items():

@@ -11,23 +11,16 @@ from drcli.learn.encoders import compute_in
 from drcli.learn.policy import Observation, Policy, PolicySpec
 
 ROWS = 32
-"""Cars of a call. With another number, a GPU rounds in another way."""
+"""Cars of a call. With another number, a GPU rounds differently."""
 
 
 class GpuPolicy:
-    """Chooses with a copy of a policy on a GPU, as one CUDA graph for `ROWS` cars.
+    """Chooses with a copy of a policy on a GPU, as one CUDA graph.
 
-    All rows are computed, those without a car as well. So a car's action does not depend on how
-    many others drive.
+    Always for `ROWS` cars, so an action does not depend on how many others drive.
     """
 
     def __init__(self, policy: Policy, device: torch.device) -> None:
-        """Prepare.
-
-        Args:
-            policy: A network in main memory. Call `follow` when its weights have changed.
-            device: Where to compute.
-        """
         assert isinstance(policy, nn.Module)
         self._policy: Policy = policy
         self._source: nn.Module = policy
@@ -41,16 +34,14 @@ class GpuPolicy:
 
     @property
     def spec(self) -> PolicySpec:
-        """The shape of the policy."""
         return self._policy.spec
 
     @property
     def policy(self) -> Policy:
-        """The policy in main memory."""
         return self._policy
 
     def follow(self, number_format: torch.dtype) -> None:
-        """Take over the weights of the policy; its bodies then compute in this format."""
+        """Copy the present weights, with bodies in this format."""
         if number_format is not self._format:
             self._twin = copy.deepcopy(self._source).to(self._device)
             compute_in(self._twin, number_format)
@@ -65,7 +56,6 @@ class GpuPolicy:
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Choose an action for each car; see `Policy.act`. The result is in main memory."""
         if epsilon is not None:
             self._epsilon.fill_(epsilon)
         step = self._drawn if epsilon is None else self._greedy
@@ -79,7 +69,6 @@ class GpuPolicy:
         return actions, numbers[:, -2].float(), numbers[:, -1]
 
     def _filled(self, arguments: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
-        """The arguments in the first of `ROWS` rows, on the device."""
         if not self._rows:
             self._rows = tuple(
                 torch.zeros((ROWS, *each.shape[1:]), dtype=each.dtype, device=self._device)
@@ -90,7 +79,6 @@ class GpuPolicy:
         return self._rows
 
     def _choose(self, *rows: Tensor) -> Tensor:
-        """Actions, log-probabilities and values, one after the other. Shape (n, k + 2), float64."""
         return self._packed(rows, None)
 
     def _choose_e_greedy(self, *rows: Tensor) -> Tensor:

@@ -1,7 +1,6 @@
-"""Sums gradients over several learner processes, each of which has all weights.
+"""Sums gradients over several learner processes with the same weights, by torch.distributed.
 
-Every process calls the same methods in the same order. The messages are those of torch.distributed:
-gloo between processors, NCCL between GPUs.
+Every process calls the same methods in the same order.
 """
 
 from collections.abc import Iterable, Sequence
@@ -19,18 +18,14 @@ class LearnerLostError(RuntimeError):
 class GradientGroup:
     """The learner processes of a training, seen from one of them.
 
-    torch's DistributedDataParallel is not used: it needs the gradients in the network itself, where
-    `DataParallel` has those of all its parts only at the end, and it cannot repeat a minibatch that
-    did not fit into a GPU. What it would send is sent here as well: one sum for each step.
+    torch's DistributedDataParallel cannot repeat a minibatch that did not fit into a GPU.
 
     Attributes:
-        rank: Number of this process; 0 is the trainer.
-        size: How many processes there are.
-        slots: Memory that all processes see; None if gradients are sent.
+        rank: 0 is the trainer.
+        slots: Shared memory; None if gradients are sent.
     """
 
     def __init__(self) -> None:
-        """Use the default process group of torch.distributed, which must exist."""
         self.rank: int = distributed.get_rank()
         self.size: int = distributed.get_world_size()
         self.slots: Tensor | None = None
@@ -38,10 +33,7 @@ class GradientGroup:
         self._turn = 0
 
     def own_share(self, samples: int) -> tuple[slice, float]:
-        """The samples of a minibatch that are this process's, and their weight in the mean.
-
-        If there are fewer samples than processes, each process computes all of them.
-        """
+        """This process's samples, and their weight; all samples if there are too few."""
         if samples < self.size:
             return slice(0, samples), 1.0 / self.size
         ends = [samples * rank // self.size for rank in (self.rank, self.rank + 1)]
@@ -50,18 +42,10 @@ class GradientGroup:
     def add_up(
         self, parameters: Sequence[Tensor], statistics: Tensor, failure: NonFiniteLossError | None
     ) -> Tensor:
-        """Replace the gradients of the parameters by their sums over all processes.
-
-        Args:
-            parameters: Those that learn, with this process's gradients, float32.
-            statistics: Numbers to be summed as well; their shape is the same everywhere.
-            failure: Why this process has no gradients.
-
-        Returns:
-            The sums of the statistics.
+        """Sum gradients, in place, and statistics over all processes.
 
         Raises:
-            NonFiniteLossError: A process had no gradients; all processes raise it.
+            NonFiniteLossError: A process had a `failure`; all raise it.
             LearnerLostError: Another process has ended.
         """
         failed = statistics.new_tensor([float(failure is not None)])
@@ -99,31 +83,24 @@ class GradientGroup:
         return numbers[:-1].view(statistics.shape)
 
     def share_memory(self, slots: Tensor | None) -> None:
-        """Exchange gradients through memory that all processes see, from the next step on.
-
-        Args:
-            slots: For two steps one after the other, with room for the gradients of each process.
-                Shape (2, size, n), float32; None to send them.
-        """
+        """Exchange gradients through shared `slots`; None to send them. Shape (2, size, n)."""
         self.slots = slots
         self._sums = torch.empty(0 if slots is None else slots.shape[2])
 
     def of_all(self, number: int) -> list[int]:
-        """A whole number of each process, by rank."""
+        """By rank."""
         numbers = torch.zeros(self.size, dtype=torch.int64)
         numbers[self.rank] = number
         self.sum(numbers)
         return [int(each) for each in numbers]
 
     def sum(self, tensor: Tensor) -> None:
-        """Replace a tensor by its sum over all processes."""
         try:
             distributed.all_reduce(tensor)
         except RuntimeError as error:
             raise LearnerLostError(_first_line(error)) from error
 
     def from_trainer(self, tensors: Iterable[Tensor]) -> None:
-        """Replace tensors, contiguous ones, by those of the trainer."""
         try:
             for tensor in tensors:
                 if tensor.numel():
@@ -133,7 +110,6 @@ class GradientGroup:
 
 
 def _grads(parameters: Sequence[Tensor]) -> list[Tensor]:
-    """Gradients in one dimension; 0 where there is none."""
     return [(torch.zeros_like(p) if p.grad is None else p.grad).flatten() for p in parameters]
 
 

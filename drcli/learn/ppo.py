@@ -28,27 +28,25 @@ from drcli.learn.update_result import (
 
 WARMED_UP = 0.25
 """Share of the returns' variance that a new critic explains when the policy begins to learn from
-it. A critic that guesses explains nothing, and one in the middle of a training about half."""
+it. In the middle of a training it is about half.
+"""
 
 NUM_STATISTICS = 5
 """Numbers in `PPOStats` that are means over minibatches."""
 
 LOSSES = ("surrogate", "value", "entropy")
-"""The first of them."""
 
 
 class PPO:
-    """The learner: a network, its optimizer, and the update that improves the network.
+    """A network, its optimizer, and the update that improves the network.
 
     Attributes:
-        lr_factor: Share of the hyperparameters' learning rate with which it learns.
-        critic_warmup: How many updates at most still improve the critic alone. A policy that comes
-            without its critic would otherwise lose what it can do: the gradients of a critic that
-            only guesses change the shared body, and its advantages are wrong.
+        lr_factor: Share of the learning rate.
+        critic_warmup: Most updates that still improve the critic alone. A critic that guesses
+            would change the shared body, and a policy would forget.
     """
 
     memory_steps = 0
-    """Steps of earlier rollouts that it learns from again."""
 
     def __init__(
         self,
@@ -57,7 +55,7 @@ class PPO:
         compute: Compute,
         group: GradientGroup | None = None,
     ) -> None:
-        """Begin; every process of a `group` makes the same updates of the same rollouts."""
+        """Every process of a `group` makes the same updates of the same rollouts."""
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
@@ -82,16 +80,16 @@ class PPO:
 
     @property
     def capture_failure(self) -> str | None:
-        """Why a GPU gets each operation of a step by itself, although it should not; else None."""
+        """Why a GPU unexpectedly gets each operation by itself."""
         return self._step.failure
 
     @property
     def most_samples(self) -> int | None:
-        """How many samples fit into the memory of the GPU at once; None as long as all do."""
+        """Samples that fit into the GPU's memory at once; None as long as all do."""
         return self._parallel.most_samples
 
     def remember(self, rollout: Rollout) -> None:
-        """Do nothing: this algorithm cannot learn from the rollouts of other weights."""
+        """Do nothing: PPO cannot learn from rollouts of other weights."""
 
     def update(
         self,
@@ -104,12 +102,11 @@ class PPO:
         """Improve the policy on one iteration of driving.
 
         Args:
-            rollout: The episodes, driven with the present weights.
+            rollout: Driven with the present weights.
             seed: Decides the order of the minibatches.
             on_epoch: Called after each epoch.
-            should_stop: Called after each minibatch; ends the update early. What was learned until
-                then is a smaller step of the policy, and as sound as that of a whole update.
-            steps_before: Environment steps learned from so far, for the schedules.
+            should_stop: Asked after each minibatch; ends the update early, which is sound.
+            steps_before: Environment steps so far, for the schedules.
 
         Raises:
             NonFiniteLossError: A return, a loss or a weight is NaN or infinite.
@@ -151,7 +148,6 @@ class PPO:
         return history
 
     def _take_step(self, rows: Tensor) -> Tensor:
-        """Learn from some rows of the rollout; returns means of the numbers in `PPOStats`."""
         loss = partial(self._loss, rows)
         self.optimizer.zero_grad()
         statistics = self._parallel.backward(loss, len(rows))
@@ -163,20 +159,12 @@ class PPO:
         return statistics
 
     def _fix(self, parameters: list[Tensor]) -> None:
-        """Leave these parameters as they are in the present update."""
         if len(parameters) != len(self._fixed):
             self._step.forget()
         self._fixed = parameters
 
     def _prepare(self, rollout: Rollout) -> float:
-        """Put the data of the update into place.
-
-        Returns:
-            Share of the returns' variance that the critic explained.
-
-        Raises:
-            NonFiniteLossError: A return is NaN or infinite; nothing was changed.
-        """
+        """Put the data into place; returns the share of variance that the critic explained."""
         config, device = self.config, self.compute.device
         advantages = gae(
             rollout.rewards,
@@ -214,10 +202,7 @@ class PPO:
         return explained_variance(rollout.values[rollout.learned], targets[rollout.learned])
 
     def _loss(self, rows: Tensor, model: PolicyAndValue, part: slice) -> tuple[Tensor, Tensor]:
-        """The loss of a part of a minibatch's rows, and its means of the numbers in `PPOStats`.
-
-        `model` is the network or a copy on the same weights.
-        """
+        """The loss of a part of a minibatch, and its means of the numbers in `PPOStats`."""
         batch, rows = self._batch, rows[part]
         assert batch is not None
         advantages = batch.advantages[rows]
@@ -248,7 +233,7 @@ class PPO:
             return loss, torch.stack([policy_loss, value_loss, entropy, kl, clipped])
 
     def _value_loss(self, value: Tensor, before: Tensor, returns: Tensor) -> Tensor:
-        """The critic's error; with `clip_value`, a larger change from `before` gains nothing."""
+        """With `clip_value`, a larger change from `before` gains nothing."""
         error = functional.huber_loss if self.config.huber else functional.mse_loss
         if self.config.clip_value is None:
             return error(value, returns)
@@ -260,10 +245,9 @@ class PPO:
 
 
 def minibatches(rows: Tensor, batch_size: int) -> Iterator[Tensor]:
-    """Shuffled row numbers in full minibatches.
+    """Shuffled row numbers in full minibatches; the reference leaves out the remainder, too.
 
-    The remainder is left out, as in the reference; each epoch leaves out different rows. If there
-    are fewer steps than `batch_size`, they are one minibatch.
+    If there are fewer steps than `batch_size`, they are one minibatch.
     """
     size = min(batch_size, len(rows))
     for start in range(0, len(rows) - size + 1, size):

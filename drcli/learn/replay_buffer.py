@@ -1,4 +1,4 @@
-"""The steps of many iterations, each frame stored once: for SAC, and for students of a teacher."""
+"""The steps of many iterations, for SAC and for students of a teacher."""
 
 from collections import deque
 from typing import NamedTuple
@@ -15,13 +15,10 @@ class Transitions(NamedTuple):
     """A minibatch of n steps.
 
     Attributes:
-        before: The observation before each action.
-        actions: Values in [-1, 1]. Shape (n, dims).
-        returns: Discounted sum of the rewards of the step and of those that follow it up to
-            `after`, float64. Shape (n,).
-        after: The observation up to `n_step` steps later; meaningless where `discounts` is 0.
-        discounts: Weight of the value of `after`: gamma to the power of the steps in between, or 0
-            if the episode ended by its rules before. Shape (n,).
+        actions: In [-1, 1]. Shape (n, dims).
+        returns: Discounted rewards up to `after`.
+        after: Up to `n_step` steps later; meaningless where `discounts` is 0.
+        discounts: Gamma to the power of the steps between, 0 if the rules ended the episode.
     """
 
     before: Observation
@@ -31,8 +28,6 @@ class Transitions(NamedTuple):
     discounts: Tensor
 
     def part(self, steps: slice, device: torch.device) -> "Transitions":
-        """Some of the steps, on a device."""
-
         def part(column: Tensor) -> Tensor:
             return column[steps].to(device)
 
@@ -44,29 +39,14 @@ class Transitions(NamedTuple):
 class ReplayBuffer:
     """A ring buffer of whole episodes in main memory; new episodes replace the oldest.
 
-    A step takes little more memory than its frame, 19.2 kB, because the observation after a step is
-    the one before the next step. After the last step of an episode there is none. If the episode
-    ended by its rules, this does not matter, since no reward follows; if the step limit cut it off,
-    the last step is not learned from, and the few before it look less than `n_step` steps ahead.
-
-    Attributes:
-        capacity: Most steps in the buffer.
-        steps: Steps in the buffer.
-        added: Steps that were ever added.
+    A step takes little more than its frame, 19.2 kB. If the step limit cut an episode off, its
+    last step is not learned from.
     """
 
     def __init__(
         self, spec: PolicySpec, capacity: int, discount_factor: float = 1.0, n_step: int = 1
     ) -> None:
         """Reserve all memory now, so that a lack of it shows at the start.
-
-        The operating system provides each page when it is first written to.
-
-        Args:
-            spec: What is observed, and how many dimensions an action has.
-            capacity: Most steps in the buffer.
-            discount_factor: Weight of a reward one step later.
-            n_step: Rewards of a return, 1 or more, before the value of the observation after them.
 
         Raises:
             RuntimeError: There is not enough memory.
@@ -94,14 +74,10 @@ class ReplayBuffer:
 
     @property
     def transitions(self) -> int:
-        """Steps that can be drawn."""
         return len(self._usable_rows)
 
     def add(self, rollout: Rollout) -> None:
-        """Add the episodes of an iteration, and remove the oldest ones to make room.
-
-        Of an episode that is longer than the whole buffer only the end is kept.
-        """
+        """Add episodes in place of the oldest; of one that is too long, only the end."""
         ends = np.cumsum(rollout.lengths).tolist()
         episodes = zip(rollout.lengths.tolist(), ends, rollout.cut.tolist(), strict=True)
         for length, end, cut in episodes:
@@ -148,7 +124,7 @@ class ReplayBuffer:
         return (torch.arange(length) + start) % self.capacity
 
     def sample(self, count: int, draw: torch.Generator) -> Transitions:
-        """Draw `count` steps uniformly, with replacement."""
+        """Draw uniformly, with replacement."""
         chosen = torch.randint(self.transitions, (count,), generator=draw)
         rows = self._usable_rows[chosen]
         steps = self._rewarded[rows].clamp(max=len(self._ahead))
@@ -166,20 +142,12 @@ class ReplayBuffer:
     def sample_observed(
         self, count: int, draw: torch.Generator, newest: int
     ) -> tuple[Observation, Tensor]:
-        """Draw `count` observations with their actions, half of them from the newest steps.
-
-        Args:
-            count: How many.
-            draw: Random numbers.
-            newest: How many steps are new.
-        """
         ages = torch.rand(count, generator=draw)
         ages[::2] *= min(newest, self.steps) / self.steps
         rows = (self._end - 1 - (ages * self.steps).long()) % self.capacity
         return self._seen(rows), self._actions[rows]
 
     def _seen(self, rows: Tensor) -> Observation:
-        """The observations before some steps; an episode's first frame stands for earlier ones."""
         back = torch.arange(self._stack - 1, -1, -1)
         stacked = (rows[:, None] - torch.minimum(back, self._ages[rows, None])) % self.capacity
         # index_select copies whole frames; indexing with two dimensions is several times slower.

@@ -6,18 +6,12 @@ import torch
 from torch import Tensor
 
 ROWS = 1024
-"""Rows that are copied at a time."""
-
 SPARE = 1.25
-"""Room for rollouts that are a little longer, so that memory rarely moves."""
+"""So that memory rarely moves."""
 
 
 class ReusedMemory:
-    """Named columns on a device, which each new rollout overwrites.
-
-    Attributes:
-        moves: How often a column got another address.
-    """
+    """Named columns on a device, which each new rollout overwrites."""
 
     def __init__(self, device: torch.device) -> None:
         self._device = device
@@ -27,18 +21,12 @@ class ReusedMemory:
     def place(
         self, name: str, column: Tensor, prepare: Callable[[Tensor], Tensor] = lambda rows: rows
     ) -> Tensor:
-        """Copy a column to the device.
+        """Copy a column to the device, and `prepare` a few of its rows at a time.
 
-        Args:
-            name: Of the column.
-            column: On any device.
-            prepare: What is done there with each few rows; it keeps their number.
-
-        Returns:
-            The memory of that name. Its first rows are those of `column`; it may have more.
+        The result may have more rows.
 
         Raises:
-            torch.OutOfMemoryError: There is not enough memory; nothing of that name is held.
+            torch.OutOfMemoryError: Nothing of that name is held then.
         """
         pattern = prepare(column[:1].to(self._device))
         held = self._held.get(name)

@@ -21,24 +21,16 @@ Ints = NDArray[np.int64]
 class Rollout:
     """Whole episodes one after the other, t steps in e episodes.
 
-    Numbers in units of reward have double precision; see `ReturnScale`.
-
     Attributes:
-        frames: What the car saw before each step, each frame once, uint8.
-            Shape (t, eyes, 120, 160).
+        frames: uint8, shape (t, eyes, 120, 160).
         actions: int64 indices of shape (t,), or unclipped float32 values of shape (t, dims).
-        log_probs: Log-probability of each action when it was taken. Shape (t,).
-        values: The critic's estimate when the action was taken. Shape (t,).
-        rewards: Shape (t,).
-        lengths: Steps of each episode, summing to t. Shape (e,).
-        last_values: The critic's estimate of the rest of each episode that the step limit cut off;
-            0 for others. Shape (e,).
-        cut: Which episodes the step limit cut off. Shape (e,).
-        scans: Lidar values. Shape (t, d), d = 0 without a lidar.
-        states: Values that only the critic sees. Shape (t, k), k = 0 if there are none.
-        learned: Which steps may be learned from: those whose reward is known. Nothing is learned
-            from the others, and the critic's estimate stands for what follows before them. Shape
-            (t,); if left out, all steps.
+        values: In reward.
+        lengths: Of episodes. Shape (e,).
+        last_values: Of the rest where the step limit cut off. Shape (e,).
+        cut: By the step limit. Shape (e,).
+        scans: Shape (t, d).
+        states: For the critic only. Shape (t, k).
+        learned: Steps whose reward is known; elsewhere the critic's estimate stands for the rest.
     """
 
     frames: NDArray[np.uint8]
@@ -54,17 +46,15 @@ class Rollout:
     learned: NDArray[np.bool_] = field(default_factory=lambda: np.ones(0, np.bool_))
 
     def __post_init__(self) -> None:
-        """Fill in `learned`."""
         if not len(self.learned):
             object.__setattr__(self, "learned", np.ones(len(self.rewards), np.bool_))
 
     @property
     def steps(self) -> int:
-        """Number of steps in all episodes."""
         return len(self.rewards)
 
     def of_episodes(self, chosen: Sequence[int]) -> "Rollout":
-        """Some of the episodes, by their numbers from 0, in that order."""
+        """Some of the episodes, by number."""
         ends = np.cumsum(self.lengths)
         rows = [np.arange(ends[k] - self.lengths[k], ends[k]) for k in chosen]
         steps = np.concatenate([np.empty(0, np.int64), *rows])
@@ -84,16 +74,13 @@ class Rollout:
         )
 
     def following_rows(self) -> Ints:
-        """The row of the step after each step; at the end of an episode its own. Shape (t,)."""
+        """The next step's row; at the end of an episode the last. Shape (t,)."""
         following = np.arange(self.steps) + 1
         following[np.cumsum(self.lengths) - 1] -= 1
         return following
 
     def stacked_rows(self, stack: int) -> Ints:
-        """Rows of the frames that are seen together at each step, oldest first. Shape (t, stack).
-
-        An episode's first frame stands for those before it.
-        """
+        """Rows of the frames seen together, oldest first, the first repeated. Shape (t, stack)."""
         begins = np.cumsum(self.lengths) - self.lengths
         rows = np.arange(self.steps)
         ages = rows - np.repeat(begins, self.lengths)
@@ -102,14 +89,10 @@ class Rollout:
 
 @dataclass(frozen=True)
 class RolloutTensors:
-    """A rollout with its advantages, as tensors on the learner's device, a row for each step.
+    """A rollout with normalised advantages, as tensors on the learner's device.
 
-    The frames stay in the memory of the machine if that of a GPU is too small for them. On a GPU,
-    the columns may have more rows than there are steps.
-
-    `frame_rows` are the rows of the frames that are seen together at each step, of shape
-    (t, stack), and `following` are the rows of the next steps. `values` and `returns`, which the
-    critic should predict, are in the critic's own units, and `advantages` are normalised.
+    Frames stay in main memory if a GPU's is too small. On a GPU, columns may have more rows.
+    `values` and `returns` are in the critic's units.
     """
 
     frames: Tensor
@@ -134,18 +117,6 @@ class RolloutTensors:
         returns: Tensor,
         memory: ReusedMemory | None = None,
     ) -> "RolloutTensors":
-        """Join a rollout with the results of an update, on their device.
-
-        Args:
-            rollout: What was driven.
-            stack: Frames that are seen together.
-            block: Side of the blocks into which frames are cut; see `encoders.in_blocks`.
-            values: For the critic, see above.
-            advantages: Normalised.
-            returns: For the critic.
-            memory: Where the columns are put; None for new memory on the device of `returns`.
-        """
-
         def place(name: str, column: Tensor) -> Tensor:
             return column.to(returns.device) if memory is None else memory.place(name, column)
 
@@ -175,7 +146,6 @@ class RolloutTensors:
         )
 
     def observation(self, rows: Tensor) -> Observation:
-        """The observations before some steps."""
         # index_select copies whole frames; indexing with two dimensions is several times slower.
         seen = self.frame_rows[rows].flatten().to(self.frames.device)
         frames = self.frames.index_select(0, seen).to(self.scans.device)

@@ -28,24 +28,21 @@ from drcli.learn.update_result import (
 )
 
 REPORTS = 4
-"""Number of parts of an update that are reported."""
+"""Reported parts of an update."""
 
 NUM_STATISTICS = 8
 """Numbers in `SACStats` that are means over minibatches."""
 
 LOSSES = ("actor", "qf1_values", "qf2_values", "qf1", "qf2")
-"""The first of them."""
-
 RANK_STRIDE = 7_919
-"""Keeps the random numbers of processes apart."""
+"""Separates the random numbers of processes."""
 
 
 class SAC:
-    """The learner: an agent, its replay buffer, its optimizer, and the update that improves it.
+    """An agent, its replay buffer, its optimizer, and the update that improves it.
 
     Attributes:
-        lr_factor: As in `PPO`.
-        critic_warmup: As in `PPO`; 0, because every update begins with the critics.
+        critic_warmup: 0, because every update begins with the critics.
     """
 
     def __init__(
@@ -55,11 +52,7 @@ class SAC:
         compute: Compute,
         group: GradientGroup | None = None,
     ) -> None:
-        """Begin; each process of a `group` keeps some of the episodes, and draws from those.
-
-        The gradients of the processes count by the steps that they can draw from, so that the sum
-        is an estimate for all steps.
-        """
+        """Each process of a `group` keeps some of the episodes, and draws from those."""
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
@@ -92,21 +85,18 @@ class SAC:
 
     @property
     def capture_failure(self) -> str | None:
-        """As in `PPO`."""
         return self._step.failure
 
     @property
     def memory_steps(self) -> int:
-        """Steps of earlier rollouts that it learns from again."""
         return self.config.sac_replay_steps
 
     @property
     def most_samples(self) -> int | None:
-        """How many samples fit into the memory of the GPU at once; None as long as all do."""
         return self._parallel.most_samples
 
     def remember(self, rollout: Rollout) -> None:
-        """Add a rollout of an earlier iteration to the replay buffer without learning from it."""
+        """Add a rollout of an earlier iteration without learning from it."""
         own = []
         for episode, length in enumerate(rollout.lengths.tolist()):
             rank = self._given.index(min(self._given))
@@ -123,12 +113,7 @@ class SAC:
         should_stop: Callable[[], bool] = lambda: False,
         steps_before: int = 0,
     ) -> list[SACStats]:
-        """Add one iteration of driving to the replay buffer, and learn from the buffer.
-
-        Arguments and errors are those of `PPO.update`, except that any weights may have driven the
-        rollout, an epoch is a part of the update, and `steps_before` is not used. There are no
-        statistics before `sac_learning_starts`.
-        """
+        """As `PPO.update`, but any weights may have driven the rollout, and an epoch is a part."""
         self._follow_returns(rollout)
         self.remember(rollout)
         own = self.replay.transitions
@@ -162,13 +147,6 @@ class SAC:
         return history
 
     def _take_step(self, noise: Tensor, *columns: Tensor) -> Tensor:
-        """Learn from a minibatch; returns means of the numbers in `SACStats`.
-
-        Args:
-            noise: As for `_loss`.
-            columns: Those of the observations before and after each step, then actions, returns
-                and discounts, as in `Transitions`.
-        """
         before, after = Observation(*columns[:3]), Observation(*columns[3:6])
         actions, returns, discounts = columns[6:]
         batch = Transitions(before, actions, returns, after, discounts)
@@ -180,11 +158,6 @@ class SAC:
         return statistics
 
     def _follow_returns(self, rollout: Rollout) -> None:
-        """Let the critics' units follow what was driven.
-
-        Raises:
-            NonFiniteLossError: A return is NaN or infinite; nothing was changed.
-        """
         nothing = np.zeros(rollout.steps)
         # With lambda 1 and values of 0, advantages are returns.
         gamma = self.config.discount_factor
@@ -201,7 +174,6 @@ class SAC:
         )
 
     def _follow_critics(self) -> None:
-        """Let the target critics follow the critics."""
         with torch.no_grad():
             for target, p in zip(
                 self.model.targets.parameters(), self.model.critics.parameters(), strict=True
@@ -211,11 +183,7 @@ class SAC:
     def _loss(
         self, batch: Transitions, noise: Tensor, model: SACAgent, part: slice
     ) -> tuple[Tensor, Tensor]:
-        """The loss of a part of a minibatch, and its means of the numbers in `SACStats`.
-
-        `noise` has the random numbers for the actions before and after each step, of shape
-        (2, n, dims). `model` is the agent or a copy on the same weights.
-        """
+        """`noise` of shape (2, n, dims) is for the actions before and after each step."""
         batch = batch.part(part, self.compute.device)
         noise_before, noise_after = noise[:, part].to(self.compute.device).unbind()
         alpha = self.alpha()
@@ -250,16 +218,12 @@ class SAC:
             return loss, torch.stack([actor_loss, *qf, -log_probs.mean(), worth, shown])
 
     def alpha(self) -> Tensor:
-        """The temperature now, in the critics' units, without gradient."""
         if self.config.sac_auto_alpha:
             return self.model.log_alpha.detach().exp()
         return self.model.returns.units(self._fixed_alpha)
 
     def _target(self, model: SACAgent, batch: Transitions, noise: Tensor, alpha: Tensor) -> Tensor:
-        """The critics' target, in their units: R + gamma^k * (min Q' - alpha * log pi). Shape (n,).
-
-        R is the return of the k steps up to the observation after them.
-        """
+        """In the critics' units: R + gamma^k * (min Q' - alpha * log pi). Shape (n,)."""
         with torch.no_grad():
             features = model.features(batch.after)
             mean, log_std = model(features)
@@ -269,11 +233,9 @@ class SAC:
             return returns + batch.discounts * (q - alpha * log_probs)
 
     def _critic_loss(self, values: Tensor, target: Tensor, reduction: str = "mean") -> Tensor:
-        """The error of both critics, with estimates of shape (2, n)."""
         error = functional.huber_loss if self.config.huber else functional.mse_loss
         return error(values, target.expand_as(values), reduction=reduction)
 
     def _alpha_loss(self, model: SACAgent, log_probs: Tensor) -> Tensor:
-        """A loss that lowers the temperature if the entropy is above its target, or raises it."""
         target_entropy = -model.spec.num_actions
         return model.log_alpha * (-log_probs.mean() - target_entropy)

@@ -1,4 +1,4 @@
-"""The networks of soft actor-critic: a Gaussian squashed into (-1, 1) by tanh, and twin critics."""
+"""The networks of soft actor-critic: a tanh-squashed Gaussian, and twin critics."""
 
 import math
 from copy import deepcopy
@@ -14,28 +14,24 @@ from drcli.learn.policy import Observation, PolicySpec
 from drcli.learn.return_scale import ReturnScale
 
 LOG_STD_RANGE = (-20.0, 2.0)
-"""Bounds of the policy's log standard deviation. Source: the reference's SAC head."""
+"""Source: the reference's SAC head."""
 
 _LEAST_ALPHA = 1e-4
-"""Temperature at the start if it is learned and `sac_alpha` is 0."""
-
 _SUMMARY = 50
-"""Length of a head's summary of the body's features. Source: DrQ (Kostrikov et al., 2020)."""
+"""Source: DrQ (Kostrikov et al., 2020)."""
 
 _WIDTH = 256
-"""Width of the heads' hidden layers. Source: the reference's SAC heads."""
+"""Source: the reference's SAC heads."""
 
 
 class SACAgent(nn.Module):
-    """Everything that is learned: actor, critics and temperature.
+    """Actor, critics and temperature.
 
-    The reference trains three bodies. Here there is one, which learns from the critics only; actor
-    and target critics use its features (Yarats et al., 2021, "DrQ-v2"). A critic that sees the
-    state does not see the picture, so then the body learns from the actor instead.
+    One body instead of the reference's three. It learns from the critics (Yarats et al., 2021,
+    "DrQ-v2"), or from the actor if the critics see the state.
     """
 
     def __init__(self, spec: PolicySpec, sac_alpha: float = 0.2) -> None:
-        """Begin with nearly uniform, continuous actions and this temperature."""
         super().__init__()
         self.spec = spec
         self.body = Encoder(spec)
@@ -48,29 +44,20 @@ class SACAgent(nn.Module):
         self.returns = ReturnScale()
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """The policy before tanh: mean and log standard deviation, each of shape (n, dims)."""
+        """Mean and log standard deviation before tanh. Shape (n, dims)."""
         mean, log_std = self.actor(features).chunk(2, dim=-1)
         return mean, log_std.clamp(*LOG_STD_RANGE)
 
     def features(self, seen: Observation) -> Tensor:
-        """The body's features of n observations. Shape (n, features)."""
         features: Tensor = self.body(seen)
         return features.float()
 
     def critic_input(self, features: Tensor, seen: Observation) -> Tensor:
-        """The input of the critics. Shape (n, features) or (n, state_dims)."""
         return seen.state if self.spec.state_dims else features
 
     @torch.no_grad()
     def follow_returns(self, returns: Tensor, values: Tensor) -> None:
-        """Let the critics' units follow the returns of an iteration; see `ReturnScale.follow`.
-
-        What the critics predict, and the temperature, stay the same in reward.
-
-        Args:
-            returns: Discounted returns of the steps, float64. Shape (n,).
-            values: The critics' estimates of them, float64. Shape (n,).
-        """
+        """See `ReturnScale.follow`; in reward, predictions and temperature stay the same."""
         before = self.returns.scale.clone()
         size = torch.maximum(returns.abs().mean(), values.abs().mean())
         self.returns.follow(size, *self.critics.last_layers(), *self.targets.last_layers())
@@ -80,7 +67,7 @@ class SACAgent(nn.Module):
     def act(
         self, seen: Observation, noise: Tensor, deterministic: Tensor, epsilon: float | None
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Choose actions in [-1, 1]; see `Policy.act`. `epsilon` is not used."""
+        """See `Policy.act`; actions are in [-1, 1], `epsilon` is not used."""
         features = self.features(seen)
         mean, log_std = self(features)
         actions, log_probs = squash(mean, log_std, noise * ~deterministic.unsqueeze(-1))
@@ -89,16 +76,9 @@ class SACAgent(nn.Module):
 
 
 def squash(mean: Tensor, log_std: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
-    """Draw actions with the caller's random numbers.
+    """Draw actions in [-1, 1] of shape (n, dims), and their log-density, both with gradient.
 
-    Args:
-        mean: Of the Gaussian before tanh. Shape (n, dims).
-        log_std: Log of its standard deviation. Shape (n, dims).
-        noise: Standard normal; 0 gives the action at the mean. Shape (n, dims).
-
-    Returns:
-        Actions in [-1, 1], shape (n, dims), and their log-density, shape (n,). Both let the
-        gradient through to mean and standard deviation.
+    `noise` is standard normal; 0 gives the action at the mean.
     """
     raw = mean + log_std.exp() * noise
     # log(1 - tanh(x)^2) = 2 (log 2 - x - softplus(-2 x)), which does not round to log 0. Source:
@@ -108,25 +88,20 @@ def squash(mean: Tensor, log_std: Tensor, noise: Tensor) -> tuple[Tensor, Tensor
 
 
 class _TwinCritic(nn.Module):
-    """Two estimates of the return of an action, on one summary of the input."""
-
     def __init__(self, features: int, num_actions: int) -> None:
         super().__init__()
         self.summary = _summary(features)
         self.streams = nn.ModuleList(_hidden_layers(_SUMMARY + num_actions, 1) for _ in range(2))
 
     def forward(self, features: Tensor, actions: Tensor) -> Tensor:
-        """Expected discounted return of n actions, in the critics' units. Shape (2, n)."""
         x = torch.cat([self.summary(features), actions], dim=-1)
         return torch.stack([stream(x).squeeze(-1) for stream in self.streams])
 
     def last_layers(self) -> list[nn.Linear]:
-        """The layer of each estimate that its output comes from."""
         return [cast(nn.Linear, cast(nn.Sequential, stream)[-1]) for stream in self.streams]
 
 
 def _summary(features: int) -> nn.Module:
-    """A few values of similar size, whatever the size of the features."""
     return nn.Sequential(Dense(features, _SUMMARY), nn.LayerNorm(_SUMMARY), nn.Tanh())
 
 

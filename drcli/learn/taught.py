@@ -1,10 +1,8 @@
 """Learns in three phases: a teacher that sees the track, its student with a camera, and PPO.
 
-A policy that sees where the car is and how the road goes on learns within seconds, because its
-network is small and no picture has to be drawn for it. A student that sees the camera then learns
-to do what the teacher would do, on roads that it drives itself (Ross et al., 2011, "DAgger"; Chen
-et al., 2019, "Learning by cheating"). In the end, the student improves by PPO: what is best for
-somebody who sees less differs from what the teacher does.
+The teacher learns within seconds, because no picture is drawn. The student imitates it on roads
+that it drives itself (Ross et al., 2011, "DAgger"; Chen et al., 2019, "Learning by cheating").
+What is best for somebody who sees less differs: hence PPO.
 """
 
 from collections.abc import Callable
@@ -42,58 +40,36 @@ TEACHER = PPOConfig(
     smoothness=0.5,
     bootstrap_cut=True,
 )
-"""Hyperparameters of the teacher. Those of the model are for its camera policy, except for the
-discount factor: it says what is to be learned, and not how.
+"""Of the model's hyperparameters only the discount factor counts here.
 
-Without the term for smoothness, a teacher steers from one side to the other by what no camera
-picture shows, such as how fast the car turns. On `reinvent_base` a student then drove 37 of 40 laps
-clean, in 5.5 s; with weights of 0.25 to 1, all of them in 5.4 s (one seed each, after 150,000 steps
-of the teacher and 15,000 of the student).
+Without smoothness, a teacher weaves. On `reinvent_base` a student then drove 37 of 40 laps clean,
+in 5.5 s; with 0.25 to 1, all, in 5.4 s (one seed each, 150,000 steps of the teacher, 15,000 of the
+student).
 """
 
 STUDENT = PPOConfig(batch_size=64, lr=1e-3, lr_schedule="linear", schedule_steps=50_000)
-"""Batch size and learning rate of a student that learns from its teacher."""
-
 REMEMBERED_STEPS = 40_000
-"""Steps that a student learns from again: 0.8 GB of frames."""
+"""0.8 GB of frames."""
 
 NEWEST_STEPS = 8_192
 """Half of what it learns from is of these."""
 
 PASSES = 3
-"""How often each step is learned from in the update after it was driven."""
-
 CRITIC_WARMUP = 3
-"""As in `PPO`: the critic has only seen a teacher drive."""
+"""The critic has only seen a teacher drive."""
 
 REPORTS = 4
-"""Number of parts of an update that are reported."""
-
 SMALL_LOG_STD = -2.3
-"""Log standard deviation of teacher and student in distillation. It is enough to show what to do
-beside the line, and not so much that cars leave the road."""
+"""Enough to show what to do beside the line; cars stay on the road."""
 
 FINE_LOG_STD = -1.6
-"""Log standard deviation of a student that begins to learn from what it drives itself."""
-
 FINE_KL = 0.03
-"""Largest divergence of an update then."""
-
 LARGEST_LABEL = 1.2
-"""Actions count from -1 to 1. What a teacher means beyond that says how sure it is, but would make
-a student move its other actions as well."""
+"""Beyond 1, means say how sure the teacher is, but would move a student's other actions."""
 
 
 class TaughtLearner:
-    """The learner of a student and its teacher.
-
-    Attributes:
-        phase: What it learns now.
-        lr_factor: As in `PPO`.
-    """
-
     def __init__(self, model: ActorCritic, config: PPOConfig, compute: Compute) -> None:
-        """Begin with the first phase."""
         self.model = model.to(compute.device)
         self.config = config
         self.compute = compute
@@ -104,7 +80,7 @@ class TaughtLearner:
         self.begin("teacher")
 
     def begin(self, phase: Phase) -> None:
-        """Go on with a phase and a fresh optimizer, on the present weights."""
+        """Go on with a phase and a fresh optimizer."""
         self.phase = phase
         self.model.teacher.requires_grad_(phase == "teacher")
         if phase == "teacher":
@@ -126,7 +102,6 @@ class TaughtLearner:
             self._learner.critic_warmup = CRITIC_WARMUP
 
     def _calm(self, log_std: float) -> None:
-        """Let teacher and student drive with so little noise, where it is not of their choosing."""
         if self.model.spec.continuous:
             with torch.no_grad():
                 self.model.log_std.fill_(log_std)
@@ -134,37 +109,30 @@ class TaughtLearner:
 
     @property
     def optimizer(self) -> Adam:
-        """Of the present phase."""
         return self._learner.optimizer
 
     @property
     def critic_warmup(self) -> int:
-        """As in `PPO`."""
         return self._learner.critic_warmup if isinstance(self._learner, PPO) else 0
 
     @critic_warmup.setter
     def critic_warmup(self, updates: int) -> None:
-        """As in `PPO`."""
         if isinstance(self._learner, PPO):
             self._learner.critic_warmup = updates
 
     @property
     def capture_failure(self) -> str | None:
-        """As in `PPO`."""
         return self._learner.capture_failure if isinstance(self._learner, PPO) else None
 
     @property
     def most_samples(self) -> int | None:
-        """How many samples fit into the memory of the GPU at once; None as long as all do."""
         return self._learner.most_samples
 
     @property
     def memory_steps(self) -> int:
-        """Steps of earlier rollouts that it learns from again."""
         return self._learner.memory_steps
 
     def remember(self, rollout: Rollout) -> None:
-        """Add a rollout of an earlier iteration of this phase without learning from it."""
         self._learner.remember(rollout)
 
     def update(
@@ -175,10 +143,7 @@ class TaughtLearner:
         should_stop: Callable[[], bool] = lambda: False,
         steps_before: int = 0,
     ) -> list[Stats]:
-        """Improve the teacher or the student; arguments and errors are those of `PPO.update`.
-
-        `steps_before` are the steps of this phase.
-        """
+        """See `PPO.update`; `steps_before` are those of this phase."""
         self._learner.lr_factor = self.lr_factor
         threads = torch.get_num_threads()
         if self.phase == "teacher":  # its operations are shorter than to wake a thread
@@ -190,7 +155,7 @@ class TaughtLearner:
 
 
 class _Distillation:
-    """Teaches a student what its teacher would do wherever one of them has driven."""
+    """Imitates the teacher wherever one of them has driven."""
 
     memory_steps = REMEMBERED_STEPS
 
@@ -209,7 +174,6 @@ class _Distillation:
         return self._parallel.most_samples
 
     def remember(self, rollout: Rollout) -> None:
-        """Add what was driven, with what the teacher would have done."""
         if rollout.frames.size:  # nothing was drawn for a teacher
             self._driven.add(replace(rollout, actions=self._labels(rollout)))
 
@@ -265,7 +229,6 @@ class _Distillation:
         return statistics
 
     def _labels(self, rollout: Rollout) -> Float32s:
-        """What the teacher would do: actions, or the probability of each of them."""
         self._teacher.train()  # one product for all steps, which gives equal rollouts equal bits
         state = torch.from_numpy(rollout.states).to(self.compute.device)
         with torch.inference_mode():

@@ -1,4 +1,4 @@
-"""The result of an update: its statistics, by the names that CleanRL logs, or its error."""
+"""The result of an update: its statistics, by CleanRL's names, or its error."""
 
 import math
 from collections.abc import Mapping
@@ -14,7 +14,6 @@ class _Statistics:
     learning_rate: float
 
     def metrics(self) -> dict[str, float]:
-        """The numbers by the names that CleanRL gives them."""
         numbers = asdict(self)
         del numbers["epoch"]
         rate = {"charts/learning_rate": numbers.pop("learning_rate")}
@@ -23,10 +22,10 @@ class _Statistics:
 
 @dataclass(frozen=True)
 class PPOStats(_Statistics):
-    """Means over the minibatches of one epoch.
+    """Means over an epoch's minibatches.
 
-    `approx_kl` is the divergence from the policy that drove, `clipfrac` the share of steps whose
-    ratio left the clip range; for `explained_variance` see `advantages.explained_variance`.
+    `approx_kl` is from the policy that drove, `clipfrac` the share of steps outside the clip
+    range.
     """
 
     policy_loss: float
@@ -39,11 +38,7 @@ class PPOStats(_Statistics):
 
 @dataclass(frozen=True)
 class SACStats(_Statistics):
-    """Means over a part of an update.
-
-    `qf1_values` and `qf2_values` are the critics' estimates for the steps learned from, `alpha` is
-    the temperature, and `alpha_loss` is NaN if the temperature is fixed.
-    """
+    """Means over a part of an update; `alpha_loss` is NaN if alpha is fixed."""
 
     actor_loss: float
     qf1_values: float
@@ -56,17 +51,15 @@ class SACStats(_Statistics):
 
     @property
     def qf_loss(self) -> float:
-        """Mean of both critics' losses."""
         return (self.qf1_loss + self.qf2_loss) / 2.0
 
     def metrics(self) -> dict[str, float]:
-        """The numbers by the names that CleanRL gives them."""
         return super().metrics() | {"losses/qf_loss": self.qf_loss}
 
 
 @dataclass(frozen=True)
 class DistillationStats(_Statistics):
-    """Mean over a part of an update: how far the student's actions are from the teacher's."""
+    """How far the student's actions are from the teacher's."""
 
     imitation_loss: float
 
@@ -79,13 +72,9 @@ class NonFiniteLossError(ArithmeticError):
 
 
 def require_finite_losses(losses: Mapping[str, float]) -> None:
-    """Check the mean losses of an epoch.
+    """Raise NonFiniteLossError if one is NaN or infinite.
 
-    On a GPU, where each look at a number waits for all that was started before it, this replaces
-    the check of each minibatch.
-
-    Raises:
-        NonFiniteLossError: One is NaN or infinite.
+    Once per epoch: on a GPU, a check of each minibatch would wait for it.
     """
     if not all(math.isfinite(loss) for loss in losses.values()):
         named = ", ".join(f"{name} {loss:.4g}" for name, loss in losses.items())
@@ -93,10 +82,6 @@ def require_finite_losses(losses: Mapping[str, float]) -> None:
 
 
 def require_finite_weights(model: nn.Module) -> None:
-    """Check the weights after an update.
-
-    Raises:
-        NonFiniteLossError: A weight is NaN or infinite.
-    """
+    """Raise NonFiniteLossError if a weight is NaN or infinite."""
     if not all(bool(torch.isfinite(p).all()) for p in model.parameters()):
         raise NonFiniteLossError("The weights contain NaN or infinite values.")

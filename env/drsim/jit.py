@@ -21,16 +21,11 @@ _insert_function: Any = cgutils.get_or_insert_function
 def kernel(function: F) -> F:
     """Compile a function of numbers and arrays to machine code that runs without the GIL.
 
-    The machine code is cached, so that only the first run compiles: in NUMBA_CACHE_DIR, else beside
-    the module, else in the user's home, else in a private folder below the temporary one. If none
-    of them can be written, every process compiles.
+    Cached in NUMBA_CACHE_DIR, else beside the module, in the user's home or a private temporary
+    folder.
 
-    A cached kernel is compiled again when its own file changes, not when a kernel in another file
-    does. So a kernel uses kernels, records and constants of its own file only; numbers of other
-    files are arguments.
-
-    A named tuple costs a call about a microsecond more than a plain one. So Python mostly hands
-    over plain tuples, whose parts the kernel names, and gets plain tuples back.
+    Only a change of a kernel's own file compiles it again, so it uses kernels, records and
+    constants of that file only. A named tuple costs a microsecond more per call than a plain one.
     """
     try:
         if not _numba_config.CACHE_DIR and _home_is_unknown():
@@ -46,8 +41,6 @@ def kernel(function: F) -> F:
 
 
 def _prefetch(_context: Any, array: Any, index: Any) -> tuple[Any, Callable[..., Any]]:
-    """The type of a call, and what writes its machine code."""
-
     def instruction(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         values = context.make_array(signature.args[0])(context, builder, arguments[0])
         step = builder.extract_value(values.strides, 0)
@@ -65,8 +58,6 @@ def _prefetch(_context: Any, array: Any, index: Any) -> tuple[Any, Callable[...,
 
 
 def _take_number(_context: Any, counter: Any) -> tuple[Any, Callable[..., Any]]:
-    """The type of a call, and what writes its machine code."""
-
     def instruction(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         count = context.make_array(signature.args[0])(context, builder, arguments[0]).data
         return builder.atomic_rmw("add", count, count.type.pointee(1), "monotonic")
@@ -75,16 +66,10 @@ def _take_number(_context: Any, counter: Any) -> tuple[Any, Callable[..., Any]]:
 
 
 prefetch: Any = intrinsic(_prefetch)
-"""For kernels: `prefetch(array, index)` asks the memory for an element, and goes on without it.
-
-The array has one dimension; the index is unsigned and lies within it.
-"""
+"""`prefetch(array, index)` asks the memory for an element. The index is unsigned."""
 
 take_number: Any = intrinsic(_take_number)
-"""For kernels: `take_number(counter)` returns the first integer of an array and adds 1 to it.
-
-Threads that take numbers from one counter at the same time all get different ones.
-"""
+"""`take_number(counter)` returns the first integer of an array and adds 1 to it, across threads."""
 
 
 def _compiled(function: F, *, cache: bool) -> F:
@@ -92,7 +77,7 @@ def _compiled(function: F, *, cache: bool) -> F:
 
 
 def _home_is_unknown() -> bool:
-    """Whether numba would make a folder named `~` in the current one."""
+    """Whether numba would make a folder named `~`."""
     try:
         Path.home()
     except RuntimeError:
@@ -101,11 +86,7 @@ def _home_is_unknown() -> bool:
 
 
 def _use_temporary_folder() -> None:
-    """Let numba cache below the temporary folder, if nobody else can put code there.
-
-    Raises:
-        OSError: The folder cannot be made, or others can write to it.
-    """
+    """Cache below the temporary folder, if nobody else can put code there, else OSError."""
     folder = Path(tempfile.gettempdir()) / f"drsim-kernels-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     found = folder.lstat()

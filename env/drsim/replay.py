@@ -1,8 +1,7 @@
 """How faithful the car is: `python -m drsim.replay FOLDER --world NAME [--car NAME|all]`.
 
-FOLDER holds simtrace CSV files of the reference simulator. Our car drives the recorded actions from
-each recorded pose, and a horizon later its pose is compared with the recorded one
-(`fidelity.motion`). The track columns are derived again from the poses (`fidelity.track_columns`).
+FOLDER holds simtrace CSV files of the reference simulator, whose poses and track columns are
+compared.
 """
 
 import argparse
@@ -30,18 +29,12 @@ EXIT_SETTINGS = 3
 _SHORTEST_S, _LONGEST_S = 0.1, 60.0
 
 _REMAINDERS = {"all": (0, 1), "even": (0,), "odd": (1,)}
-"""Episode numbers modulo 2."""
-
 _ALL_CARS = "all"
 
 
 @dataclass(frozen=True)
 class Fidelity:
-    """Errors a horizon ahead, as `--json` prints them; nine of ten windows are within `p90_m`.
-
-    The bicycle does at once what it is asked. `driven_median_m` is how far the recorded car got, in
-    a straight line.
-    """
+    """Errors a horizon ahead; nine of ten windows are within `p90_m`."""
 
     median_m: float
     p90_m: float
@@ -53,7 +46,6 @@ class Fidelity:
 
 
 def summary(windows: Windows) -> Fidelity:
-    """Medians over windows, at least one."""
     return Fidelity(
         median_m=float(np.median(windows.position_m)),
         p90_m=float(np.percentile(windows.position_m, 90)),
@@ -66,7 +58,7 @@ def summary(windows: Windows) -> Fidelity:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and write; the exit code is 3 after a sentence on stderr that says what to change."""
+    """Measure and write; the exit code is 3 after a sentence on stderr."""
     options = _parser().parse_args(arguments)
     try:
         reports, agreement = _measure(options)
@@ -119,7 +111,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _measure(options: argparse.Namespace) -> tuple[dict[str, Fidelity], Agreement | None]:
-    """The errors of each car by its name, and what the recorded columns say of the track."""
     if not _SHORTEST_S <= options.horizon <= _LONGEST_S:
         raise RecordingError(
             f"--horizon is {options.horizon:g}; it must be {_SHORTEST_S:g} to {_LONGEST_S:g} s."
@@ -164,7 +155,6 @@ def _note(sentence: str) -> None:
 def _as_json(
     options: argparse.Namespace, reports: dict[str, Fidelity], agreement: Agreement | None
 ) -> dict[str, Any]:
-    """One flat object for one car, with its name if one was given; a list for all of them."""
     track = None
     if agreement is not None:
         track = {

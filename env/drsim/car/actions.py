@@ -1,4 +1,4 @@
-"""Action spaces: they turn the output of a policy into a steering angle and a speed."""
+"""Action spaces: from a policy's output to steering and speed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,33 +18,29 @@ class DiscreteActions:
     choices: Sequence[tuple[float, float]]
 
     def space(self) -> gym.Space[Any]:
-        """`Discrete`: an index into the choices."""
         return gym.spaces.Discrete(len(self.choices))
 
     def requests(self, actions: NDArray[Any]) -> tuple[Floats, Floats]:
-        """Steering in degrees and speed in m/s, each of shape (n,), for actions of shape (n,)."""
+        """Degrees and m/s, each of shape (n,), for actions of shape (n,)."""
         table = np.asarray(self.choices, np.float64)[np.asarray(actions, np.int64)]
         return table[:, 0], table[:, 1]
 
 
 @dataclass(frozen=True)
 class ContinuousActions:
-    """Ranges; the action is a pair of numbers, clipped to -1 .. 1 and mapped linearly to them.
+    """Ranges, left positive; the action is a pair of numbers, clipped to -1 .. 1.
 
-    Attributes:
-        steering_deg: Least and greatest steering angle, left positive.
-        speed_mps: Least and greatest speed.
+    It is mapped linearly.
     """
 
     steering_deg: tuple[float, float] = (-30.0, 30.0)
     speed_mps: tuple[float, float] = (1.0, 4.0)
 
     def space(self) -> gym.Space[Any]:
-        """Steering and speed, each -1 .. 1."""
         return gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
 
     def requests(self, actions: NDArray[Any]) -> tuple[Floats, Floats]:
-        """Steering in degrees and speed in m/s, each of shape (n,), for actions of shape (n, 2)."""
+        """As in `DiscreteActions`, for actions of shape (n, 2)."""
         low, high = np.array([self.steering_deg, self.speed_mps], np.float64).T
         mapped = low + (high - low) * (np.clip(np.asarray(actions, np.float64), -1, 1) + 1) / 2
         return mapped[:, 0], mapped[:, 1]
@@ -55,4 +51,3 @@ Actions = DiscreteActions | ContinuousActions
 DEFAULT_ACTIONS = DiscreteActions(
     tuple((angle, speed) for angle in (-30.0, -15.0, 0.0, 15.0, 30.0) for speed in (1.0, 2.0))
 )
-"""Five angles, each slow and fast."""

@@ -1,4 +1,4 @@
-"""The car: many MuJoCo cars that turn steering and speed requests into poses."""
+"""Many MuJoCo cars that turn steering and speed requests into poses."""
 
 import math
 from pathlib import Path
@@ -25,14 +25,15 @@ CONTROL_HZ = 15
 MODEL_FILE = Path(__file__).parent / "car.xml"
 
 COMMAND_RADIUS_M = 0.035
-"""Wheel radius that turns a requested speed into wheel turns. The wheels really measure 0.036 m, so
-a car on the straight is 2.9 % faster than asked. Source: the reference simulator."""
+"""Turns requests into wheel turns. Wheels measure 0.036 m, so a car is 2.9 % faster than asked.
+Source: the reference simulator.
+"""
 
 WHEEL_RADIUS_M = 0.036
-"""Source: the reference simulator's car description."""
+"""Source: the reference simulator."""
 
 REFERENCE_POINT_AHEAD_M = 0.14
-"""How far ahead of the car's origin lies the point that all track quantities are measured at."""
+"""Where track quantities are measured, ahead of the origin."""
 
 # Places in the frame of base_link, metres. Source: the reference simulator's car description.
 _REAR_X, _REAR_Y, _REAR_Z = -0.081663, 0.08105, 0.038999
@@ -46,23 +47,17 @@ WHEELS_M = np.array(
         [_FRONT_X, -_FRONT_Y, _FRONT_Z],
     ]
 )
-"""Wheel centres: forward, left, up of the car's origin. Rear left, rear right, front left, front
-right."""
+"""Forward, left, up of the origin: rear left, rear right, front left, front right."""
 
 WHEELBASE_M = _FRONT_X - _REAR_X
 REAR_AXLE_BEHIND_M = REFERENCE_POINT_AHEAD_M - _REAR_X
-"""How far behind the reference point the rear axle lies."""
-
 _SETTLE_STEPS = 30
 
 
 def car_model(
     parameters: CarParameters | None = None, *, longest_latency_s: float = 0.0
 ) -> mujoco.MjModel:
-    """The model of one car on an endless floor: car.xml with the given parameters.
-
-    The delays can be lengthened by up to `longest_latency_s` afterwards.
-    """
+    """One car on an endless floor: car.xml with the given parameters."""
     p = parameters or CarParameters()
     spec = mujoco.MjSpec.from_file(str(MODEL_FILE))
     step_s = 1.0 / CONTROL_HZ / p.substeps
@@ -95,11 +90,7 @@ def motor_commands(
     parameters: CarParameters,
     variation: Variation | None = None,
 ) -> tuple[Floats, Floats]:
-    """Steering angles in radians and wheel speeds in rad/s for the motors, each of shape (n,).
-
-    Requests (left positive, shape (n,)) are clipped to the limits of every car, then they become
-    what they are on these cars.
-    """
+    """Steering in radians and wheel speeds in rad/s for the motors, from clipped requests."""
     p = parameters
     # Not np.clip, which takes three times as long for a few cars.
     angle_deg = np.minimum(np.maximum(steering_deg, -MAX_STEERING_DEG), MAX_STEERING_DEG)
@@ -122,18 +113,18 @@ def motor_commands(
 class CarBatch:
     """Independent cars, stepped together: by MuJoCo on threads, or by MuJoCo Warp on a GPU.
 
-    With MuJoCo the same actions give bit-identical motion on one machine, whatever the number of
-    threads. All attributes but `physics` are refreshed by `place` and `drive`.
+    With MuJoCo the same actions give bit-identical motion on one machine. `place` and `drive`
+    refresh the attributes.
 
     Attributes:
-        physics: What steps them, where, and why, for a log.
-        origin_xy: Car origins (base_link) in the world, metres. Shape (n, 2).
-        front_xy: The points 0.14 m ahead of the origins, metres. Shape (n, 2).
-        yaw_rad: Headings, counter-clockwise from world x. Shape (n,).
-        wheel_xy: Wheel centres in the order of `WHEELS_M`, metres. Shape (n, 4, 2).
-        lens_pos: Camera lenses, metres. Shape (n, 3).
-        lens_mat: Camera axes in the world: columns forward, left, up. Shape (n, 3, 3).
-        speed: Speed of the car origin over ground, m/s. Shape (n,).
+        physics: What steps them and why, for a log.
+        origin_xy: Car origins (base_link), metres. Shape (n, 2).
+        front_xy: The points 0.14 m ahead of them. Shape (n, 2).
+        yaw_rad: Counter-clockwise from world x. Shape (n,).
+        wheel_xy: In the order of `WHEELS_M`. Shape (n, 4, 2).
+        lens_pos: Metres. Shape (n, 3).
+        lens_mat: Columns forward, left, up. Shape (n, 3, 3).
+        speed: Of the origin, m/s. Shape (n,).
     """
 
     def __init__(
@@ -149,10 +140,10 @@ class CarBatch:
 
         Args:
             num_cars: How many.
-            num_threads: Threads that step them, the caller's included.
-            parameters: The cars; the calibrated ones when left out.
-            longest_latency_s: The largest latency that `vary` will get.
-            physics: What steps them. Where MuJoCo Warp cannot run, MuJoCo does.
+            num_threads: The caller's included.
+            parameters: Default: the calibrated ones.
+            longest_latency_s: The largest that `vary` will get.
+            physics: Where MuJoCo Warp cannot run, MuJoCo does.
         """
         self._variation: Variation | None = None
         self._parameters = parameters or CarParameters()
@@ -181,9 +172,7 @@ class CarBatch:
         self.place(np.arange(num_cars), np.zeros((num_cars, 3)))
 
     def vary(self, cars: Ints, variation: Variation) -> None:
-        """Change cars, shape (k,), from their parameters until the next call for them.
-
-        Call it before `place`. `variation` is that of all cars, of shape (n,).
+        """Change cars from their parameters until the next call for them, before `place`.
 
         Raises:
             ValueError: A latency is longer than `longest_latency_s`.
@@ -202,9 +191,9 @@ class CarBatch:
         self._physics.vary(cars, v)
 
     def place(self, cars: Ints, poses: Floats) -> None:
-        """Put cars, shape (k,), on the ground: at rest, wheels straight, no request under way.
+        """Put cars on the ground: at rest, wheels straight, no request under way.
 
-        `poses` are x and y of the car origins in metres and yaws in radians. Shape (k, 3).
+        `poses` are x and y of the origins in metres and yaws in radians. Shape (k, 3).
         """
         if not len(cars):
             return
@@ -222,8 +211,8 @@ class CarBatch:
     def drive(self, steering_deg: Floats, speed_mps: Floats, moving: Bools | None = None) -> None:
         """Let the cars, or those that are `moving`, move for one control step, 1/15 s.
 
-        Requested wheel angles, left positive, are clipped to +-30 degrees, requested speeds to
-        0.1 .. 4 m/s: a car cannot stop. Shape (n,) each.
+        Left is positive; requests are clipped to +-30 degrees and 0.1 .. 4 m/s: a car cannot stop.
+        Shape (n,).
         """
         steering_rad, wheel_rad_s = motor_commands(
             steering_deg, speed_mps, self._parameters, self._variation
@@ -236,14 +225,11 @@ class CarBatch:
         self._refresh()
 
     def state(self) -> Floats:
-        """Everything that the motion of each car depends on, a row for each. Shape (n, k).
-
-        Only of cars that MuJoCo moves, as those of `set_state`.
-        """
+        """All that motion depends on, with MuJoCo only."""
         return self._mujoco().state()
 
     def set_state(self, state: Floats) -> None:
-        """Go on from rows of `state`, of these cars or of others with the same parameters."""
+        """Go on from rows of `state`."""
         self._mujoco().set_state(state)
         self._refresh()
 
@@ -254,10 +240,7 @@ class CarBatch:
 
     @property
     def wheels(self) -> Floats:
-        """How far the front wheels are turned and have rolled, the mean of both. Shape (n, 2).
-
-        Radians to the left, and metres since the car was placed.
-        """
+        """The front wheels' angle (radians, left) and metres rolled. Shape (n, 2)."""
         model = self._physics.model
         steers, rolls = (
             [model.joint(f"{joint}_{side}").qposadr[0] for side in ("left", "right")]
@@ -268,7 +251,7 @@ class CarBatch:
 
     @property
     def velocity(self) -> Floats:
-        """Speed of the origins forward and to the left, m/s, and yaw rates, rad/s. Shape (n, 3)."""
+        """Forward and left, m/s, and yaw rate, rad/s. Shape (n, 3)."""
         x, y = self._physics.qvel[:, :2].T
         cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         return np.column_stack([cos * x + sin * y, cos * y - sin * x, self._physics.qvel[:, 5]])
@@ -281,7 +264,6 @@ class CarBatch:
 
 
 def _rest_pose(model: mujoco.MjModel) -> tuple[float, float]:
-    """Height of a standing car's origin, metres, and its pitch, radians, nose down positive."""
     data = mujoco.MjData(model)
     steps = round(_SETTLE_STEPS / CONTROL_HZ / model.opt.timestep)
     mujoco.mj_step(model, data, steps)
@@ -296,7 +278,6 @@ def _poses_of(
     pitch_rad: float,
     motion: tuple[Floats, ...],
 ) -> None:
-    """Write `CarBatch._motion` from MuJoCo's state: position, then a unit quaternion."""
     origin_xy, front_xy, yaw_rad, wheel_xy, lens_pos, lens_mat, speed = motion
     forward_m, _, up_m = mount_m
     cos_pitch, sin_pitch = math.cos(pitch_rad), math.sin(pitch_rad)

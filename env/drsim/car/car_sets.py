@@ -1,4 +1,4 @@
-"""Named sets of car parameters: the cars that models of other years have learned."""
+"""Car parameters by name: the cars that models of other years have learned."""
 
 import difflib
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ class CarSet:
     """Parameters with a name.
 
     Attributes:
-        origin: Where the numbers come from and which models they suit, one or two sentences.
+        origin: Where the numbers come from and which models they suit.
     """
 
     name: str
@@ -22,8 +22,6 @@ class CarSet:
 
 
 DEFAULT_CAR = "release-6"
-"""The set that is used where none is named."""
-
 _SETS = (
     CarSet(
         DEFAULT_CAR,
@@ -67,14 +65,14 @@ _SETS = (
 )
 
 CAR_SETS: Mapping[str, CarSet] = MappingProxyType({each.name: each for each in _SETS})
-"""All sets by name, the default first."""
+"""The default first."""
 
 
 def car_of(car: str | CarParameters) -> CarParameters:
-    """The parameters of a set by its name, in any letter case; parameters are returned as they are.
+    """Parameters, or those of a set by its name in any letter case.
 
     Raises:
-        ValueError: There is no set of this name; the message lists all.
+        ValueError: There is no such set.
     """
     if isinstance(car, CarParameters):
         return car

@@ -1,4 +1,4 @@
-"""The conditions of one episode: everything in which it differs from the nominal car and camera."""
+"""The conditions in which one episode differs from the nominal car and camera."""
 
 import math
 from dataclasses import dataclass, fields
@@ -16,25 +16,24 @@ MOST_FACTOR = 2.0
 class Conditions:
     """What an episode is driven under. The default is the nominal car in the usual light.
 
-    `Realism` draws one for each episode; whoever wants an episode under known conditions gives one
-    to `Simulation.reset`. Nothing about the disturbances of an episode is left to chance then.
+    `Realism` draws one for each episode; `Simulation.reset` takes a known one.
 
     Attributes:
-        image_noise: Standard deviation of the noise in every pixel of every frame, greys.
+        image_noise: Standard deviation in every pixel, greys.
         brightness: Factor on greys.
-        blur_px: Standard deviation of a Gaussian blur, pixels.
-        glare: How strongly a lamp beyond the walls shines into the lens, 0 .. 1.
-        reflections: How strongly lamps above the track are mirrored by the floor, 0 .. 1.
-        camera_turn_deg: The lens is turned by roll, pitch and yaw.
-        camera_shift_m: The lens is moved forward, to the left and up.
+        blur_px: Standard deviation of a Gaussian.
+        glare: Of a lamp that shines into the lens, 0 .. 1.
+        reflections: Of lamps, by the floor, 0 .. 1.
+        camera_turn_deg: Roll, pitch, yaw.
+        camera_shift_m: Forward, left, up.
         latency_s: Actions act this much later.
-        friction: Factor on the grip of the wheels.
+        friction: Factor on grip.
         mass: Factor on mass and inertia.
-        battery: Motor strength: factor on the speed that a request reaches and on the torque.
-        steering_trim_deg: The wheels stand this much further to the left than requested.
-        steering_left: Factor on angles to the left: how far the wheels turn that way.
-        steering_right: Factor on angles to the right.
-        pattern: Fixes what is still random: the noise of each pixel, and where the lamps are.
+        battery: Factor on speed reached and torque.
+        steering_trim_deg: Further to the left than requested.
+        steering_left: Factor on angles to the left.
+        steering_right: Likewise.
+        pattern: Fixes the noise of each pixel, and where lamps are.
     """
 
     image_noise: float = 0.0
@@ -54,7 +53,7 @@ class Conditions:
     pattern: int = 0
 
     def __post_init__(self) -> None:
-        """Raise ValueError for conditions that no episode can have; the message names the value."""
+        """Raise ValueError for a value that cannot be."""
         for name in _FACTORS:
             if not 0.0 < getattr(self, name) <= MOST_FACTOR:
                 self._refuse(name, f"more than 0 and at most {MOST_FACTOR:g}")
@@ -78,11 +77,9 @@ class Conditions:
 
     @property
     def changes_car(self) -> bool:
-        """Whether the car drives differently from the nominal one."""
         return any(getattr(self, name) != getattr(NOMINAL, name) for name in _OF_CAR)
 
     def to_dict(self) -> dict[str, Any]:
-        """The values that differ from the nominal ones, by name."""
         every = {each.name: getattr(self, each.name) for each in fields(self)}
         return {name: value for name, value in every.items() if value != getattr(NOMINAL, name)}
 
@@ -98,4 +95,3 @@ _OF_CAR = (
 )
 
 NOMINAL = Conditions()
-"""Nothing is disturbed."""

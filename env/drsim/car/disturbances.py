@@ -1,4 +1,4 @@
-"""The conditions of the running episodes of many cars, and what they do to cameras and frames."""
+"""The conditions of running episodes, and what they do to frames."""
 
 import math
 
@@ -13,20 +13,11 @@ from drsim.jit import kernel
 Frames = NDArray[np.uint8]
 
 _WIDEST_BLUR = 12
-"""Most pixels on either side that a blur reaches."""
-
 _LEAST_BLUR_PX = 0.05
 
 
 class Disturbances:
-    """What the running episodes of n cars are driven under.
-
-    Attributes:
-        variation: How cars drive. Shape (n,) each.
-    """
-
     def __init__(self, num_cars: int) -> None:
-        """Begin with nominal cars and cameras."""
         self.variation = no_variation(num_cars)
         self._brightness: Floats = np.ones(num_cars)
         self._blur_px: Floats = np.zeros(num_cars)
@@ -38,7 +29,6 @@ class Disturbances:
         self._moved: Bools = np.zeros(num_cars, np.bool_)
 
     def begin(self, car: int, conditions: Conditions) -> None:
-        """Set the conditions of a new episode of a car."""
         c = conditions
         for name, values in self.variation._asdict().items():
             values[car] = getattr(c, name)
@@ -55,24 +45,22 @@ class Disturbances:
         self._spoilt[car] = c.image_noise > 0 or c.brightness != 1.0 or c.blur_px > _LEAST_BLUR_PX
 
     def lenses(self, lens_pos: Floats, lens_mat: Floats) -> tuple[Floats, Floats]:
-        """Where the lenses of all cars are, given where they should be; as in `CarBatch`."""
+        """From nominal lenses to real ones."""
         if not self._moved.any():
             return lens_pos, lens_mat
         shifted = lens_pos + np.einsum("nij,nj->ni", lens_mat, self._shift_m)
         return shifted, lens_mat @ self._turn
 
     def next_frames(self, cars: Ints) -> None:
-        """Give the next frames of cars new noise. Shape (k,)."""
         self._noise_key[cars] += np.uint64(1)
 
     def spoils(self, cars: Ints) -> bool:
-        """Whether `spoil` changes a frame of any of some cars. Shape (k,)."""
         return bool(self._spoilt[cars].any())
 
     def spoil(self, frames: Frames, cars: slice) -> None:
         """Blur, brighten and add noise to frames of some cars in place, without the GIL.
 
-        `frames` are those of all cars. Shape (n, eyes, rows, columns).
+        `frames`: of all. Shape (n, eyes, rows, columns).
         """
         if not self._spoilt[cars].any():
             return
@@ -86,7 +74,6 @@ class Disturbances:
 
 
 def _rotation(angles_rad: Floats) -> Floats:
-    """Rotation by roll, pitch and yaw about forward, left and up. Shape (3, 3)."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(angles_rad), np.sin(angles_rad)
     roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
@@ -125,7 +112,7 @@ def _spoil(
 
 @kernel
 def _normal(state: int) -> float:
-    """A nearly normal number of variance 1: eight bytes of a hash (SplitMix64) summed."""
+    """Nearly normal, of variance 1: eight bytes of a hash (SplitMix64) summed."""
     mixed = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     mixed ^= mixed >> np.uint64(31)
@@ -137,7 +124,6 @@ def _normal(state: int) -> float:
 
 @kernel
 def _blur(picture: Singles, sigma_px: float) -> None:
-    """Gaussian blur, rows first, then columns; the edge is repeated outwards."""
     rows, columns = picture.shape
     reach = min(max(int(3.0 * sigma_px + 0.5), 1), _WIDEST_BLUR)
     weights = np.empty(2 * reach + 1, np.float32)

@@ -1,4 +1,4 @@
-"""Steps many cars with MuJoCo, on its thread pool."""
+"""Steps many cars with MuJoCo's thread pool."""
 
 from typing import Any
 
@@ -16,23 +16,18 @@ _VARIED = (
     "actuator_delay",
     "actuator_forcerange",
 )
-"""Arrays of the model in which cars may differ from each other."""
 
 
 class MujocoPhysics:
-    """Physics of n cars on processor threads, as `drsim.car.physics.Physics` says.
-
-    The same controls give bit-identical motion on one machine, whatever the number of threads.
-    """
+    """Physics of n cars on processor threads, bit-identical whatever their number."""
 
     def __init__(self, model: mujoco.MjModel, num_cars: int, num_threads: int) -> None:
-        """Put all cars at the origin; `num_threads` step them, the caller's included."""
         self.model = model
         self._varied = False
         self._build(num_cars, num_threads)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything that the motion depends on. MuJoCo's own batch cannot be copied."""
+        """MuJoCo's own batch cannot be copied."""
         arrays = {name: self._batch.expanded(name) for name in _VARIED}
         return {
             "model": self.model,
@@ -43,7 +38,6 @@ class MujocoPhysics:
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Build a new batch in the same state."""
         self.model, self._varied = state["model"], state["varied"]
         self._build(len(state["state"]), state["num_threads"])
         for name, values in state["arrays"].items():
@@ -61,7 +55,6 @@ class MujocoPhysics:
         self._reset_state: Floats = self._batch.state[0].copy()
 
     def vary(self, cars: Ints, variation: Variation) -> None:
-        """Change cars as `Physics.vary` says."""
         self._varied = True
         v, batch, model = variation, self._batch, self.model
         if _is_other(v.friction, 1.0) or batch.expanded("pair_friction") is not None:
@@ -78,7 +71,6 @@ class MujocoPhysics:
             batch.expand("actuator_forcerange")[cars] = torque
 
     def place(self, cars: Ints, qpos: Floats) -> None:
-        """Put cars at rest as `Physics.place` says."""
         if not self._varied:
             self._batch.state[cars] = self._reset_state
         else:  # a car's own latency is part of its state; ten times as slow
@@ -86,16 +78,13 @@ class MujocoPhysics:
         self.qpos[cars] = qpos
 
     def state(self) -> Floats:
-        """Everything that the motion depends on. Shape (n, k)."""
         state: Floats = self._batch.state.copy()
         return state
 
     def set_state(self, state: Floats) -> None:
-        """Go on from rows of `state`."""
         self._batch.state[:] = state
 
     def step(self, ctrl: Floats, cars: Ints | None, substeps: int) -> None:
-        """Move cars as `Physics.step` says."""
         self._ctrl[:] = ctrl
         self._batch.step(ids=cars, nstep=substeps)
 

@@ -1,4 +1,4 @@
-"""Chooses what moves the cars: MuJoCo on processor threads, or MuJoCo Warp on a GPU."""
+"""Chooses what moves the cars: MuJoCo on threads, or MuJoCo Warp on a GPU."""
 
 import importlib.util
 from typing import Literal, NamedTuple, Protocol
@@ -10,39 +10,30 @@ from drsim.car.mujoco_physics import MujocoPhysics
 from drsim.car.variation import Variation
 
 PhysicsChoice = Literal["auto", "mujoco", "warp", "warp-on-cpu"]
-"""What is wanted. The last is for tests: Warp on the processor is many times slower than MuJoCo."""
+"""The last is for tests: many times slower than MuJoCo."""
 
 
 class Physics(Protocol):
-    """What moves n cars, all of which have one model.
-
-    `place` and `step` refresh `qpos` and `qvel`.
-    """
+    """What moves n cars of one model; `place` and `step` refresh `qpos` and `qvel`."""
 
     model: mujoco.MjModel
-    """The nominal car."""
     qpos: Floats
     """MuJoCo's positions. Shape (n, nq)."""
     qvel: Floats
     """MuJoCo's velocities. Shape (n, nv)."""
 
     def vary(self, cars: Ints, variation: Variation) -> None:
-        """Change friction, mass, latency and torque of cars; `variation` is theirs. Shape (k,)."""
+        """Change cars; `variation` is theirs. Shape (k,)."""
 
     def place(self, cars: Ints, qpos: Floats) -> None:
-        """Put cars, shape (k,), at rest, with no request under way; `qpos` of shape (k, nq)."""
+        """Put cars at rest, with no request under way; `qpos` of shape (k, nq)."""
 
     def step(self, ctrl: Floats, cars: Ints | None, substeps: int) -> None:
-        """Move these cars, or all, for some physics steps; `ctrl` is that of all, (n, nu)."""
+        """Move some cars, or all, for some physics steps; `ctrl` is that of all, (n, nu)."""
 
 
 class ChosenPhysics(NamedTuple):
-    """What moves the cars.
-
-    Attributes:
-        engine: MuJoCo, or MuJoCo Warp.
-        note: Which, where it runs, and why, for a log; neither a capital nor a full stop.
-    """
+    """What moves the cars, and a `note` for a log, without capital and full stop."""
 
     engine: Physics
     note: str
@@ -54,10 +45,7 @@ def choose_physics(
     num_cars: int,
     num_threads: int,
 ) -> ChosenPhysics:
-    """What moves the cars: what is wanted, or MuJoCo where Warp cannot run, and why.
-
-    All stand at the origin. MuJoCo uses `num_threads`.
-    """
+    """What is wanted, or MuJoCo where Warp cannot run; all cars stand at the origin."""
     if wanted == "mujoco":
         why = "as asked for"
     elif wanted == "auto":

@@ -1,8 +1,4 @@
-"""Sim-to-real extras: how far episodes may differ from the nominal car and camera.
-
-Everything is off by default. The same seed disturbs an episode in the same way, and each part has
-a random stream of its own: to switch one on, or to change its range, changes no other.
-"""
+"""Sim-to-real extras, each with a random stream of its own: changing one changes no other."""
 
 import math
 import zlib
@@ -15,8 +11,6 @@ from drsim.arrays import Floats
 from drsim.car.conditions import MOST_TRIM_DEG, Conditions
 
 _SHARES = ("brightness", "friction", "mass", "battery", "steering_lock")
-"""Factors are drawn from 1 +- these, and must stay above 0."""
-
 Triple = tuple[float, float, float]
 
 
@@ -24,23 +18,22 @@ Triple = tuple[float, float, float]
 class Realism:
     """How far an episode may differ from the nominal car and camera; 0 switches a part off.
 
+    Drawn once per episode, both ways; shares are of factors 1 +-.
+
     Attributes:
-        image_noise: Standard deviation of the noise in every pixel of every frame, greys.
-        brightness: Greys are multiplied by 1 +- up to this share, once per episode.
-        blur_px: Frames are blurred with a Gaussian of up to this standard deviation, pixels.
-        camera_angle_deg: The lens is turned about each of its axes by up to +- this angle.
-        camera_shift_m: The lens is moved along each of its axes by up to +- this length.
+        image_noise: Standard deviation in every pixel, greys.
+        brightness: Share of greys.
+        blur_px: Largest standard deviation of a Gaussian.
+        camera_angle_deg: About each axis of the lens.
+        camera_shift_m: Along each axis.
         latency_s: Every action acts this much later.
-        latency_jitter_s: And later still by up to this much, drawn once per episode.
-        friction: Grip of the wheels is multiplied by 1 +- up to this share.
-        mass: Mass and inertia are multiplied by 1 +- up to this share.
-        battery: Motor strength (speed reached and torque) is multiplied by 1 +- up to this share.
-        steering_trim_deg: The wheels stand up to this angle to the left or right of the requested
-            one.
-        steering_lock: How far the wheels turn to the left, and to the right, is multiplied by
-            1 +- up to this share, drawn for each side.
-        glare: A lamp beyond the walls shines into the lens, up to this strongly, 0 .. 1.
-        reflections: The floor mirrors lamps above the track, up to this strongly, 0 .. 1.
+        latency_jitter_s: And later still by up to this much.
+        friction: Share of grip.
+        mass: Share.
+        battery: Share of speed reached and torque.
+        steering_lock: Share of the angle reached, drawn for each side.
+        glare: Of a lamp that shines into the lens, 0 .. 1.
+        reflections: Of lamps, by the floor, 0 .. 1.
     """
 
     image_noise: float = 0.0
@@ -59,7 +52,7 @@ class Realism:
     reflections: float = 0.0
 
     def __post_init__(self) -> None:
-        """Raise ValueError for a value that is negative, not finite, or more than can be."""
+        """Raise ValueError for a value that cannot be."""
         for name, value in vars(self).items():
             if not 0.0 <= value < math.inf:
                 raise ValueError(f"{name} is {value}; it must be 0 or more.")
@@ -77,16 +70,10 @@ class Realism:
 
     @property
     def longest_latency_s(self) -> float:
-        """Longest delay of an action, seconds."""
         return self.latency_s + self.latency_jitter_s
 
     def draw(self, seed: int, racer: int = 0) -> Conditions:
-        """The conditions of the episode with this seed, for one of the racers that share a track.
-
-        Args:
-            seed: Seed of the episode, 0 .. 2**64 - 1.
-            racer: Position of the car among those that race together.
-        """
+        """The conditions of the episode with this seed, 0 .. 2**64 - 1, for one of the racers."""
         streams = _Streams(seed, racer)
         return Conditions(
             image_noise=self.image_noise,
@@ -112,32 +99,25 @@ class Realism:
 
 
 class _Streams:
-    """A random stream for each disturbance of one episode, by its name; drawn only when needed."""
-
     def __init__(self, seed: int, racer: int) -> None:
         self._key = np.array([seed, racer], np.uint64)
 
     def share(self, name: str, most: float) -> float:
-        """0 up to `most`."""
         return most * self._stream(name).random() if most > 0 else 0.0
 
     def either_way(self, name: str, most: float) -> float:
-        """`-most` up to `most`."""
         return self._stream(name).uniform(-most, most) if most > 0 else 0.0
 
     def factor(self, name: str, share: float) -> float:
-        """1 +- up to the share."""
         return 1.0 + self.either_way(name, share)
 
     def triple(self, name: str, most: float) -> Triple:
-        """Three numbers of `-most` up to `most`."""
         if most == 0:
             return 0.0, 0.0, 0.0
         drawn: Floats = self._stream(name).uniform(-most, most, 3)
         return cast(Triple, tuple(drawn.tolist()))
 
     def pattern(self) -> int:
-        """A seed for noise and lamps."""
         return int(self._stream("pattern").integers(2**64, dtype=np.uint64))
 
     def _stream(self, name: str) -> np.random.Generator:

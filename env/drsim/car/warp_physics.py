@@ -19,10 +19,10 @@ wp.set_module_options({"enable_backward": False})
 wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
 
 MOST_CONTACTS = 8
-"""Contacts of a car: each of four wheels is a capsule with two ends."""
+"""Each of four wheels is a capsule with two ends."""
 
 _MODULES = ("smooth", "forward", "constraint", "passive", "derivative")
-"""Modules of MuJoCo Warp that take longest to compile, and are needed."""
+"""Those that take longest to compile."""
 
 _VARIED = (
     "pair_friction",
@@ -34,10 +34,8 @@ _VARIED = (
     "actuator_delay",
     "actuator_forcerange",
 )
-"""Arrays of the model in which cars may differ from each other. The weights follow from mass."""
-
 _STATE = ("time", "qpos", "qvel", "act", "qacc_warmstart", "history")
-"""Arrays of the data that the motion depends on, in the order of the kernels' arguments."""
+"""In the order of the kernels' arguments."""
 
 
 class WarpError(Exception):
@@ -45,14 +43,9 @@ class WarpError(Exception):
 
 
 class WarpPhysics:
-    """Physics of n cars in CUDA graphs, as `drsim.car.physics.Physics` says.
+    """Physics of n cars in CUDA graphs, with numbers of 32 bits.
 
-    A step is one launch between two copies: requests and new places go to the GPU, positions and
-    velocities come back. Numbers are of 32 bits. On a GPU the order of sums is open,
-    so the same controls give the same motion up to rounding only, unless it is `deterministic`.
-
-    Attributes:
-        device_name: What it runs on, as Warp names it.
+    On a GPU the same controls give the same motion up to rounding, unless it is `deterministic`.
     """
 
     def __init__(
@@ -63,13 +56,9 @@ class WarpPhysics:
         device: str | None = None,
         deterministic: bool = False,
     ) -> None:
-        """Put all cars at the origin, and compile what is not in Warp's cache.
+        """Compile what is not in Warp's cache.
 
-        Args:
-            model: The nominal car.
-            num_cars: How many.
-            device: Name of a device of Warp, such as `cpu`; the first CUDA GPU when left out.
-            deterministic: Order contacts, constraints and sums, which is slower on a GPU.
+        `device` is a name of Warp's, such as `cpu`.
 
         Raises:
             WarpError: There is no such device, or MuJoCo Warp refuses the model or fails.
@@ -95,7 +84,6 @@ class WarpPhysics:
             ) from error
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything that the motion depends on."""
         return {
             "orders": self._orders,
             "varied": {name: values.copy() for name, values in self._varied.items()},
@@ -106,7 +94,6 @@ class WarpPhysics:
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Build a new batch in the same state."""
         # The type is ignored because a subclass could take other arguments; there is none.
         self.__init__(**state["orders"])  # type: ignore[misc]
         self._varied = state["varied"]
@@ -117,7 +104,6 @@ class WarpPhysics:
         self.qpos[:], self.qvel[:] = state["qpos"], state["qvel"]
 
     def vary(self, cars: Ints, variation: Variation) -> None:
-        """Change cars as `Physics.vary` says."""
         v, model, varied = variation, self.model, self._varied
         mass = v.mass[:, None]
         varied["pair_friction"][cars] = model.pair_friction * v.friction[:, None, None]
@@ -134,7 +120,7 @@ class WarpPhysics:
         self._varied_changed = True
 
     def place(self, cars: Ints, qpos: Floats) -> None:
-        """Put cars at rest as `Physics.place` says; the GPU is told in the next step."""
+        """The GPU is told in the next step."""
         self._placed[cars] = 1.0
         self._new_qpos[cars] = qpos
         # As the GPU has it.
@@ -142,7 +128,6 @@ class WarpPhysics:
         self.qvel[cars] = 0.0
 
     def step(self, ctrl: Floats, cars: Ints | None, substeps: int) -> None:
-        """Move cars as `Physics.step` says."""
         self._ctrl[:] = ctrl
         self._moving[:] = 1.0 if cars is None else 0.0
         if cars is not None:
@@ -229,7 +214,6 @@ class WarpPhysics:
 
 
 def _device(name: str | None) -> Any:
-    """The device of Warp of this name; the first CUDA GPU when left out."""
     wp.init()
     if name is not None:
         return wp.get_device(name)
@@ -254,7 +238,6 @@ def _begin(
     history: wp.array2d[float],
     kept: wp.array2d[float],
 ) -> None:
-    """Take the controls over, put cars to new places, and keep the state of all."""
     car = wp.tid()
     nu = ctrl.shape[1]
     for i in range(nu):
@@ -296,7 +279,6 @@ def _end(
     history: wp.array2d[float],
     motion: wp.array2d[float],
 ) -> None:
-    """Give cars that do not move their state back, and gather what the processor wants to know."""
     car = wp.tid()
     nq, nv, na = qpos.shape[1], qvel.shape[1], act.shape[1]
     if request[car, nu] == 0.0:

@@ -1,1 +1,1 @@
-"""An episode: the simulation step, its rules, reward parameters and the racer's reward function."""
+"""An episode: simulation step, rules, reward parameters and reward function."""

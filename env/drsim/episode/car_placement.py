@@ -1,4 +1,4 @@
-"""Puts cars on the track: where episodes begin, where they go on, and aside when they are over."""
+"""Puts cars on the track: where episodes begin and go on, and aside."""
 
 import numpy as np
 
@@ -12,13 +12,7 @@ from drsim.track.track import CENTER
 
 
 class CarPlacement:
-    """Places the cars of a simulation; each call is for some of them, shape (k,).
-
-    Args:
-        placing: Poses on the lanes.
-        cars: All cars.
-        traffic: What else is on the track; None if nothing is.
-    """
+    """Places the cars of a simulation, some at a time."""
 
     def __init__(self, placing: Placing, cars: CarBatch, traffic: Traffic | None) -> None:
         self._placing = placing
@@ -33,7 +27,6 @@ class CarPlacement:
         offset_m: Floats | None,
         angle_deg: Floats | None,
     ) -> None:
-        """Place cars where their episodes begin; the arguments are those of `Simulation.reset`."""
         if self._traffic is None:
             self._cars.place(cars, self._placing.on(cars, fraction))
         else:
@@ -53,17 +46,10 @@ class CarPlacement:
         came_from: Floats,
         contacts: Contacts | None,
     ) -> None:
-        """Place cars whose violation is forgiven where they go on.
+        """Place cars whose violation is forgiven.
 
-        After a crash into another car a car stays where it is. Otherwise it goes where it was
-        before the violation, on the lane nearer to it, clear of obstacles.
-
-        Args:
-            cars: Which cars.
-            state: Of all episodes.
-            status: Of all cars in this step. Shape (n,).
-            came_from: Origins of all cars before this step, metres. Shape (n, 2).
-            contacts: Of all cars in this step; None without traffic.
+        After a crash into another car, where it is; else where it came from, on the nearer lane,
+        clear of obstacles.
         """
         stays = np.zeros(len(cars), np.bool_)
         progress = state.previous_progress[cars]
@@ -83,13 +69,11 @@ class CarPlacement:
         self._follow()
 
     def move_aside(self, cars: Ints, fraction: Floats) -> None:
-        """Park cars beside the road, where on the lap they are."""
         self._cars.place(cars, self._placing.aside(cars, fraction))
 
     def _turn_aside(
         self, cars: Ints, fraction: Floats, offset_m: Floats | None, angle_deg: Floats | None
     ) -> None:
-        """Move cars from where they start on the centre line; turn cars on other lanes only."""
         nothing = np.zeros(len(cars))
         offset_m = nothing if offset_m is None else np.asarray(offset_m, np.float64)
         angle_deg = nothing if angle_deg is None else np.asarray(angle_deg, np.float64)
@@ -109,10 +93,8 @@ class CarPlacement:
         self._follow()
 
     def _poses(self, cars: Ints) -> Floats:
-        """Where the cars are. Shape (k, 3)."""
         return np.column_stack([self._cars.origin_xy[cars], self._cars.yaw_rad[cars]])
 
     def _follow(self) -> None:
-        """Let the traffic know where all cars are."""
         if self._traffic is not None:
             self._traffic.follow(self._cars.origin_xy, self._cars.yaw_rad)

@@ -1,4 +1,4 @@
-"""Draws what is random in an episode: seeds, conditions, lights and colours."""
+"""Draws an episode's seeds, conditions, lights and colours."""
 
 from collections.abc import Sequence
 
@@ -13,19 +13,7 @@ from drsim.sensing.observations import Observations
 
 
 class EpisodeDraws:
-    """Draws for the episodes of all cars.
-
-    Args:
-        num_cars: How many, n.
-        seed: Seed of everything random in episodes that are begun without one of their own.
-        racers: Cars of one group, which meet the same traffic.
-        realism: Sim-to-real extras.
-        traffic: Whether anything else is on the track.
-        randomizes: Whether lights or colours change from episode to episode.
-
-    Attributes:
-        disturbances: What the present episodes are driven under.
-    """
+    """Draws for the episodes of all cars; `racers` of one group meet the same traffic."""
 
     def __init__(
         self,
@@ -48,7 +36,6 @@ class EpisodeDraws:
         self._begun: Ints = np.zeros(num_cars, np.int64)
 
     def seeds(self, cars: Ints) -> Seeds:
-        """A seed for the next episode of each car, shape (k,); a group has the same ones."""
         if not (self._traffic or self._disturbs or self._randomizes):
             return np.zeros(len(cars), np.uint64)  # nothing is drawn
         groups = cars // self._racers
@@ -69,16 +56,8 @@ class EpisodeDraws:
     ) -> None:
         """Draw lights, colours, camera and car of new episodes, and put them into effect.
 
-        Args:
-            cars: Which cars. Shape (k,).
-            seeds: Of their episodes. Shape (k,).
-            conditions: Instead of drawn ones: one for all, or k of them.
-            observations: Of all cars.
-            batch: All cars.
-
         Raises:
-            ValueError: There are not k conditions, or their latency is longer than the cars were
-                built for.
+            ValueError: Not k conditions, or their latency is too long.
         """
         racers = cars % self._racers
         if self._randomizes:

@@ -11,10 +11,10 @@ from drsim.car.car import CONTROL_HZ
 from drsim.jit import kernel
 
 IMMOBILIZED_M = 0.0003
-"""A car that moves no further than this in a step stands still. Source: the reference simulator."""
+"""A car that moves no further in a step stands still. Source: the reference simulator."""
 
 UNFINISHED = 99.99
-"""Most progress, in percent, that a car can have after it was put back."""
+"""Most percent that a car can have after it was put back."""
 
 
 class Status(IntEnum):
@@ -34,7 +34,6 @@ class Status(IntEnum):
 
     @property
     def label(self) -> str:
-        """The word in traces, for example `off_track`."""
         return self.name.lower()
 
 
@@ -43,16 +42,16 @@ class EpisodeRules:
     """When an episode ends. The defaults are those of training: at the first violation.
 
     Attributes:
-        laps: Laps in one episode; more than one makes a continuous race.
-        max_resets: Violations forgiven in one episode: the car is put back on the track, and waits.
+        laps: More than one makes a continuous race.
+        max_resets: Violations forgiven: the car is put back on the track, and waits.
         off_track_penalty_s: Wait after leaving the track, seconds.
-        collision_penalty_s: Wait after a crash, seconds.
-        reversed_penalty_s: Wait after driving backwards, seconds.
-        immobilized_penalty_s: Wait after standing still, seconds.
-        patience_steps: Consecutive steps without motion, or with falling progress, that count as a
+        collision_penalty_s: After a crash.
+        reversed_penalty_s: After driving backwards.
+        immobilized_penalty_s: After standing still.
+        patience_steps: Consecutive steps without motion, or with falling progress, until a
             violation.
-        max_steps: Steps after which an episode is cut off, the first included.
-        max_lap_steps: Steps of a lap after which its time is up, waiting included; 0 for no limit.
+        max_steps: Then an episode is cut off.
+        max_lap_steps: Then a lap's time is up, waiting included; 0 for no limit.
     """
 
     laps: int = 1
@@ -76,7 +75,7 @@ class EpisodeRules:
         max_steps: int = 10_000,
         max_lap_steps: int = 0,
     ) -> Self:
-        """Rules of a stand-alone evaluation; driving backwards costs the off-track penalty."""
+        """Driving backwards costs the off-track penalty."""
         return cls(
             laps=laps,
             max_resets=max_resets,
@@ -88,7 +87,7 @@ class EpisodeRules:
         )
 
     def penalty_s(self, status: Status) -> float:
-        """How long a car waits after a violation of this kind, in seconds."""
+        """How long a car waits after such a violation, seconds."""
         return {
             Status.CRASHED: self.collision_penalty_s,
             Status.OFF_TRACK: self.off_track_penalty_s,
@@ -98,14 +97,11 @@ class EpisodeRules:
 
 
 class Observed(NamedTuple):
-    """What a step showed of each car, as the judge needs it. Arrays of shape (n,).
+    """What a step showed of each car. Arrays of shape (n,).
 
     Attributes:
-        driven: The car was driven in this step.
         fraction: Where the point ahead of the car is on the lap, 0 .. 1.
-        moved_m: How far the car's origin moved in the step, metres.
-        off_track: No wheel of the car is on the track.
-        crashed: The car has driven into something.
+        off_track: No wheel is on the track.
     """
 
     driven: Bools
@@ -118,11 +114,7 @@ class Observed(NamedTuple):
 class Verdict(NamedTuple):
     """What one step led to. Arrays of shape (n,), meaningful where the car was driven.
 
-    Attributes:
-        status: `Status` numbers.
-        terminated: The episode is over by its rules.
-        truncated: The episode was cut off by the step limit.
-        put_back: The violation is forgiven: the car goes back on the track.
+    `status` are `Status` numbers; `put_back` means that the violation is forgiven.
     """
 
     status: Ints
@@ -135,18 +127,16 @@ class EpisodeState(NamedTuple):
     """The running episodes of n cars. Arrays of shape (n,), changed in place.
 
     Attributes:
-        steps: Steps of the episode so far, the first one included.
-        progress: Percent of the current lap; exactly 100 in the step that completes it.
-        previous_progress: That of the step before; 0 after a completed lap.
-        start_fraction: Where the episode started, 0 .. 1 along the centre line.
-        laps: Laps completed in this episode.
-        resets: Violations forgiven in this episode.
-        crashes: Crashes in this episode.
-        pause_steps: Steps the car still has to wait.
-        lap_steps: Steps since the current lap began, waiting included.
-        still_steps: Consecutive driven steps without motion.
-        backward_steps: Consecutive driven steps with falling progress.
-        over: The episode has ended, or none has begun.
+        steps: The first one included.
+        progress: Percent of the lap; exactly 100 in the step that completes it.
+        previous_progress: 0 after a completed lap.
+        start_fraction: 0 .. 1 along the centre line.
+        resets: Violations forgiven.
+        pause_steps: Steps still to wait.
+        lap_steps: Of the current lap, waiting included.
+        still_steps: Consecutive driven ones.
+        backward_steps: Consecutive driven ones with falling progress.
+        over: Ended, or none has begun.
     """
 
     steps: Ints
@@ -164,10 +154,7 @@ class EpisodeState(NamedTuple):
 
 
 class Episodes:
-    """The running episodes of n cars: what they have come to is in `state`."""
-
     def __init__(self, num_cars: int, rules: EpisodeRules) -> None:
-        """Prepare n cars without an episode."""
         self.rules = rules
 
         def count() -> Ints:
@@ -199,9 +186,9 @@ class Episodes:
         )
 
     def begin(self, cars: Ints, start_fraction: Floats, fraction: Floats) -> None:
-        """Start episodes of some cars with their `prepare` step. All of shape (k,).
+        """Start episodes with their `prepare` step.
 
-        The origin of a car is at `start_fraction` of the lap, 0 .. 1, the point ahead of it at
+        A car's origin is at `start_fraction` of the lap, 0 .. 1, the point ahead of it at
         `fraction`.
         """
         state = self.state
@@ -212,13 +199,11 @@ class Episodes:
         state.progress[cars] = advance_progress(np.zeros(len(cars)), fraction, start_fraction)
 
     def wait(self, cars: Bools) -> None:
-        """Count one step of waiting for the cars that are paused. Shape (n,)."""
         self.state.pause_steps[cars] -= 1
         self.state.steps[cars] += 1
         self.state.lap_steps[cars] += 1
 
     def put_back(self, cars: Ints, fraction: Floats) -> None:
-        """Take over where cars stand after a forgiven violation, 0 .. 1 of the lap. Shape (k,)."""
         start, before = self.state.start_fraction[cars], self.state.progress[cars]
         # A car can be put back with its nose across the finish line. It has not driven there: the
         # lap counts with the next step that it drives.
@@ -226,7 +211,7 @@ class Episodes:
         self.state.progress[cars] = progress
 
     def discard(self, cars: Bools, verdict: Verdict) -> None:
-        """End episodes that the reward function declared broken in this step. Shape (n,)."""
+        """End episodes that the reward function declared broken."""
         verdict.status[cars] = Status.DISCARDED
         verdict.terminated[cars] = verdict.put_back[cars] = False
         verdict.truncated[cars] = True
@@ -250,7 +235,7 @@ _IN_PROGRESS, _LAP_COMPLETE, _CRASHED, _OFF_TRACK, _IMMOBILIZED, _TIME_UP, _REVE
         Status.REVERSED,
     )
 )
-"""The compiler knows integers only, no enumerations."""
+"""The compiler knows no enumerations."""
 
 
 @kernel
@@ -258,11 +243,10 @@ def advance_progress(previous: Floats, fraction: Floats, start_fraction: Floats)
     """Progress after a step, in percent of a lap counted from the start of the episode.
 
     Crossing the finish line forwards ends at exactly 100, backing over the start line gives
-    negative values, and a car that has just finished a lap begins again from 0. Source: the
-    reference simulator's rules, in their order.
+    negative values, and after a lap it begins again from 0. Source: the reference simulator's
+    rules, in their order.
 
-    All of shape (n,): `previous` is the progress of the step before, 0 at the start and after a
-    finished lap; a car is at `fraction` of the centre line, 0 .. 1 from waypoint 0.
+    `previous` is 0 at the start and after a lap; `fraction` is 0 .. 1 from waypoint 0. Shape (n,).
     """
     progress = 100.0 * (fraction - start_fraction)
     for car in range(len(progress)):
@@ -280,11 +264,9 @@ def advance_progress(previous: Floats, fraction: Floats, start_fraction: Floats)
 def _judge(
     observed: tuple[Any, ...], limits: tuple[Any, ...], state: tuple[Any, ...]
 ) -> tuple[Ints, Bools, Bools, Bools]:
-    """Count one step of each driven car in `state` and judge it; the parts of a `Verdict`.
+    """Count one step of each driven car in `state`; returns the parts of a `Verdict`.
 
-    `observed` and `state` are the parts of `Observed` and `EpisodeState`; `limits` of the rules.
-
-    A car that is not driven has patience again: only consecutive driven steps count.
+    Only consecutive driven steps count against a car's patience.
     """
     driven, fraction, moved_m, off_track, crashed = observed
     laps, max_resets, patience_steps, max_steps, max_lap_steps, pause_steps = limits

@@ -17,21 +17,20 @@ from drsim.episode.reward_errors import code_of, described, line_in, place, quot
 from drsim.errors import RewardError, RewardErrorKind
 
 _IMPORT_DEADLINE_S = 60.0
-"""Importing scientific packages may take seconds; this ends an endless loop in the file."""
+"""Scientific packages may take seconds; this ends an endless loop."""
 
 _FUNCTION_NAME = "reward_function"
 
 
 def load_reward_function(path: Path) -> RewardFunction:
-    """Load `reward_function` from a user's file.
+    """Load `reward_function` from a user's file, to be called through `checked_rewards`.
 
     The file becomes a module with a private name; its folder is not added to the import path. Its
-    global variables live as long as the process, across episodes. Call the function through
-    `checked_rewards`.
+    globals live as long as the process.
 
     Raises:
         RewardError: The file is missing, does not parse, fails while it is imported, or has no
-            function `reward_function` that takes one argument and returns a value.
+            such function of one argument that returns a value.
     """
     text = _read(path)
     try:
@@ -135,7 +134,6 @@ def _raise_syntax(path: Path, error: Exception) -> NoReturn:
 def _refused(
     what: str, path: Path, line: int | None, *, kind: RewardErrorKind = "load"
 ) -> RewardError:
-    """A file that cannot be used, with the line in question."""
     return RewardError(
         f"{what}{quoted(path, line)}",
         file=path,

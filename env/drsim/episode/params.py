@@ -1,4 +1,4 @@
-"""The parameters of a reward function: 27 keys, which must keep their names and meaning."""
+"""The 27 parameters of a reward function, which must keep their names and meaning."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,24 +14,18 @@ from drsim.track.track import Track
 
 @dataclass(frozen=True)
 class Situation:
-    """Where each car is and what it was asked to do; arrays over cars.
+    """Where each car is and what it was asked to do. Shape (n,) unless given.
 
-    All track quantities belong to the point 0.14 m ahead of the car's origin.
+    Track quantities belong to the point 0.14 m ahead of the car's origin.
 
     Attributes:
-        xy: That point in the world, metres. Shape (n, 2).
-        heading_deg: Yaw of the car, -180 .. 180. Shape (n,).
-        where: Where that point lies relative to the track.
-        all_on: All four wheel centres are on the track. Shape (n,).
-        none_on: No wheel centre is on the track. Shape (n,).
-        progress: Percent of the lap. Shape (n,).
-        steps: Steps of the episode, the first included. Shape (n,).
-        sim_time_s: Clock of the simulation. Shape (n,).
-        steering_deg: Angle asked for, not clipped. Shape (n,).
-        speed_mps: Speed asked for, not clipped. Shape (n,).
-        backward: Index into the tracks: 1 for a car that drives the lap the other way. Shape (n,).
-        crashed: The car has driven into something, and that has consequences. Shape (n,).
-        objects: What else is on the track; None where a car is alone.
+        xy: That point, metres. Shape (n, 2).
+        heading_deg: -180 .. 180.
+        all_on: All four wheel centres are on the track.
+        none_on: None is.
+        steering_deg: Like the speed, asked for, not clipped.
+        backward: Index into the tracks: 1 for the other way.
+        objects: None where a car is alone.
     """
 
     xy: Floats
@@ -50,10 +44,9 @@ class Situation:
 
 
 def params_of(tracks: Sequence[Track], situation: Situation, cars: Ints) -> Iterator[RewardParams]:
-    """Build the dictionaries of some cars, shape (k,), one at a time, of plain Python values.
+    """Build the dictionaries of some cars, one at a time, of plain Python values.
 
-    Every dictionary is fresh, lists included, so that a reward function may alter what it gets.
-    `tracks` are the track as given and, where cars drive both ways, the reversed one.
+    All are fresh, lists included, so that a reward function may alter them.
     """
     s, where = situation, situation.where
     xy, heading_deg = s.xy.tolist(), s.heading_deg.tolist()
@@ -104,7 +97,6 @@ def params_of(tracks: Sequence[Track], situation: Situation, cars: Ints) -> Iter
 
 
 def _params_of_objects(o: Objects, s: Situation, cars: Ints) -> Iterator[RewardParams]:
-    """The eight parameters about objects, one car after the other."""
     previous, following = closest(o.distance_m, cars, s.where.distance_m[cars])
     seen = in_camera(o[:3], cars, following, s.xy[cars], np.radians(s.heading_deg[cars]))
     speed_mps, xy, left = o.speed_mps.tolist(), o.xy.tolist(), o.left_of_center.tolist()

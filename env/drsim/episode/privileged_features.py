@@ -1,4 +1,4 @@
-"""Privileged information: what a simulation knows and no camera shows. For a critic only."""
+"""Privileged information for a critic: what no camera shows."""
 
 import numpy as np
 
@@ -7,16 +7,13 @@ from drsim.race.traffic import Traffic
 from drsim.track.track import Track
 
 _AHEAD_M = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0)
-"""The direction of the centre line is given this far ahead."""
-
 _OBJECTS = 2
-"""How many of the nearest objects ahead are given."""
+"""The nearest ahead."""
 
 _HORIZON_M = 4.0
-"""Distances of objects are given as shares of this; what is farther counts as 1."""
+"""What is farther counts as 1."""
 
 PRIVILEGED_DIMS = 6 + 2 * len(_AHEAD_M) + 2 * _OBJECTS
-"""Length of the features of one car."""
 
 
 def features(
@@ -28,16 +25,12 @@ def features(
     along_m: Floats,
     traffic: Traffic | None,
 ) -> Singles:
-    """Features of each car for a critic.
+    """Features of each car for a critic. Shape (k, PRIVILEGED_DIMS).
 
-    In this order: offset from the centre line in half widths, left positive; sine and cosine of
-    the heading against the line; speed in m/s; sine and cosine of the place on the lap as an
-    angle; then sine and cosine of the line's turn at six places ahead; then, for the two
-    nearest objects ahead, the distance along the lap as a share of 4 m (1 for none) and the offset
-    from the centre line in half widths.
-
-    `backward` is the index of each of the k cars into the tracks; `poses` are their reference
-    points, metres, and yaws, radians, shape (k, 3). Shape (k, PRIVILEGED_DIMS).
+    In order: offset from the centre line in half widths, left positive; sine and cosine of the
+    heading against the line; speed in m/s; sine and cosine of the place on the lap; of the line's
+    turn at six places ahead; for the two nearest objects ahead, distance / 4 m (1 for none) and
+    offset in half widths.
     """
     rows = np.zeros((len(cars), PRIVILEGED_DIMS), np.float32)
     for direction, track in enumerate(tracks):
@@ -69,7 +62,6 @@ def features(
 def _objects(
     track: Track, cars: Ints, along_m: Floats, half_m: Floats, traffic: Traffic | None
 ) -> Floats:
-    """Distance and offset of the nearest objects ahead. Shape (k, 2 * _OBJECTS)."""
     told = np.tile([1.0, 0.0], (len(cars), _OBJECTS))
     if traffic is None:
         return told

@@ -28,33 +28,25 @@ from drsim.errors import DiscardEpisode, RewardError, RewardErrorKind
 RewardParams = dict[str, Any]
 RewardFunction = Callable[[RewardParams], float]
 OnRewardError = Callable[[int, RewardError], float]
-"""Takes the number of a call and its failure; returns the reward instead, or raises the failure."""
+"""From a call's number and failure to the reward instead, or it raises."""
 
 REWARD_DEADLINE_S = 5.0
-"""How long one call may take. Source: the limit of the console's validator."""
+"""Of one call. Source: the console's validator."""
 
 REWARD_LIMIT = 1e5
-"""Rewards beyond +-1e5 end the run. Source: the reference simulator."""
+"""Either way. Source: the reference simulator."""
 
 
 USER_MODULE = "_drsim_reward_function"
-"""Name of the module that a user's file becomes."""
 
 
 class Rewarded(NamedTuple):
-    """What calls of reward functions returned, in their order.
-
-    Attributes:
-        rewards: The rewards.
-        seconds: Wall time of each call.
-    """
-
     rewards: list[float]
     seconds: list[float]
 
 
 class RewardHost(ABC):
-    """Reward functions of the cars of a simulation that are called elsewhere."""
+    """Reward functions that are called elsewhere."""
 
     @abstractmethod
     def rewards(
@@ -74,7 +66,7 @@ class RewardHost(ABC):
 def checked_reward(
     function: RewardFunction, params: RewardParams, deadline_s: float = REWARD_DEADLINE_S
 ) -> float:
-    """Call a reward function once, guarded as in `checked_rewards`."""
+    """Call a reward function once, as `checked_rewards` does."""
     return checked_rewards(function, [params], deadline_s).rewards[0]
 
 
@@ -85,22 +77,17 @@ def checked_rewards(
     on_error: OnRewardError | None = None,
     now: Callable[[], float] = perf_counter,
 ) -> Rewarded:
-    """Call a reward function once for each car, and measure how long each call takes.
+    """Call a reward function once for each car, and measure each call.
 
-    The deadline uses a timer signal, so it exists only in the main thread and only where the system
-    has such timers. A function that swallows the exceptions raised at its deadline and goes on for
-    seconds ends the process; `sys.excepthook` gets the reason. An operation that Python cannot
-    interrupt ends it too, by the signal `reward_deadline.STUCK`.
+    The deadline uses a timer signal: only in the main thread, where the system has such timers. A
+    function that swallows the exceptions at its deadline for seconds, or an operation that Python
+    cannot interrupt (by `reward_deadline.STUCK`), ends the process.
 
-    `functions` are the user's function, or one for each call; it may keep and alter its parameters.
-    One call may take `deadline_s`. The rewards are in the order of the calls. `on_error` decides
-    about failures; without it, the first one ends the calls. A call that did not return in time
-    always ends them: it was interrupted anywhere, and the next one takes as long. `now` is the
-    clock of the measurement, in seconds.
+    Without `on_error`, the first failure ends the calls; a missed deadline always does.
 
     Raises:
-        RewardError: The function raised, did not return in time, or returned something that is not
-            a finite number within +-1e5.
+        RewardError: The function raised, was late, or returned something that is not a finite
+            number within +-1e5.
     """
     rewards: list[float] = []
     seconds: list[float] = []
@@ -134,10 +121,9 @@ def checked_rewards(
 
 
 def as_number(value: object) -> float | None:
-    """What a reward function returned as a float; infinite where it is too large for one.
+    """A returned value as a float, infinite if too large; None if it is not a number.
 
-    None for what is not a number: text, complex numbers, arrays of several values. Booleans and
-    integers are numbers.
+    Booleans are numbers.
     """
     if isinstance(value, str | bytes | complex) or not hasattr(value, "__float__"):
         return None
@@ -150,7 +136,7 @@ def as_number(value: object) -> float | None:
 
 
 def centre_line_reward(params: RewardParams) -> float:
-    """Reward for staying near the centre line, the one evaluation jobs of the reference use."""
+    """Reward for staying near the centre line, as in the reference's evaluation jobs."""
     width_m = params["track_width"]
     distance_m = params["distance_from_center"]
     if distance_m <= 0.1 * width_m:
@@ -163,8 +149,6 @@ def centre_line_reward(params: RewardParams) -> float:
 
 
 class _NoRewardError(Exception):
-    """The value returned is not a reward; the text says why."""
-
     def __init__(self, reason: str, kind: RewardErrorKind) -> None:
         super().__init__(reason)
         self.kind = kind
@@ -185,7 +169,7 @@ def _late(deadline_s: float) -> str:
 
 
 def end_for(what: str, frame: FrameType | None) -> NoReturn:
-    """End this process, whose code at the frame swallows every exception, with a message."""
+    """End this process, whose code swallows every exception."""
     while frame is not None and frame.f_globals.get("__name__") != USER_MODULE:
         frame = frame.f_back
     path, line = (Path(frame.f_code.co_filename), frame.f_lineno) if frame else (None, None)
@@ -207,7 +191,6 @@ def end_for(what: str, frame: FrameType | None) -> NoReturn:
 def _failure(
     function: RewardFunction, params: RewardParams, error: BaseException, deadline_s: float
 ) -> RewardError:
-    """What went wrong in a call, with the exception of the user's code as its cause."""
     code = code_of(function)
     path = Path(code.co_filename) if code else None
     line = line_in(code.co_filename, error.__traceback__) if code else None

@@ -1,4 +1,4 @@
-"""Calls the reward functions of many cars, and counts the calls."""
+"""Calls the reward functions of many cars."""
 
 from collections.abc import Callable, Sequence
 
@@ -12,13 +12,7 @@ from drsim.track.track import Track
 
 
 class RewardCalls:
-    """Rewards of steps by the reward function of each car.
-
-    The arguments are those of `Simulation`.
-
-    Attributes:
-        made: How many calls there were so far, by all cars together.
-    """
+    """Rewards by the reward function of each car."""
 
     def __init__(
         self,
@@ -36,9 +30,7 @@ class RewardCalls:
     def rewards(
         self, tracks: tuple[Track, Track], situation: Situation, driven: Bools
     ) -> tuple[Floats, Floats, Bools, Bools]:
-        """Rewards, seconds of the calls, whose calls failed, whose episodes are declared broken.
-
-        `driven` are the cars that get a reward; the others get 0. Shape (n,) each.
+        """Rewards, seconds of the calls, which failed, whose episodes are declared broken.
 
         Raises:
             RewardError: A function failed, and nobody takes its failure.
@@ -71,6 +63,5 @@ class RewardCalls:
         return rewards, seconds, failed, discarded
 
     def close(self) -> None:
-        """No call follows."""
         if isinstance(self._functions, RewardHost):
             self._functions.close()

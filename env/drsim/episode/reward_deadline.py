@@ -11,22 +11,20 @@ from time import monotonic  # the function itself: users' code may replace `time
 from types import FrameType
 
 REPEAT_S = 0.25
-"""Time between two exceptions after a deadline: a bare `except:` in a loop swallows the first."""
+"""Between exceptions after a deadline: a bare `except:` in a loop swallows the first."""
 
 PATIENCE_S = 5.0
-"""How long they are raised without effect before the process ends."""
+"""Until the process ends."""
 
 STUCK = signal.SIGPROF if hasattr(signal, "SIGPROF") else None
-"""Signal that ends a process whose user's code is inside one endless operation, where Python cannot
-raise anything. The stacks of all threads are written to standard error first."""
+"""Ends a process inside one endless operation; all stacks go to standard error first."""
 
 _STUCK_FACTOR = float(max(2, os.cpu_count() or 1))
-"""Processor seconds per second of wall time: other threads may compute at the same time."""
+"""Processor seconds per second: other threads may compute too."""
 
 _STDERR = 2
 
 _LEAST_S = 1e-3
-"""Shortest time to set: 0 would stop the timer."""
 
 
 class DeadlinePassed(BaseException):
@@ -34,7 +32,7 @@ class DeadlinePassed(BaseException):
 
 
 class Alarm:
-    """Raises DeadlinePassed in a user's call that takes too long, again and again until it ends.
+    """Raises DeadlinePassed in a call that takes too long, again and again until it ends.
 
     A call ends by setting `armed` to False: unlike a function call, nothing can interrupt that.
     """
@@ -49,15 +47,15 @@ class Alarm:
         self._last_s = _STUCK_FACTOR * (deadline_s + PATIENCE_S) if _may_end_stuck() else 0.0
 
     def begin(self) -> None:
-        """A call begins. Setting the timer again would cost more than most calls, so it runs on."""
+        """The timer runs on: setting it again would cost more than most calls."""
         self._begun_s = monotonic()
         self._rings = 0
         self.armed = True
 
     def wind(self) -> None:
-        """Set the timer to the deadline of this call, or to the earliest one of a following call.
+        """Set the timer to the earliest deadline.
 
-        If Python is inside one operation and cannot react, a second timer ends the process.
+        If Python cannot react, a second one ends the process.
         """
         if self._last_s:
             _switch.is_on = True
@@ -66,7 +64,6 @@ class Alarm:
         signal.setitimer(signal.ITIMER_REAL, max(left_s, _LEAST_S), REPEAT_S)
 
     def stop(self) -> None:
-        """No call follows. A signal that is still to be handled sets no timer again."""
         self.armed = False
         self._over = True
         if self._last_s:
@@ -75,7 +72,7 @@ class Alarm:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     def ring(self, _signal: int, frame: FrameType | None) -> None:
-        """Handle the signal, which may have been meant for an earlier call."""
+        """The signal may be meant for an earlier call."""
         if self._over:
             return
         if not self.armed or self._left_s() > 0.0:
@@ -93,10 +90,9 @@ class Alarm:
 
 @contextlib.contextmanager
 def alarm(deadline_s: float, give_up: Callable[[FrameType | None], object]) -> Iterator[Alarm]:
-    """Install the timer once for many calls, each of which may take `deadline_s`.
+    """Install the timer for many calls, in the main thread, where the system has such timers.
 
-    It works in the main thread only, and only where the system has such timers. `give_up` ends the
-    process when the code at the frame that it gets swallows all exceptions.
+    `give_up` ends the process when code swallows all exceptions.
     """
     clock = Alarm(deadline_s, give_up)
     usable = hasattr(signal, "setitimer") and (
@@ -120,8 +116,6 @@ def alarm(deadline_s: float, give_up: Callable[[FrameType | None], object]) -> I
 
 
 class _Switch:
-    """Whether we have set the second timer of this process."""
-
     is_on = False
 
 
@@ -129,7 +123,6 @@ _switch = _Switch()
 
 
 def _may_end_stuck() -> bool:
-    """Whether the second timer and its signal are free: a profiler may use them."""
     if STUCK is None or (signal.getitimer(signal.ITIMER_PROF)[0] and not _switch.is_on):
         return False
     if signal.getsignal(STUCK) is not signal.SIG_DFL:
@@ -140,7 +133,6 @@ def _may_end_stuck() -> bool:
 
 @cache
 def _show_stacks(number: signal.Signals) -> None:
-    """Make a signal show where Python is before it ends the process."""
     faulthandler.register(number, file=_STDERR, chain=True)
 
 

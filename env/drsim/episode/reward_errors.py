@@ -1,4 +1,4 @@
-"""Error texts for a user's code: file and line, the exception, the value that it returned."""
+"""Error texts for a user's code: file, line, exception, returned value."""
 
 import ast
 import inspect
@@ -12,14 +12,10 @@ from types import CodeType, TracebackType
 from typing import Any
 
 LONGEST_TEXT = 300
-"""Most characters of an exception's text that are shown."""
-
 LONGEST_VALUE = 100
-"""Of a longer value only the type is shown."""
 
 
 def code_of(function: Callable[..., Any]) -> CodeType | None:
-    """The code behind a function and its wrappers; None for a function in C."""
     try:
         inner: Any = inspect.unwrap(function)
     except ValueError:  # it is wrapped in itself
@@ -33,7 +29,6 @@ def code_of(function: Callable[..., Any]) -> CodeType | None:
 
 
 def line_in(filename: str, trace: TracebackType | None) -> int | None:
-    """The deepest line of the user's file in a traceback, not that of a library."""
     lines = [
         line for frame, line in traceback.walk_tb(trace) if frame.f_code.co_filename == filename
     ]
@@ -41,25 +36,22 @@ def line_in(filename: str, trace: TracebackType | None) -> int | None:
 
 
 def place(path: Path | None, line: int | None) -> str:
-    """The part " in FILE, line N," of a sentence; empty where the file is not known."""
+    """The part " in FILE, line N," of a sentence; empty if unknown."""
     if path is None:
         return ""
     return f" in {path}, line {line}," if line else f" in {path}"
 
 
 def source(path: Path | None, line: int | None) -> str:
-    """The text of a line; empty if unknown."""
     return _printable(linecache.getline(str(path), line).strip()) if path and line else ""
 
 
 def quoted(path: Path | None, line: int | None) -> str:
-    """The text of a line, on a line of its own."""
     text = source(path, line)
     return f"\n  {text}" if text else ""
 
 
 def described(error: BaseException) -> str:
-    """Type and text of an exception on one line; only the type if it has no text."""
     kind = type(error).__name__
     try:
         text = " ".join(str(error).split())
@@ -71,17 +63,14 @@ def described(error: BaseException) -> str:
 
 
 def shown(value: object) -> str:
-    """`repr` of a value; its type where that is long, fails or contains an address."""
+    """`repr`, or the type where that is long, fails or contains an address."""
     text = _written(value)
     return f"an object of type {type(value).__qualname__}" if text is None else text
 
 
 @lru_cache(maxsize=8)
 def names_in(text: str) -> frozenset[str]:
-    """The words in quotes and the arguments of functions, so all parameters that a file reads.
-
-    Empty if the text is not valid Python.
-    """
+    """Words in quotes and arguments of functions, so all parameters that a file reads."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -93,10 +82,9 @@ def names_in(text: str) -> frozenset[str]:
 
 
 def compact(params: Mapping[str, Any], path: Path | None) -> dict[str, Any]:
-    """The parameters that a file reads, short enough for a message; all if its text is not known.
+    """The parameters that a file reads, shortened; waypoints are told by number.
 
-    Waypoints are told by their number, floats with four decimals. The user's code may have put
-    anything among the parameters; `shown` shortens what is not plain.
+    The user's code may have put anything among them.
     """
     text = "" if path is None else "".join(linecache.getlines(str(path)))
     short: dict[str, Any] = {}
@@ -112,7 +100,6 @@ def compact(params: Mapping[str, Any], path: Path | None) -> dict[str, Any]:
 
 
 def _rounded(value: object, depth: int) -> Any:
-    """Numbers, texts, and lists of them to a depth; anything else as `shown`."""
     if type(value) is float:
         return round(value, 4)
     if type(value) in (bool, int, str, type(None)):
@@ -123,7 +110,6 @@ def _rounded(value: object, depth: int) -> Any:
 
 
 def _written(value: object) -> str | None:
-    """`repr` of a value; None where that is long, fails or contains an address."""
     try:
         text = repr(value)
     except Exception:  # its own method fails, or an integer has thousands of digits
@@ -134,5 +120,4 @@ def _written(value: object) -> str | None:
 
 
 def _printable(text: str) -> str:
-    """The text with control characters escaped."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)

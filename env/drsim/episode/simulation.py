@@ -1,4 +1,4 @@
-"""Many cars on one track: motion, observations, rewards and episodes, all cars at once."""
+"""Many cars on one track: motion, observations, rewards and episodes."""
 
 from collections.abc import Callable, Sequence
 from time import perf_counter
@@ -36,20 +36,17 @@ from drsim.track.track import Track
 class Simulation:
     """Cars that drive episodes on one track, each with a track to itself unless they race.
 
-    The same actions give bit-identical observations and rewards on one machine, whatever the
-    number of threads, unless MuJoCo Warp moves the cars on a GPU. A car is parked until `reset` and
-    again when its episode is over.
+    The same actions give bit-identical results on one machine, unless MuJoCo Warp moves the cars.
+    A car is parked until `reset` and after its episode.
 
     Attributes:
-        track: The track in the direction given.
-        frames: Current camera frames of each car, grey. A live view. Shape (n, eyes, 120, 160).
-        scans: Current values of the lidar sensor; of width 0 without one. Shape (n, d).
-        traffic: The obstacles, bots and opponents of each car; None where a car is alone.
-        physics: What moves the cars, where, and why, for a log.
-        draws: Whether frames and scans are refreshed; a policy that sees neither drives several
-            times as fast without.
-        unstable: Cars whose physics failed in the last step: they jumped, flew or became NaN. They
-            stand where they were before that step, and count as off track. Shape (n,).
+        track: In the direction given.
+        frames: Grey. A live view. Shape (n, eyes, 120, 160).
+        scans: Of the lidar sensor. Shape (n, d), d may be 0.
+        traffic: None where a car is alone.
+        physics: What moves the cars and why, for a log.
+        draws: Whether frames and scans are refreshed; several times as fast without.
+        unstable: Cars whose physics failed in the last step: put back, and off track. Shape (n,).
     """
 
     def __init__(
@@ -78,33 +75,29 @@ class Simulation:
 
         Args:
             track: Where they drive.
-            num_cars: How many, at least 1; a multiple of `race.racers`.
-            reward_function: Called once for every driven step of every car. One for each car where
-                it keeps something from one step to the next, as in a global. Or a host that
-                calls those of all cars.
-            rules: When episodes end; those of training when left out.
-            num_threads: Threads for physics and camera, the caller's included.
-            seed: Seed of everything random in episodes that are begun without one of their own.
-            scene: What the cameras see; built from the track when left out.
-            car_parameters: The cars; the calibrated ones when left out.
-            reward_deadline_s: How long one call of the reward function may take, seconds.
-            on_reward_error: Takes the failure of a call and the number of calls so far, and returns
-                the reward of that step instead, or raises. It is also told when a function declares
-                its episode broken, with the kind `discard`; what it returns is not used then. When
-                left out, every failure is raised.
+            num_cars: A multiple of `race.racers`.
+            reward_function: Called once per driven step and car; one for each car where it keeps
+                something between steps, or a host that calls them.
+            rules: Default: those of training.
+            num_threads: For physics and camera, the caller's included.
+            seed: Of episodes without one of their own.
+            scene: Default: built from the track.
+            car_parameters: Default: the calibrated ones.
+            reward_deadline_s: Of one call, seconds.
+            on_reward_error: From a failure and the number of calls to the reward instead, or it
+                raises. Also told of `discard`, without effect.
             race: What else is on the track.
-            sensors: What each car perceives; the front camera when left out.
-            realism: Sim-to-real extras; none when left out.
+            sensors: Default: the front camera.
+            realism: Sim-to-real extras; default: none.
             randomize: Lights and colours that change from episode to episode.
-            longest_latency_s: The longest latency of conditions that `reset` will get, if that is
-                longer than what `realism` draws.
-            reward_clock: Measures the calls of the reward function, in seconds.
+            longest_latency_s: Of conditions for `reset`, if longer than what `realism` draws.
+            reward_clock: In seconds.
             gpu: Draw the frames on an NVIDIA GPU.
-            physics: What moves the cars. Where MuJoCo Warp cannot run, MuJoCo does.
+            physics: Where MuJoCo Warp cannot run, MuJoCo does.
 
         Raises:
             ValueError: The race does not fit on the track, or the number of cars not the race.
-            OSError: There is no GPU that can be used; it says why.
+            OSError: There is no GPU that can be used.
         """
         if num_cars % race.racers:
             raise ValueError(f"{num_cars} cars cannot race in groups of {race.racers}.")
@@ -173,21 +166,20 @@ class Simulation:
     ) -> StepResult:
         """Begin episodes: put cars on the track at rest, for the `prepare` step.
 
-        Cars start on the centre line, or on the lane away from an obstacle that stands there;
-        racers start side by side, each second one a little further back.
+        Cars start on the centre line, or on the lane away from an obstacle; racers side by side,
+        each second one a little further back.
 
         Args:
-            cars: Which cars, running or not. Shape (k,).
-            start_fraction: Where on the lap each begins, 0 .. 1. Shape (k,).
-            reverse: Drive the lap against the direction of `track`. One value or shape (k,).
-            seeds: Seeds of what is random in each episode; drawn from the seed of the simulation,
-                the car and the count of its episodes when left out. Shape (k,).
-            offset_m: How far to the left of the centre line each car stands; less where its wheels
-                would leave the road. Only for cars that start on the centre line. Shape (k,).
-            angle_deg: How far each is turned to the left of the driving direction. Shape (k,).
-            conditions: What the episodes are driven under, instead of what `realism` draws for
-                them: one for all, or k of them. They say nothing about traffic, nor about the
-                lights and colours that `randomize` draws.
+            cars: Running or not. Shape (k,).
+            start_fraction: Of the lap, 0 .. 1. Shape (k,).
+            reverse: Against the direction of `track`. One value or shape (k,).
+            seeds: Default: from the simulation's seed, the car and the count of its episodes.
+                Shape (k,).
+            offset_m: To the left of the centre line; less where wheels would leave the road, or 0
+                on another lane. Shape (k,).
+            angle_deg: To the left of the driving direction. Shape (k,).
+            conditions: Instead of what `realism` draws: one for all, or k. Not about traffic, nor
+                what `randomize` draws.
 
         Returns:
             The first row of the episodes: status PREPARE, steps 1, reward 0.
@@ -224,10 +216,8 @@ class Simulation:
     def step(self, steering_deg: Floats, speed_mps: Floats) -> StepResult:
         """Let all running cars act for 1/15 s; parked and waiting cars ignore their action.
 
-        An episode that its reward function declares broken ends with the status `DISCARDED` and
-        the reward 0.
-
-        They are asked for wheel angles, left positive, and speeds. Shape (n,) each.
+        Angles are left positive. Shape (n,) each. An episode declared broken ends with the status
+        `DISCARDED` and the reward 0.
 
         Raises:
             RewardError: The reward function failed.
@@ -288,12 +278,12 @@ class Simulation:
 
     @property
     def reward_calls(self) -> int:
-        """How often reward functions were called so far, by all cars together."""
+        """Of all cars together."""
         return self._rewards.made
 
     @property
     def observations(self) -> Bytes:
-        """Current camera frames of the first eye, grey. A live view. Shape (n, 120, 160)."""
+        """Frames of the first eye. A live view. Shape (n, 120, 160)."""
         return self.frames[:, 0]
 
     @property
@@ -303,21 +293,20 @@ class Simulation:
 
     @property
     def poses(self) -> Floats:
-        """Origins of the cars, x and y in metres, and yaws in radians. Shape (n, 3)."""
+        """Origins in metres and yaws in radians. Shape (n, 3)."""
         return np.column_stack([self._cars.origin_xy, self._cars.yaw_rad])
 
     @property
     def wheels(self) -> Floats:
-        """How the front wheels of the cars stand, as `CarBatch.wheels`. Shape (n, 2)."""
+        """As `CarBatch.wheels`."""
         return self._cars.wheels
 
     @property
     def speeds_mps(self) -> Floats:
-        """How fast the cars are. Shape (n,)."""
         return self._cars.speed.copy()
 
     def privileged(self, cars: Ints) -> Singles:
-        """The `privileged_features` of some cars, shape (k,). Shape (k, PRIVILEGED_DIMS)."""
+        """See `privileged_features`."""
         here = np.column_stack([self._cars.front_xy[cars], self._cars.yaw_rad[cars]])
         return features(
             self._tracks,
@@ -330,7 +319,7 @@ class Simulation:
         )
 
     def teacher_state(self, cars: Ints) -> Singles:
-        """The `teacher_features` of some cars, shape (k,). Shape (k, TEACHER_DIMS)."""
+        """See `teacher_features`."""
         state = self._episodes.state
         now = CarsNow(
             cars=cars,
@@ -347,7 +336,7 @@ class Simulation:
         return teacher_features(self._tracks, now, self.traffic, self._cars.speed)
 
     def close(self) -> None:
-        """Stop the threads that render, and the host of reward functions."""
+        """Stop threads, and the host of reward functions."""
         self._observations.close()
         self._rewards.close()
 

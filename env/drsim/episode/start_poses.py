@@ -1,4 +1,4 @@
-"""Where an episode begins: beside the centre line, at an angle to it, and never off the road."""
+"""Where an episode begins: beside the centre line, at an angle, never off the road."""
 
 import math
 from collections.abc import Sequence
@@ -13,17 +13,10 @@ from drsim.track.track import Track
 Side = Literal["left", "centre", "right"]
 
 STEP_M = 0.01
-"""Step of the search for a place on the road."""
 
 
 class StartPose(NamedTuple):
-    """Where a car starts.
-
-    Attributes:
-        pose: x and y in metres, yaw in radians. Shape (3,).
-        offset_m: How far to the left of the centre line its origin really is.
-        on_road: Whether all four wheels are on the road.
-    """
+    """Pose in metres and radians, and the real offset to the left."""
 
     pose: Floats
     offset_m: float
@@ -31,10 +24,7 @@ class StartPose(NamedTuple):
 
 
 def offset_of(track: Track, fraction: float, side: Side) -> float:
-    """Metres to the left of the centre line, midway to the border on this side.
-
-    `track` is in the driving direction, `fraction` where on its lap, 0 .. 1.
-    """
+    """Midway between centre line and border of this side, left positive."""
     if side == "centre":
         return 0.0
     distance_m = np.array([fraction * track.length_m])
@@ -47,11 +37,7 @@ def offset_of(track: Track, fraction: float, side: Side) -> float:
 def start_pose(track: Track, fraction: float, offset_m: float, angle_deg: float) -> StartPose:
     """The start that was asked for, or the nearest one towards the centre line on the road.
 
-    Args:
-        track: In the driving direction.
-        fraction: Where on the lap, 0 .. 1.
-        offset_m: How far to the left of the centre line, metres.
-        angle_deg: How far the car is turned to the left of the driving direction.
+    Offset and angle are to the left.
     """
     centre = track.pose_at(np.array([fraction * track.length_m]))[0]
     yaw = centre[2] + np.radians(angle_deg)
@@ -66,7 +52,6 @@ def start_pose(track: Track, fraction: float, offset_m: float, angle_deg: float)
 
 
 def _outwards(offset_m: float) -> Sequence[float]:
-    """Offsets from the centre line on to the one that was asked for."""
     steps = math.ceil(abs(offset_m) / STEP_M)
     return [math.copysign(STEP_M * step, offset_m) for step in range(steps)] + [offset_m]
 

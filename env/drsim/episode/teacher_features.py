@@ -1,7 +1,4 @@
-"""What a teacher drives by: all that decides how to go on, known exactly, in every kind of race.
-
-A teacher learns from these numbers instead of camera pictures; a camera policy then learns from it.
-"""
+"""What a teacher drives by: all that decides how to go on, known exactly."""
 
 from typing import NamedTuple
 
@@ -14,51 +11,35 @@ from drsim.race.traffic import Traffic
 from drsim.track.track import Track
 
 _AHEAD_M = (0.3, 0.6, 0.9, 1.2, 1.6, 2.0, 2.5, 3.0, 4.0, 5.0)
-"""The centre line is given this far ahead: more closely where the car will be first."""
-
 _OBJECTS = 4
-"""How many objects are given. Two in a row decide how to pass the first one; more of them come into
-reach only where they stand closer than the rules of the races put them."""
+"""Two in a row decide how to pass the first."""
 
 _HORIZON_M = 6.0
-"""Objects farther ahead are not given: at 4 m/s that is a second and a half."""
+"""At 4 m/s a second and a half."""
 
 _PASSED_M = -0.9
-"""Objects farther behind are not given. Half a box and the whole car behind its reference point are
-0.55 m; the rest is for cars that stand across the road."""
+"""Half a box and the car behind its reference point are 0.55 m."""
 
 _FAST_RAD_S = 4.0
-"""A yaw rate that a car hardly exceeds."""
-
 _LONG_STEPS = 300
-"""A slow lap of a usual track."""
-
 _OWN, _EACH = 12, 9
 
 EPISODE_DIMS = 2
-"""How many of the last columns tell about the episode: what a critic needs to expect its end. They
-do not tell how to drive, and no camera shows them, so a policy is better off without them."""
+"""The last columns: for a critic, not for driving."""
 
 TEACHER_DIMS = _OWN + 2 * len(_AHEAD_M) + _EACH * _OBJECTS + EPISODE_DIMS
-"""Length of the features of one car."""
-
 _CAR_WIDTH_M = SHAPES["race_car"].footprint_m[1]
 
 
 class CarsNow(NamedTuple):
-    """What is known of k cars.
+    """What is known of k cars. Shape (k,) unless given.
 
     Attributes:
-        cars: Their numbers. Shape (k,).
-        backward: Index of each car's own into the tracks. Shape (k,).
-        poses: Their reference points, metres, and yaws, radians. Shape (k, 3).
+        backward: Index into the tracks.
+        poses: Reference points, metres, and yaws, radians. Shape (k, 3).
         velocity: As `CarBatch.velocity`. Shape (k, 3).
-        wheel_rad: How far the front wheels are turned to the left. Shape (k,).
-        requests: Steering in degrees and speed in m/s that were asked for last. Shape (k, 2).
-        along_m: Where they are along the centre line. Shape (k,).
-        track_width_m: Width of the road there. Shape (k,).
-        progress: Percent of the lap. Shape (k,).
-        steps: Steps of the episode. Shape (k,).
+        wheel_rad: To the left.
+        requests: Degrees and m/s. Shape (k, 2).
     """
 
     cars: Ints
@@ -76,42 +57,29 @@ class CarsNow(NamedTuple):
 def teacher_features(
     tracks: tuple[Track, Track], now: CarsNow, traffic: Traffic | None, speeds_mps: Floats
 ) -> Singles:
-    """Features of each car for a teacher, mostly within -1 .. 1.
+    """Features of each car for a teacher, mostly within -1 .. 1. Shape (k, TEACHER_DIMS).
 
-    Lengths along the lap are along the centre line in the car's own driving direction, and left is
-    positive, so that both directions look alike. A car is at its reference point, 0.14 m ahead of
-    its origin. In this order:
+    Lengths are along the lap in the car's own direction, from its reference point, 0.14 m ahead of
+    its origin; left is positive. Columns:
 
-    | columns | what |
-    | --- | --- |
-    | 0 | offset from the centre line in half widths of the road |
-    | 1 | half the width of the road, metres |
-    | 2, 3 | sine and cosine of the heading against the centre line |
-    | 4, 5 | speed forward, as a share of 4 m/s, and to the left, m/s |
-    | 6 | yaw rate as a share of 4 rad/s |
-    | 7 | angle of the front wheels as a share of 30 degrees |
-    | 8, 9 | the last request: steering / 30 degrees, speed / 4 m/s; 0 at the start |
-    | 10, 11 | sine and cosine of the place on the lap as an angle |
-    | 12 to 31 | for ten distances ahead, the point of the centre line: forward and left of the car, each as a share of that distance |
-    | 32 to 67 | four objects, nine columns each, see below |
-    | 68, 69 | of the episode: progress as a share of a lap, steps / 300 |
+    - 0: offset from the centre line in half widths of the road; 1: half a width, metres
+    - 2, 3: sine and cosine of the heading against the centre line
+    - 4, 5: speed forward / 4 m/s, and to the left, m/s; 6: yaw rate / 4 rad/s
+    - 7: angle of the front wheels / 30 degrees
+    - 8, 9: last request: steering / 30 degrees, speed / 4 m/s; 0 at the start
+    - 10, 11: sine and cosine of the place on the lap
+    - 12 to 31: ten points of the centre line ahead: forward and left / distance
+    - 32 to 67: four objects, nine columns each
+    - 68, 69: progress / a lap, steps / 300
 
-    Objects from 0.9 m behind to 6 m ahead along the lap are given, the hindmost first; those beyond
-    the four are left out. Columns of each, all 0 but the second for none:
+    Of objects from 0.9 m behind to 6 m ahead, the hindmost first; 0 for none but in the second:
 
-    | column | what |
-    | --- | --- |
-    | 0 | 1 for an object |
-    | 1 | distance ahead along the lap / 6 m, negative behind; 1 for none |
-    | 2, 3 | its centre forward of the car / 6 m, and to the left of it / 2 m, at most 2 |
-    | 4 | its offset from the centre line less that of the car, metres |
-    | 5, 6 | room between it and the left and the right edge of the road, less the width of a car, metres |
-    | 7 | its speed along the lap less that of the car / 4 m/s |
-    | 8 | its speed to the left, across the lap, m/s |
-
-    `tracks` are the track as given, and reversed. `speeds_mps` are those of all cars, shape (n,).
-    Shape (k, TEACHER_DIMS).
-    """  # noqa: E501
+    - 0: 1 for an object; 1: distance / 6 m, 1 for none
+    - 2, 3: its centre forward / 6 m, and to the left / 2 m, at most 2
+    - 4: its offset from the centre line less that of the car, metres
+    - 5, 6: room to its left and right on the road, less a car's width, metres
+    - 7, 8: its speed along the lap less that of the car / 4 m/s, and to the left, m/s
+    """
     rows = np.zeros((len(now.cars), TEACHER_DIMS), np.float32)
     for direction, track in enumerate(tracks):
         mine = np.flatnonzero(now.backward == direction)
@@ -122,7 +90,6 @@ def teacher_features(
 
 
 def _one_way(track: Track, now: CarsNow, traffic: Traffic | None, speeds_mps: Floats) -> Floats:
-    """The features of cars that drive in the direction of `track`."""
     k = len(now.cars)
     places_m = now.along_m[:, None] + np.array((0.0, *_AHEAD_M))
     line = track.pose_at(places_m.ravel()).reshape(k, -1, 3)
@@ -160,10 +127,6 @@ def _objects(
     traffic: Traffic | None,
     speeds_mps: Floats,
 ) -> Floats:
-    """The objects of each car, whose offset and speed along the lap `car` are.
-
-    Shape (k, _EACH * _OBJECTS).
-    """
     k = len(now.cars)
     told = np.zeros((k, _OBJECTS, _EACH))
     told[:, :, 1] = 1.0
@@ -201,7 +164,6 @@ def _objects(
 
 
 def _turned(away: Floats, yaw_rad: Floats) -> Floats:
-    """Vectors, shape (k, m, 2), as seen by k cars with these headings: forward and left."""
     cos, sin = np.cos(yaw_rad)[:, None], np.sin(yaw_rad)[:, None]
     x, y = away[..., 0], away[..., 1]
     return np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)

@@ -1,4 +1,4 @@
-"""Where the cars are on their tracks, and how many of their wheels are on the road."""
+"""Where the cars are on their tracks, and how many wheels are on the road."""
 
 from collections.abc import Sequence
 
@@ -14,16 +14,9 @@ from drsim.track.track import Track
 class TrackPositions:
     """Places of all cars, each on the track in its own driving direction.
 
-    Args:
-        tracks: The track as given, and reversed.
-        backward: Index of each car's own into `tracks`; a live array. Shape (n,).
-        cars: The cars.
-
     Attributes:
-        where: The nearest places on the centre line. Rows that were handed out stay as they are.
-        wheels_on: How many wheels are on the road. Shape (n,).
-        along_m: Distances along the centre line without jumps to neighbouring stretches, metres.
-            Shape (n,).
+        where: Rows that were handed out stay as they are.
+        along_m: Without jumps to neighbouring stretches. Shape (n,).
     """
 
     where: Location
@@ -37,10 +30,7 @@ class TrackPositions:
         self._look()
 
     def refresh(self) -> None:
-        """Find where all cars are after a step.
-
-        A car that stands still, as after its episode, stays at its place.
-        """
+        """Find all cars; one that stands still stays at its place."""
         stands = (self._cars.front_xy == self._seen_xy).all(axis=1)
         self._look()
         along_m = self.where.distance_m.copy()
@@ -53,7 +43,6 @@ class TrackPositions:
         self.along_m = along_m
 
     def refresh_placed(self, cars: Ints) -> None:
-        """Find where some cars are that have been placed, shape (k,); the others did not move."""
         self._seen_xy[cars] = self._cars.front_xy[cars]
         self.where = Location._make(column.copy() for column in self.where)
         self.wheels_on = self.wheels_on.copy()
@@ -70,7 +59,6 @@ class TrackPositions:
             self._scatter(np.flatnonzero(self._backward), self._tracks[1])
 
     def _scatter(self, cars: Ints, track: Track) -> None:
-        """Write where some cars are on their track over what is known."""
         if len(cars):
             where = track.locate(self._cars.front_xy[cars])
             for known, column in zip(self.where, where, strict=True):

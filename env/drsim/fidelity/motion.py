@@ -1,13 +1,8 @@
 """How far our car ends from a recorded one, given the same actions for the same times.
 
-Our car is put at each recorded pose, with the speed, the wheel angles and the delayed requests that
-it has after the recorded actions up to there. It then drives the recorded actions for the recorded
-durations. A bicycle that does at once what it is asked drives beside it.
-
-The floor is flat and endless, so a car drives the same way everywhere. So every drive is driven
-once, from its recorded start to its end, and each window takes its piece of that, moved and turned
-to begin at the recorded pose. That equals stepping the earlier actions again before every window,
-and is thirty times faster.
+A bicycle that does at once what it is asked drives beside it. Each drive is driven once, and each
+window is a piece of it, moved to the recorded pose: the floor is flat, so this equals stepping
+before every window, and is thirty times faster.
 """
 
 import math
@@ -32,27 +27,21 @@ from drsim.car.physics import PhysicsChoice, choose_physics
 from drsim.fidelity.recordings import Recording
 
 SETTLING_ROWS = 3
-"""Rows after the start of an episode that no window begins at: the reference may put a car at its
-start with the speed that it had before."""
+"""The reference may put a car at its start with the speed that it had before."""
 
 WARM_UP_S = 1.0
-"""No window begins earlier than this after a break in the drive: how the car moved is unknown."""
+"""Earlier after a break it is unknown how the car moved."""
 
 _OFF_HORIZON_S = 0.05
-"""Rows do not come at exact times; a window may be so much longer or shorter."""
-
 _SETTLE_S = 1.0
-"""For so long a car stands before it drives: until it rests on its wheels."""
-
 _CARS = 256
-"""Drives replayed side by side."""
 
 
 @dataclass(frozen=True)
 class Windows:
-    """How far our car and the bicycle ended from the recorded car; arrays of shape (w,).
+    """How far our car and the bicycle ended from the recorded car.
 
-    Angles are 0 .. 180. `driven_m` is how far the recorded car got, in a straight line.
+    `driven_m` is how far that got. Shape (w,).
     """
 
     position_m: Floats
@@ -69,11 +58,7 @@ def compare_motion(
     horizon_s: float = 1.0,
     physics: PhysicsChoice = "mujoco",
 ) -> Windows:
-    """Replay drives and compare poses `horizon_s` ahead, from every row that allows it.
-
-    The car is the calibrated one if `parameters` are left out. There are no windows if no drive is
-    long enough.
-    """
+    """Replay drives and compare poses `horizon_s` ahead, from every row that allows it."""
     found = [np.empty((0, 5))]
     for drive, replayed in zip(drives, replay(drives, parameters, physics), strict=True):
         first, last = _windows(drive, horizon_s)
@@ -95,12 +80,10 @@ def replay(
     parameters: CarParameters | None = None,
     physics: PhysicsChoice = "mujoco",
 ) -> list[Floats]:
-    """Drive the recorded actions, each for the time that the recorded car drove it.
+    """Drive the recorded actions, each for its recorded time.
 
-    Returns:
-        For each drive the pose at the start of every row, from the world's origin and the recorded
-        heading on: x and y in metres of the point 0.14 m ahead of the car's origin, and yaw in
-        radians. Shape (t, 3).
+    Returns poses at the start of every row: x and y (metres) of the point 0.14 m ahead of the
+    car's origin, and yaw (radians). Shape (t, 3).
     """
     parameters = parameters or CarParameters()
     found: list[Floats] = [np.empty((0, 3))] * len(drives)
@@ -116,7 +99,6 @@ def replay(
 def _replay_together(
     drives: Sequence[Recording], parameters: CarParameters, physics: PhysicsChoice
 ) -> list[Floats]:
-    """Poses of one car for each drive, all stepped at once."""
     model = car_model(parameters)
     engine = choose_physics(physics, model, len(drives), os.cpu_count() or 1).engine
     ctrl = np.zeros((len(drives), model.nu))
@@ -148,7 +130,6 @@ def _replay_together(
 
 
 def _steps_until(drive: Recording, step_s: float) -> Ints:
-    """Physics steps from the start of a drive to the end of each row. Shape (t,)."""
     began_s = drive.starts_s[0]
     if drive.held or math.isnan(began_s):
         began_s = drive.ends_s[0]
@@ -157,7 +138,6 @@ def _steps_until(drive: Recording, step_s: float) -> Ints:
 
 
 def _poses(qpos: Floats) -> Floats:
-    """Poses of the point ahead of each car. Shape (n, 3)."""
     w, a, b, c = qpos[:, 3:7].T
     forward_x, forward_y = 1 - 2 * (b * b + c * c), 2 * (a * b + w * c)
     x = qpos[:, 0] + REFERENCE_POINT_AHEAD_M * forward_x
@@ -166,7 +146,6 @@ def _poses(qpos: Floats) -> Floats:
 
 
 def _windows(drive: Recording, horizon_s: float) -> tuple[Ints, Ints]:
-    """First and last row of each window: its clock begins and ends with those of their actions."""
     starts_s = drive.starts_s
     if drive.from_rest:
         allowed = np.arange(len(starts_s)) >= SETTLING_ROWS
@@ -183,7 +162,7 @@ def _windows(drive: Recording, horizon_s: float) -> tuple[Ints, Ints]:
 
 
 def _bicycle(drive: Recording, first: Ints, last: Ints) -> Floats:
-    """Where a bicycle ends that follows its requests at once and never slips. Shape (w, 3)."""
+    """It follows requests at once and never slips."""
     steering_rad = np.radians(np.clip(drive.actions[:, 0], -MAX_STEERING_DEG, MAX_STEERING_DEG))
     wheel_rad_s = np.clip(drive.actions[:, 1], MIN_SPEED_MPS, MAX_SPEED_MPS) / COMMAND_RADIUS_M
     way_m = wheel_rad_s * WHEEL_RADIUS_M * (drive.ends_s - drive.starts_s)
@@ -202,20 +181,17 @@ def _bicycle(drive: Recording, first: Ints, last: Ints) -> Floats:
 
 
 def _ahead(poses: Floats, distance_m: float) -> Floats:
-    """Poses moved along their own headings. Shape (n, 3)."""
     x, y, yaw = poses.T
     return np.stack([x + distance_m * np.cos(yaw), y + distance_m * np.sin(yaw), yaw], axis=1)
 
 
 def _seen_from(poses: Floats, others: Floats) -> Floats:
-    """Other poses in the frames of poses: forward, left and turn. Shape (n, 3)."""
     dx, dy, turn = (others - poses).T
     cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turn], axis=1)
 
 
 def _apart(poses: Floats, others: Floats) -> tuple[Floats, Floats]:
-    """Distances in metres and angles in degrees, 0 .. 180, between poses. Shape (n,) each."""
     distance_m = np.hypot(*(poses - others)[:, :2].T)
     turn_rad = (poses[:, 2] - others[:, 2] + np.pi) % (2 * np.pi) - np.pi
     return distance_m, np.abs(np.degrees(turn_rad))

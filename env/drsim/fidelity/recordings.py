@@ -1,7 +1,6 @@
 """Recorded drives: simtrace CSV files of the reference simulator, or ours.
 
-A file may end in the middle of a line, hold only a header, or come from an older simulator with
-fewer columns. Lines that cannot be read are left out and counted, and the drive is cut there.
+Lines that cannot be read are counted, and the drive is cut there.
 """
 
 import csv
@@ -18,52 +17,43 @@ from drsim.arrays import Floats, Ints
 _NEEDED = ("X", "Y", "yaw", "tstamp")
 
 _STANDING = ("prepare", "pause", "manual_pause", "park")
-"""What `episode_status` says while the reference holds the car where it put it."""
+"""`episode_status` while the reference holds the car."""
 
 _GOING_ON = (*_STANDING, "in_progress")
-"""After a row of any other status the car is put elsewhere, or the episode is over."""
+"""After others the car is put elsewhere, or the episode is over."""
 
 _LONGEST_STEP_S = 0.5
-"""A longer row is a break in the drive: the simulator stood still, and the car drove on. A host
-that is too slow for its camera makes steps of 0.2 s."""
+"""A longer row is a break: the car drove on. A host that is too slow makes steps of 0.2 s."""
 
 _FASTEST_MPS = 5.0
 _JUMP_M = 0.15
-"""A car that got further in one row than at this speed, and this much on top, was put there."""
+"""A car that got this much further than by its speed was put there."""
 
 _ACTION = re.compile(r'"?\[\s*([^\s,\]]+)[\s,]+([^\s,\]]+)\s*\]"?')
-"""A continuous action in the column `action`: degrees and m/s. As a list of Python, it has a comma
-that would divide it."""
+"""Degrees and m/s; as a list of Python, with a comma."""
 
 _WHEELS_ON = {"true": 1, "1": 1, "false": 0, "0": 0}
 
 
 class RecordingError(ValueError):
-    """Recordings that are missing or cannot be used; the message says what to do."""
+    """Recordings that are missing or cannot be used."""
 
 
 @dataclass(frozen=True)
 class Recording:
     """A stretch of an episode that was driven without a break.
 
-    The pose of a row is the one that its action starts from. The last four attributes are what the
-    recording simulator made of that pose.
+    A row's pose is the one that its action starts from. Unknown columns are NaN or -1.
 
     Attributes:
-        episode: Number of the episode in its file.
         poses: x, y (metres, the point 0.14 m ahead of the car's origin) and yaw (radians, without
             jumps). Shape (t, 3).
-        actions: Steering in degrees and speed in m/s. Shape (t, 2).
-        starts_s: Simulation time at which each row's action began; NaN in the first row where that
-            is unknown. Shape (t,).
-        ends_s: Simulation time at which each row's action ended. Shape (t,).
-        held: The car was held in the first row, so that its action did not act.
-        from_rest: The car stood at the pose of the first row. If not, how it moved is unknown.
-        progress: Percent of the lap; NaN where the file does not tell. Shape (t,).
-        waypoint: Closest waypoint; -1 where the file does not tell. Shape (t,).
-        wheels_on: 1 if all wheels were on the track, 0 if not, -1 where the file does not tell.
-            Shape (t,).
-        track_length_m: Length of the track; NaN where the file does not tell.
+        actions: Degrees and m/s. Shape (t, 2).
+        starts_s: Simulation time. Shape (t,).
+        held: The first row's action did not act.
+        from_rest: The car stood at first; else, how it moved is unknown.
+        progress: Percent. Shape (t,).
+        wheels_on: 1 if all were on the track. Shape (t,).
     """
 
     episode: int
@@ -81,19 +71,17 @@ class Recording:
 
 @dataclass(frozen=True)
 class Recordings:
-    """The drives of a folder, in order, and how many lines could not be read."""
+    """Drives, and how many lines could not be read."""
 
     drives: list[Recording]
     left_out: int
 
 
 def load_recordings(folder: Path) -> Recordings:
-    """Read every simtrace file in a folder and in the folders below it.
-
-    `folder` holds `*-iteration.csv` files, or is one such file.
+    """Read every simtrace file (`*-iteration.csv`) below a folder, or one file.
 
     Raises:
-        RecordingError: Nothing can be read there. The message says what to do.
+        RecordingError: Nothing can be read there.
     """
     drives: list[Recording] = []
     left_out = 0
@@ -126,8 +114,6 @@ def _trace_files(folder: Path) -> list[Path]:
 
 @dataclass(frozen=True)
 class _Step:
-    """One readable row. `line` counts rows, readable or not."""
-
     line: int
     episode: int
     count: float
@@ -142,7 +128,6 @@ class _Step:
 
 
 def _read(file: Path) -> tuple[list[_Step], int]:
-    """The readable rows of a file, and how many lines were not."""
     try:
         text = file.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
@@ -180,7 +165,6 @@ def _check_columns(file: Path, names: Sequence[str]) -> None:
 
 
 def _step(row: dict[str, str], line: int) -> _Step | None:
-    """One row as numbers; None if one that is needed is missing, or the fields do not fit."""
     if None in row or None in row.values():
         return None
     x, y, yaw_deg, end_s = (_number(row.get(name)) for name in _NEEDED)
@@ -209,7 +193,6 @@ def _step(row: dict[str, str], line: int) -> _Step | None:
 
 
 def _number(text: str | None) -> float:
-    """The number in a field; NaN where there is none."""
     try:
         return float(text or "nan")
     except ValueError:
@@ -217,13 +200,11 @@ def _number(text: str | None) -> float:
 
 
 def _whole(text: str | None, *, otherwise: int) -> int:
-    """The whole number in a field."""
     number = _number(text)
     return int(number) if np.isfinite(number) else otherwise
 
 
 def _drives(steps: list[_Step]) -> Iterator[Recording]:
-    """Cut the rows of a file where the drive was broken."""
     cuts = [k for k in range(1, len(steps)) if _broken(steps[k - 1], steps[k])]
     for first, end in itertools.pairwise([0, *cuts, len(steps)]):
         part = steps[first:end]
@@ -251,12 +232,10 @@ def _drives(steps: list[_Step]) -> Iterator[Recording]:
 
 
 def _freed(before: _Step, now: _Step) -> bool:
-    """Whether a row is the first one after its car was held."""
     return before.status in _STANDING and _next(before, now)
 
 
 def _next(before: _Step, now: _Step) -> bool:
-    """Whether a row is the next one of the same episode, with nothing lost between them."""
     counted = now.count - before.count
     return (
         now.line == before.line + 1
@@ -267,7 +246,6 @@ def _next(before: _Step, now: _Step) -> bool:
 
 
 def _broken(before: _Step, now: _Step) -> bool:
-    """Whether the motion from one row to the next cannot be replayed from the actions."""
     moved_m = np.hypot(now.pose[0] - before.pose[0], now.pose[1] - before.pose[1])
     return bool(
         not _next(before, now)

@@ -13,12 +13,10 @@ from drsim.track.polyline import Location
 from drsim.track.track import Track
 
 PROGRESS_TOLERANCE = 0.02
-"""Percent of a lap, 3 mm of a short one."""
+"""Percent of a lap; 3 mm of a short one."""
 
 _LENGTH_TOLERANCE = 0.01
 _FURTHEST_M = 2.0
-"""A track fits if its length differs by no more than this share, and half of the recorded points
-lie no further than this from its centre line."""
 
 
 @dataclass(frozen=True)
@@ -26,11 +24,9 @@ class Agreement:
     """Shares of recorded rows whose columns agree, 0 .. 1; NaN where the column is missing.
 
     Attributes:
-        progress: Within `PROGRESS_TOLERANCE`, given the row before; the others are equal.
-        rows: How many rows were compared.
-        recorded_length_m: Length of the track in the recording; NaN if not recorded.
-        reverse: The recording was driven against the direction of the track.
-        fits: The recording may have been driven on this track.
+        progress: Within `PROGRESS_TOLERANCE`; others are equal.
+        reverse: Driven against the direction of the track.
+        fits: The recording may be of this track.
     """
 
     progress: float
@@ -44,7 +40,6 @@ class Agreement:
 
 
 def compare_track_columns(drives: Sequence[Recording], track: Track) -> Agreement:
-    """Compare the recorded columns with our own, of drives (at least one) in either direction."""
     poses = np.concatenate([drive.poses for drive in drives])
     waypoint = np.concatenate([drive.waypoint for drive in drives])
     wheels_on = np.concatenate([drive.wheels_on for drive in drives])
@@ -71,10 +66,7 @@ def compare_track_columns(drives: Sequence[Recording], track: Track) -> Agreemen
 
 
 def all_wheels_on(poses: Floats, track: Track) -> Bools:
-    """Whether all four wheels are on the road while a car stands at poses, shape (n, 3).
-
-    They are x and y in metres of the point 0.14 m ahead of the origin, and yaw in radians.
-    """
+    """Whether all four wheels of standing cars are on the road; poses as in `Recording`."""
     if not len(poses):
         return np.zeros(0, np.bool_)
     yaw = poses[:, 2]
@@ -86,10 +78,6 @@ def all_wheels_on(poses: Floats, track: Track) -> Bools:
 
 
 def _progress_errors(drives: Sequence[Recording], where: Location, track: Track) -> Floats:
-    """Our progress less the recorded one, in percent, of every row but the first of each drive.
-
-    Where an episode began is not recorded: it follows from the first row, which is not compared.
-    """
     fraction = where.distance_m / track.length_m
     errors, row = [np.empty(0)], 0
     for drive in drives:

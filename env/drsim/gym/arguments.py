@@ -11,14 +11,14 @@ from drsim.car.conditions import Conditions
 
 
 def check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:
-    """Raise ValueError for a value that is not one of the choices; the message lists them."""
+    """Raise ValueError for a value that is not one of the choices."""
     if value not in choices:
         words = ", ".join(repr(choice) for choice in choices)
         raise ValueError(f"{name} is {value!r}; it must be one of {words}.")
 
 
 def check_start(start: Any) -> None:
-    """Raise ValueError for a start that is neither None nor a number from 0 to 1."""
+    """Raise ValueError for a start that is neither None nor 0 to 1."""
     if start is None:
         return
     if not isinstance(start, (float, int, np.number)) or not 0 <= start <= 1:
@@ -26,13 +26,11 @@ def check_start(start: Any) -> None:
 
 
 def checked_actions(given: Any, space: gym.Space[Any], batch: tuple[int, ...] = ()) -> NDArray[Any]:
-    """Actions as an array. Continuous ones beyond -1 .. 1 are accepted: they count as -1 or 1.
-
-    `given` is the action of one car, or with the batch `(n,)` those of n cars.
+    """Actions as an array; continuous ones beyond -1 .. 1 are accepted.
 
     Raises:
-        ValueError: They do not have the shape or the type of the space, are not among its choices,
-            or are not finite.
+        ValueError: They do not have the space's shape or type, are not among its choices, or are
+            not finite.
     """
     actions = np.asarray(given)
     good = actions.shape == (*batch, *(space.shape or ()))
@@ -54,9 +52,9 @@ def start_of(
     reverse: bool,
     options: dict[str, Any] | None,
 ) -> tuple[Floats, bool]:
-    """Where episodes start, 0 .. 1 of the lap, shape (count,), and whether they drive in reverse.
+    """Where episodes start, 0 .. 1 of the lap, shape (count,), and whether in reverse.
 
-    Options win over the arguments; ValueError for an unknown one or a start that is not 0 .. 1.
+    Options win over arguments; ValueError for a wrong one.
     """
     options = options or {}
     for name in options:
@@ -68,11 +66,7 @@ def start_of(
 
 
 def conditions_of(options: dict[str, Any] | None) -> Conditions | list[Conditions] | None:
-    """The conditions among the options of `reset`, if any: for all cars, or one for each.
-
-    Raises:
-        ValueError: They are something else than `Conditions`.
-    """
+    """From the options of `reset`: for all cars, or one for each; ValueError for another type."""
     given = (options or {}).get("conditions")
     if given is None or isinstance(given, Conditions):
         return given

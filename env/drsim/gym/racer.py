@@ -37,50 +37,42 @@ class RacerEnv(gym.Env[Perceived, Any]):
 
     ## Action space
 
-    With `DiscreteActions` (the default: 5 angles, each with 1 and 2 m/s), `Discrete(n)`: a position
-    in the list. With `ContinuousActions`, `Box(-1, 1, (2,), float32)`:
+    With `DiscreteActions` (the default: 5 angles, each with 1 and 2 m/s), `Discrete(n)`. With
+    `ContinuousActions`, `Box(-1, 1, (2,), float32)`: steering, from the least angle to the
+    greatest (left), and speed, from the least to the greatest; numbers beyond are clipped.
 
-    | index | action   | -1                       | 1                     |
-    | ----- | -------- | ------------------------ | --------------------- |
-    | 0     | steering | least angle [degrees]    | greatest (left) angle |
-    | 1     | speed    | least speed [m/s]        | greatest speed        |
-
-    Numbers beyond -1 and 1 count as -1 and 1. The car turns its wheels by 30 degrees at most and
-    follows with a lag of about 0.1 s; it drives 0.1 to about 3.6 m/s and cannot stop. One action
-    lasts 1/15 s. `car` names another car, such as that of 2022 (`drsim.CAR_SETS`).
+    The wheels turn by 30 degrees at most, with a lag of about 0.1 s; the car drives 0.1 to about
+    3.6 m/s and cannot stop. One action lasts 1/15 s.
 
     ## Observation space
 
-    With one sensor, what that sensor gives; with a camera and a lidar, a `Dict` of both by name.
+    What the sensor gives; with a camera and a lidar, a `Dict` of both by name.
 
-    | sensor                                          | space                                      |
-    | ----------------------------------------------- | ------------------------------------------ |
-    | FRONT_FACING_CAMERA, LEFT_CAMERA, observation   | `Box(0, 255, (120, 160, 1), uint8)`, grey  |
-    | STEREO_CAMERAS                                  | `Box(0, 255, (120, 160, 2), uint8)`        |
-    | LIDAR                                           | `Box(0.15, 1, (64,), float32)`, metres     |
-    | SECTOR_LIDAR                                    | `Box(0, 1, (8,), float32)`                 |
-    | DISCRETIZED_SECTOR_LIDAR                        | `Box(0, 1, (sectors * values,), float32)`  |
+    - FRONT_FACING_CAMERA, LEFT_CAMERA, observation: `Box(0, 255, (120, 160, 1), uint8)`, grey
+    - STEREO_CAMERAS: `Box(0, 255, (120, 160, 2), uint8)`
+    - LIDAR: `Box(0.15, 1, (64,), float32)`, metres
+    - SECTOR_LIDAR: `Box(0, 1, (8,), float32)`
+    - DISCRETIZED_SECTOR_LIDAR: `Box(0, 1, (sectors * values,), float32)`
 
-    The camera looks ahead with a horizontal field of view of 64.7 degrees, pitched 14 degrees down,
-    from 0.13 m above the ground; row 0 is at the top. The lidar looks backwards, as in the
-    reference: ray 0 points 30 degrees to the left, and the rays go round by the rear.
+    The camera has a horizontal field of view of 64.7 degrees, pitched 14 degrees down, 0.13 m
+    above the ground; row 0 is at the top. The lidar looks backwards, as in the reference: ray 0
+    points 30 degrees to the left, and the rays go round by the rear.
 
     ## Reward
 
-    What the reward function returns for its 27 parameters. The default rewards a car near the
-    centre line: 1.0 within 10 % of the track width, 0.5 within 25 %, 0.1 within 50 %, else 0.001.
+    What the reward function returns. The default: 1.0 within 10 % of the track width from the
+    centre line, 0.5 within 25 %, 0.1 within 50 %, else 0.001.
 
     ## Start
 
-    At rest on the centre line, at `start` (0 .. 1 of the lap), or anywhere on the lap when `start`
-    is None. If an obstacle is near, the car starts on the other lane. `reset(options={"start":
-    0.25, "reverse": True})` wins over the arguments. Everything random in an episode (start,
-    objects, light, disturbances) comes from the seed of `reset`.
+    At rest on the centre line, at `start` (0 .. 1 of the lap), or anywhere if None; on the other
+    lane near an obstacle. `reset(options={"start": 0.25, "reverse": True})` wins over the
+    arguments. Everything random in an episode comes from the seed of `reset`.
 
     ## End of an episode
 
     Terminated: a full lap (progress exactly 100), a crash, all four wheels off the track, 15 steps
-    without motion, 15 steps of falling progress. Truncated: `rules.max_steps` reached. With
+    without motion or of falling progress. Truncated: `rules.max_steps` reached. With
     `rules.max_resets`, a violation puts the car back on the track; it waits, and ignores actions.
 
     ## Info
@@ -91,11 +83,9 @@ class RacerEnv(gym.Env[Perceived, Any]):
 
     ## Rendering
 
-    `render_mode="rgb_array"` gives a picture, `"human"` shows it in a window of 640x480 (extra
-    `rendering`). The `view` is "camera", what the car sees, (120, 160, 3), or "chase" and "top",
-    coloured pictures of (480, 640, 3) from behind the car and from above the track, as in the
-    videos of `dr-video`. The first one of these takes about 1 s, the others about 20 ms of one
-    core.
+    `render_mode="rgb_array"` gives a picture, `"human"` shows it in a window (extra `rendering`).
+    The `view` is "camera", (120, 160, 3), or "chase" from behind and "top" from above, (480, 640,
+    3): about 1 s for the first, then 20 ms of one core.
     """
 
     # Not a ClassVar, because Gymnasium declares it without.
@@ -125,21 +115,21 @@ class RacerEnv(gym.Env[Perceived, Any]):
             world: Name of a world, path of a route file, or a track.
             reward_function: Called after every driven step.
             actions: What the action numbers mean.
-            rules: When episodes end; those of training when left out.
-            sensors: What the car perceives; or the name of its sensor, or the names of several.
+            rules: When episodes end; default: those of training.
+            sensors: What the car perceives, or names of sensors.
             race: What else is on the track, or "time_trial", "object_avoidance", "head_to_bot".
-            start: Where on the lap episodes start, 0 .. 1; anywhere when None.
+            start: Of the lap, 0 .. 1; anywhere when None.
             reverse: Drive against the direction of the track.
-            randomize: "nothing", "lights" or "textures" that change from episode to episode.
-            realism: Sim-to-real extras; none when left out.
-            longest_latency_s: The longest latency of conditions given to `reset`.
-            car: Name of a set of car parameters (`drsim.CAR_SETS`), or parameters of your own.
-            render_mode: "rgb_array", "human", or None for no pictures but the observations.
+            randomize: "nothing", "lights" or "textures", per episode.
+            realism: Sim-to-real extras; default: none.
+            longest_latency_s: Of conditions given to `reset`.
+            car: Name of car parameters (`drsim.CAR_SETS`), or your own.
+            render_mode: "rgb_array", "human", or None.
             view: "camera", "chase" or "top".
 
         Raises:
             TrackError: There is no track of this name.
-            ValueError: Another argument is wrong; the message says which.
+            ValueError: Another argument is wrong.
         """
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         check_choice("view", view, VIEWS)
@@ -181,8 +171,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
     ) -> tuple[Perceived, dict[str, Any]]:
         """Begin an episode, and return what the car perceives and info.
 
-        From `seed` comes everything random; None goes on with the generator as it is. `options` are
-        `start`, 0 .. 1, `reverse`, and `conditions`: `drsim.Conditions` of this episode instead of
+        `options` are `start`, 0 .. 1, `reverse`, and `conditions`: `drsim.Conditions` instead of
         what `realism` draws.
         """
         super().reset(seed=seed)
@@ -228,7 +217,7 @@ class RacerEnv(gym.Env[Perceived, Any]):
         return self._picture() if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """Free threads and window. Closing twice does nothing more."""
+        """Free threads and window. May be called twice."""
         self._simulation.close()
         if self._window is not None:
             self._window.close()
@@ -240,7 +229,6 @@ class RacerEnv(gym.Env[Perceived, Any]):
         return self._viewer.picture(0)
 
     def _show(self) -> None:
-        """Put the picture into the window, in time with the clock of the simulation."""
         if self.render_mode != "human":
             return
         if self._window is None:

@@ -38,10 +38,10 @@ from drsim.viewing.rendering import VIEWS, Frame, Viewer
 class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
     """Many cars on one track, each with its own episodes; spaces and rules as in `RacerEnv`.
 
-    Observations have one more axis in front, rewards and flags the shape (n,). A car whose episode
-    ended begins the next one with the following step, which ignores its action and gives no reward
-    (`AutoresetMode.NEXT_STEP`). Info holds arrays of shape (n,); `status` holds `Status` numbers.
-    Two racers (`Race(racers=2)`) are cars 2i and 2i + 1; they begin their episodes together.
+    Observations have one more axis in front; rewards, flags and info are arrays of shape (n,), and
+    `status` holds `Status` numbers. After an episode's end the next step begins another, ignores
+    the action and gives no reward (`AutoresetMode.NEXT_STEP`). Two racers (`Race(racers=2)`) are
+    cars 2i and 2i + 1; they begin together.
     """
 
     # Not a ClassVar, because Gymnasium declares it without.
@@ -73,7 +73,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
     ) -> None:
         """Build the world for `num_envs` cars; arguments and errors as in `RacerEnv`.
 
-        `render_mode` is "rgb_array" or None; `num_threads` threads compute physics and camera, the
+        `render_mode` is "rgb_array" or None; `num_threads` compute physics and camera, the
         caller's included.
         """
         check_choice("render_mode", render_mode, (None, "rgb_array"))
@@ -113,10 +113,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Perceived, dict[str, Any]]:
-        """Begin an episode in every car; arguments as in `RacerEnv.reset`.
-
-        Options count for these episodes, not for those that begin when they are over.
-        """
+        """Begin an episode in every car, to which alone the options apply."""
         super().reset(seed=seed)
         self._over[:] = False
         self._begun = True
@@ -126,10 +123,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
     def step(
         self, actions: Any
     ) -> tuple[Perceived, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Act for 1/15 s in every car; cars whose episode ended begin the next one.
-
-        Returns and errors as in `RacerEnv.step`, with a row for each car.
-        """
+        """As in `RacerEnv.step`, with a row for each car."""
         if not self._begun:
             raise ResetNeeded("Call reset before step: no episode has begun.")
         requests = checked_actions(actions, self.single_action_space, (self.num_envs,))
@@ -148,7 +142,7 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         return seen, result.reward, result.terminated, result.truncated, info
 
     def render(self) -> tuple[Frame, ...] | None:
-        """One picture of the chosen view for each car, or None without a render mode."""
+        """One picture for each car, or None without a render mode."""
         if self.render_mode is None:
             return None
         if self._viewer is None:
@@ -156,11 +150,9 @@ class RacerVectorEnv(VectorEnv[Perceived, Any, NDArray[Any]]):
         return tuple(self._viewer.cut_to(car) for car in range(self.num_envs))
 
     def close_extras(self, **_: Any) -> None:
-        """Free the threads of the simulation."""
         self._simulation.close()
 
     def _begins(self) -> Bools:
-        """Cars that begin an episode with the next step: those whose whole race is over."""
         races = self._over.reshape(-1, self._race.racers)
         return np.repeat(races.all(axis=1), self._race.racers)
 

@@ -12,11 +12,10 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "drsim/DeepRacerObjectAvoidance-v0": {"race": "object_avoidance"},
     "drsim/DeepRacerHeadToBot-v0": {"race": "head_to_bot"},
 }
-"""Ids, and the arguments in which they differ from `RacerEnv`'s own defaults."""
 
 
 def register() -> None:
-    """Make the ids known. Doing it again changes nothing."""
+    """Make the ids known; may be called again."""
     for name, arguments in ENVIRONMENTS.items():
         if name not in gym.registry:
             gym.register(

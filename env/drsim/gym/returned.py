@@ -18,7 +18,7 @@ _INFO = (
 
 
 def perceived(simulation: Simulation, sensors: Sensors, cars: int | slice) -> Perceived:
-    """What cars perceive, as their observation space has it: copies, eyes last."""
+    """Copies, eyes last."""
     frames = np.moveaxis(simulation.frames[cars], -3, -1).copy()
     if sensors.lidar is None:
         return frames
@@ -26,5 +26,4 @@ def perceived(simulation: Simulation, sensors: Sensors, cars: int | slice) -> Pe
 
 
 def info_of(result: StepResult) -> dict[str, Any]:
-    """The `info` of all cars; arrays of shape (n,)."""
     return {name: getattr(result, name) for name in _INFO}

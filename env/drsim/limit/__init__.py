@@ -1,1 +1,1 @@
-"""The fastest lap of a car on a track: computed with its grip, and driven in the MuJoCo car."""
+"""The fastest lap of a car on a track: computed with its grip, and driven in MuJoCo."""

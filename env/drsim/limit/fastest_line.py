@@ -1,9 +1,7 @@
 """Computes the fastest line of a car round a closed track, and its speeds.
 
-A point mass with the grip of `drsim.limit.grip` drives a closed chain of nodes. Each node lies on a
-normal of a reference line, between the borders of the road and a little beyond them. One nonlinear
-programme finds places and speeds together. The reference is first the smoothed centre line, then
-the line found before: normals of a line that a car can drive do not cross within the road.
+A nonlinear programme places a point mass on normals of a reference line: the smoothed centre line,
+then the line found before.
 """
 
 from typing import Any, NamedTuple
@@ -15,11 +13,12 @@ from drsim.limit.grip import SPEEDS_MPS, Grip
 from drsim.track.track import Track
 
 STEP_M = 0.15
-"""Distance of nodes. With 0.1 m, lap times are 0.2 % longer."""
+"""With 0.1 m, lap times are 0.2 % longer."""
 
 BEYOND_M = 0.085
-"""How far the car's origin may be beyond a border: half its track width, so that the wheels of one
-side still count as on the road and no episode ends."""
+"""Of the car's origin beyond a border: half its track width, so that the wheels of one side stay
+on.
+"""
 
 _SMOOTH_M = 0.3
 _REACH_M = 1.6
@@ -28,7 +27,6 @@ _ROUNDS = 3
 _SLOWEST_MPS = 0.3
 _NEARLY = 0.998
 _LEAST_ADVANCE = 0.2
-"""Share of a step of the reference line by which each step of the line advances at least."""
 
 
 class SolverMissing(Exception):
@@ -36,39 +34,31 @@ class SolverMissing(Exception):
 
 
 class NoLine(Exception):
-    """The solver found no line; the message says why."""
+    """The solver found no line."""
 
 
 class Line(NamedTuple):
-    """A closed line with speeds.
-
-    Attributes:
-        xy: Nodes in driving order, metres; the first is not repeated. Shape (n, 2).
-        speed_mps: Speeds there. Shape (n,).
-    """
+    """A closed line; `xy` in driving order, the first not repeated, shape (n, 2)."""
 
     xy: Floats
     speed_mps: Floats
 
     @property
     def step_m(self) -> Floats:
-        """From each node to the next one. Shape (n,)."""
         step_m: Floats = np.hypot(*(np.roll(self.xy, -1, axis=0) - self.xy).T)
         return step_m
 
     @property
     def step_s(self) -> Floats:
-        """Time from each node to the next one. Shape (n,)."""
         return 2.0 * self.step_m / (self.speed_mps + np.roll(self.speed_mps, -1))
 
     @property
     def lap_s(self) -> float:
-        """Time of a flying lap."""
         return float(self.step_s.sum())
 
 
 def fastest_line(track: Track, grip: Grip) -> Line:
-    """The fastest line round a track in its direction, with its first node near waypoint 0.
+    """In the track's direction, from near waypoint 0.
 
     Raises:
         SolverMissing: casadi is not installed.
@@ -93,7 +83,6 @@ def fastest_line(track: Track, grip: Grip) -> Line:
 
 
 def _improved(track: Track, reference: Floats, grip: Grip) -> Line | None:
-    """The fastest line near a reference in the direction of the track, and then near that line."""
     line = None
     for beyond_m in (0.0, *[BEYOND_M] * (_ROUNDS - 1)):
         normals, low_m, high_m = _room(track, reference, beyond_m)
@@ -107,7 +96,6 @@ def _improved(track: Track, reference: Floats, grip: Grip) -> Line | None:
 
 
 def _resampled(xy: Floats) -> Floats:
-    """Evenly spaced points of a closed line. Shape (m, 2)."""
     closed = np.vstack([xy, xy[:1]])
     along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
     count = max(24, round(along_m[-1] / STEP_M))
@@ -116,18 +104,13 @@ def _resampled(xy: Floats) -> Floats:
 
 
 def _smoothed(xy: Floats, reach: int, passes: int) -> Floats:
-    """Moving averages of a closed line over `reach` points to either side."""
     for _ in range(passes):
         xy = np.mean([np.roll(xy, k, axis=0) for k in range(-reach, reach + 1)], axis=0)
     return xy
 
 
 def _room(track: Track, line: Floats, beyond_m: float) -> tuple[Floats, Floats, Floats]:
-    """Left normals of a line, shape (n, 2), and how far a car may be along each, shape (n,).
-
-    Raises:
-        NoLine: A normal does not meet the road.
-    """
+    """Left normals of a line, and how far a car may be along each."""
     ahead = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
     normals = np.column_stack([-ahead[:, 1], ahead[:, 0]]) / np.hypot(*ahead.T)[:, None]
     places_m = np.arange(-_REACH_M, _REACH_M + _GRID_M / 2, _GRID_M)
@@ -146,7 +129,6 @@ def _room(track: Track, line: Floats, beyond_m: float) -> tuple[Floats, Floats, 
 def _solve(
     reference: Floats, normals: Floats, low_m: Floats, high_m: Floats, grip: Grip
 ) -> tuple[Line, bool]:
-    """The fastest line with nodes on the normals, and whether the solver converged."""
     try:
         import casadi
     except ImportError as error:

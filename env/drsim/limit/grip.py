@@ -1,7 +1,7 @@
-"""What limits a lap of each car: its grip, speed and liveliness as measured in the MuJoCo car.
+"""What limits a lap: each car's grip and speed, as measured in the MuJoCo car.
 
-Measured with random requests of 256 cars (99 % of windows of 0.2 s are below), then raised to what
-the fastest driving found so far reached: see docs/track-limit.md.
+With random requests (99 % of windows of 0.2 s are below), raised to the fastest driving: see
+docs/track-limit.md.
 """
 
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 SPEEDS_MPS = (0.0, 0.5, 0.85, 1.1, 1.4, 1.6, 1.9, 2.1, 2.4, 2.6, 2.9, 3.1, 3.4, 3.65, 4.5)
-"""Speeds at which `Grip.lateral_mps2` is given."""
+"""Of `Grip.lateral_mps2`."""
 
 
 @dataclass(frozen=True)
@@ -17,14 +17,11 @@ class Grip:
     """What a car can do at most.
 
     Attributes:
-        lateral_mps2: Greatest lateral acceleration at each of `SPEEDS_MPS`. It is small at low
-            speeds, because all wheels turn at one speed, so that the car understeers.
-        accelerate_mps2: Greatest acceleration.
-        brake_mps2: Greatest deceleration.
-        best_brake_mps2: Deceleration at which the car corners best: braking helps it to turn.
-        pull_per_s: Acceleration left for each m/s below the top speed.
-        jerk_mps3: How quickly the lateral acceleration can change: steering lag and inertia.
-        top_mps: Greatest speed.
+        lateral_mps2: At each of `SPEEDS_MPS`. All wheels turn at one speed, so a slow car
+            understeers.
+        best_brake_mps2: At which the car corners best.
+        pull_per_s: Acceleration for each m/s below the top speed.
+        jerk_mps3: Of lateral acceleration: steering lag and inertia.
     """
 
     lateral_mps2: tuple[float, ...]
@@ -67,4 +64,4 @@ GRIPS: Mapping[str, Grip] = MappingProxyType(
         ),
     }
 )
-"""By the name of the car's set in `drsim.car.car_sets`."""
+"""By names in `drsim.car.car_sets`."""

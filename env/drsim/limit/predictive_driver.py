@@ -1,9 +1,7 @@
 """Drives the MuJoCo car along a line as fast as it can, by looking ahead in copies of the car.
 
-In each step, many copies of the car try sequences of requests, half a second long. The sequence
-that gains most time on the line, and ends near it, is taken, and its first step driven (the
-cross-entropy method). So what is driven obeys the whole simulated car, and the requests can be
-driven again in `Simulation`, which judges them by the rules of episodes.
+Copies try requests of half a second; the first step of the best is driven (the cross-entropy
+method). `Simulation` then judges by the rules of episodes.
 """
 
 from dataclasses import dataclass
@@ -22,28 +20,20 @@ from drsim.track.track import Track
 
 _LEAST_MPS = 0.3
 _FIRST_M = 1.0
-"""After so much of the lap, the car is fast and the flying lap is measured from here."""
+"""The flying lap is measured from here."""
 _FINER = 4
-"""Points of the line for each of its nodes."""
 _KEPT_SHARE = 0.7
 _PAST, _AHEAD = -8, 60
-"""Where a car is looked for, in points from where it was."""
+"""Points of the line in which a car is looked for."""
 _OFFSET_S, _HEADING_S, _SLOW_S = 3.0, 0.15, 0.08
-"""Seconds that the end of a plan counts worse: per square metre beside the line, per square radian,
-and per m/s too slow."""
+"""Costs of a plan's end: per square metre beside the line, per square radian, per m/s too slow."""
 _OFF_S = 1.0
 """Per step without a wheel on the road."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How hard the driver looks for the best requests.
-
-    Attributes:
-        copies: Cars that try at a time.
-        rounds: How often, each time nearer to the best.
-        horizon: Steps that they look ahead.
-    """
+    """How hard the driver looks: cars that try, rounds, and steps ahead."""
 
     copies: int = 48
     rounds: int = 2
@@ -54,8 +44,8 @@ class DrivenLap(NamedTuple):
     """What the car drove.
 
     Attributes:
-        flying_s: Time of the best flying lap, read between steps; None if it left the road.
-        standing_s: Time of the lap from rest as an episode counts it; None if it was not clean.
+        flying_s: Of the best lap; None if it left the road.
+        standing_s: As an episode counts it; None if not clean.
     """
 
     flying_s: float | None
@@ -69,16 +59,12 @@ def drive_line(
     seed: int,
     effort: Effort | None = None,
 ) -> DrivenLap:
-    """Drive a lap from rest at waypoint 0 and a little more, then judge it as an episode."""
+    """Drive a lap from rest and more, then judge it as an episode."""
     requests = _Planner(track, line, parameters, seed, effort or Effort()).requests()
     return _judged(track, parameters, requests)
 
 
 def _judged(track: Track, parameters: CarParameters, requests: Floats) -> DrivenLap:
-    """Drive requests, steering in degrees and speed in m/s, shape (t, 2), as an evaluation does.
-
-    Two laps are asked for, so that the episode goes on after the first.
-    """
     simulation = Simulation(
         track,
         num_cars=1,
@@ -105,7 +91,6 @@ def _judged(track: Track, parameters: CarParameters, requests: Floats) -> Driven
 
 
 def _flying_s(track: Track, places: Floats) -> float | None:
-    """The least time between two passes of a place, of those that were passed twice."""
     length_m = track.length_m
     along_m = track.locate(places).distance_m
     moved_m = np.diff(along_m)
@@ -121,8 +106,6 @@ def _flying_s(track: Track, places: Floats) -> float | None:
 
 
 class _Planner:
-    """Chooses the requests step by step."""
-
     def __init__(
         self,
         track: Track,
@@ -151,7 +134,6 @@ class _Planner:
         self._clock_s = np.interp(at, node, np.concatenate([[0.0], np.cumsum(line.step_s)]))
 
     def requests(self) -> Floats:
-        """Steering in degrees and speed in m/s of each step of a lap and a little more."""
         effort, track, cars = self._effort, self._track, self._cars
         start = track.pose_at(np.zeros(1))
         cars.place(np.arange(effort.copies), np.repeat(start, effort.copies, axis=0))
@@ -169,7 +151,6 @@ class _Planner:
         return np.array(chosen)
 
     def _improved(self, plan: Floats, state: Floats, here: int) -> tuple[Floats, Floats, int]:
-        """The best plan from here, the state after its first step, and the point reached then."""
         effort = self._effort
         mean = np.vstack([plan[1:], plan[-1:]])
         spread = np.array([7.0, 0.5])
@@ -194,7 +175,6 @@ class _Planner:
         return chosen, np.repeat(after_it[None], effort.copies, axis=0), point
 
     def _tried(self, plans: Floats, state: Floats, here: int) -> tuple[Floats, Floats, Ints]:
-        """Costs of plans in seconds, states after their first step, and points reached then."""
         cars = self._cars
         cars.set_state(state)
         point: Ints = np.full(len(plans), here)
@@ -220,7 +200,6 @@ class _Planner:
         return cost, first_state, first_point
 
     def _followed(self, point: Ints) -> Ints:
-        """The point of the line nearest to each car, near the one where it was."""
         near = (point[:, None] + np.arange(_PAST, _AHEAD)) % len(self._x)
         xy = self._cars.origin_xy
         away = (xy[:, :1] - self._x[near]) ** 2 + (xy[:, 1:] - self._y[near]) ** 2
@@ -230,6 +209,5 @@ class _Planner:
         return int(((self._x - xy[0]) ** 2 + (self._y - xy[1]) ** 2).argmin())
 
     def _gained_s(self, here: int, there: Ints | int) -> Floats:
-        """Time of the line from one point to others, negative backwards."""
         gained_s = self._clock_s[there] - self._clock_s[here]
         return np.asarray((gained_s + self._lap_s / 2) % self._lap_s - self._lap_s / 2)

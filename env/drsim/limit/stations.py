@@ -1,4 +1,4 @@
-"""A line by its offset from the centre line at stations along the lap, and back to points."""
+"""A line by its offset from the centre line at stations along the lap."""
 
 from typing import NamedTuple
 
@@ -9,20 +9,13 @@ from drsim.limit.fastest_line import Line
 from drsim.track.track import Track
 
 STATION_M = 0.2
-"""Mean distance of stations along the centre line."""
-
 _FARTHEST_M = 2.0
-"""Crossings of a section further away belong to another stretch of the line."""
 
 
 class Stations(NamedTuple):
-    """A line at evenly spaced places of the centre line, the first at waypoint 0.
+    """A line at evenly spaced places of the centre line, from waypoint 0. Shape (n,).
 
-    Attributes:
-        offset_m: Distance to the left of the centre line, along the section that joins the borders
-            there. Shape (n,).
-        speed_mps: Speed. Shape (n,).
-        clock_s: Time since the first station. Shape (n,).
+    `offset_m` is to the left, along the section between the borders.
     """
 
     offset_m: Floats
@@ -31,7 +24,6 @@ class Stations(NamedTuple):
 
 
 def stations_of(track: Track, line: Line) -> Stations:
-    """Where a line crosses the sections of a track."""
     count = max(24, round(track.length_m / STATION_M))
     centers, across = _sections(track, count)
     apart = line.xy[None] - centers[:, None]
@@ -58,13 +50,11 @@ def stations_of(track: Track, line: Line) -> Stations:
 
 
 def points_of(track: Track, offset_m: Floats) -> Floats:
-    """The points of offsets at evenly spaced stations. Shape (n, 2)."""
     centers, across = _sections(track, len(offset_m))
     return centers + offset_m[:, None] * across
 
 
 def _sections(track: Track, count: int) -> tuple[Floats, Floats]:
-    """Points of the centre line, and unit vectors from each to the left. Shape (n, 2) each."""
     steps = np.hypot(*np.diff(track.center, axis=0).T)
     along_m = np.concatenate([[0.0], np.cumsum(steps)])
     kept = np.concatenate([[True], steps > 0.0])

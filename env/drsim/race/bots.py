@@ -1,4 +1,4 @@
-"""Bot cars: slow cars without physics that follow the lanes of the track as time goes by."""
+"""Bot cars: slow cars without physics that follow the lanes."""
 
 from typing import NamedTuple
 
@@ -11,17 +11,10 @@ from drsim.race.race import BotRules
 from drsim.track.lanes import LanePlaces
 
 _SHORTEST_CHANGE_M = 0.01
-"""No lane change is shorter, so that none divides by nothing."""
 
 
 class _LaneChanges(NamedTuple):
-    """Lane changes of the bots.
-
-    Attributes:
-        lane: The lane that a bot is on or leaves: 0 inner, 1 outer. Shape (n, k).
-        wait_s: Time until it changes lanes. Shape (n, k).
-        changed_m: How far it has got with a change. Shape (n, k).
-    """
+    """Arrays of shape (n, k); `lane` is 0 inner, 1 outer, the one a bot is on or leaves."""
 
     lane: Ints
     wait_s: Floats
@@ -29,10 +22,9 @@ class _LaneChanges(NamedTuple):
 
 
 class Bots:
-    """The bots of n cars, k for each; a car meets its own only. Where they are is in `places`."""
+    """The bots of n cars, k for each; a car meets only its own."""
 
     def __init__(self, num_cars: int, rules: BotRules) -> None:
-        """Prepare bots that are nowhere yet."""
         shape = (num_cars, rules.count)
         self._rules = rules
         self.places = LanePlaces(np.zeros(shape), np.zeros(shape), np.zeros(shape))
@@ -46,16 +38,15 @@ class Bots:
 
     @property
     def _changes_lanes(self) -> bool:
-        """Whether any bot ever leaves its lane: one that stands still cannot."""
         return self._rules.lane_change and self._rules.speed_mps > 0
 
     @property
     def moving_mps(self) -> Floats:
-        """Speed of the bots of each car: those that were run into stand still. Shape (n,)."""
+        """Speed, 0 for bots that were run into. Shape (n,)."""
         return np.where(self._halt_s > 0.0, 0.0, self._rules.speed_mps)
 
     def begin(self, car: int, places_m: Floats, lanes: Ints, random: np.random.Generator) -> None:
-        """Put the k bots of a car at the start of its episode, on lanes 0 (inner) or 1 (outer).
+        """Put a car's k bots at the start of its episode, on lanes 0 (inner) or 1 (outer).
 
         Lane changes are drawn from `random` now and during the episode.
         """
@@ -70,7 +61,6 @@ class Bots:
             self._changes.wait_s[car] = random.uniform(*self._rules.lane_change_time_s, len(lanes))
 
     def advance(self, moving: Bools) -> None:
-        """Let 1/15 s go by for the bots of some cars. Shape (n,)."""
         step_s = 1.0 / CONTROL_HZ
         halted = self._halt_s > 0
         self._halt_s[moving & halted] -= step_s
@@ -83,7 +73,7 @@ class Bots:
             self._change_lanes(going, step_s, step_m)
 
     def halt(self, cars: Bools) -> None:
-        """Stop all bots of some cars for the penalty, unless they wait already. Shape (n,)."""
+        """Stop all bots of some cars for the penalty, unless they wait already."""
         self._halt_s[cars & (self._halt_s == 0.0)] = self._rules.penalty_s
 
     def _change_lanes(self, going: Bools, step_s: float, step_m: float) -> None:
@@ -106,15 +96,7 @@ def _drift(
     share: Floats,
     drift: Floats,
 ) -> Bools:
-    """Let the bots of some cars wait or change lanes for one step.
-
-    Written are `changes`, and `share` and `drift` as in `LanePlaces`.
-
-    Across the lanes a change follows 3 p^2 - 2 p^3: it begins and ends along the lane.
-
-    Returns:
-        Whether a bot has completed its change. Shape (n, k).
-    """
+    """A lane change follows 3 p^2 - 2 p^3: it begins and ends along the lane."""
     arrived: Bools = np.zeros(share.shape, np.bool_)
     for i in np.flatnonzero(going):
         for k in range(arrived.shape[1]):

@@ -11,7 +11,7 @@ from drsim.car.car import REFERENCE_POINT_AHEAD_M
 from drsim.jit import kernel
 
 _NEAR_M = 0.2
-"""Least depth at which an object counts as seen. Source: the reference simulator."""
+"""Least visible depth. Source: the reference simulator."""
 
 _WIDE = math.tan(FRONT.field_of_view_rad / 2)
 _CAMERA = (
@@ -22,23 +22,20 @@ _CAMERA = (
     _WIDE,
     _WIDE * FRONT.rows / FRONT.columns,
 )
-"""The lens: how far ahead of the car's reference point and how high it is, metres; cosine and sine
-of its pitch; half the width and half the height of the picture at a depth of 1."""
+"""How far ahead of the car's reference point and how high, metres; cosine and sine of the pitch;
+half the width and height of the picture at depth 1.
+"""
 
 
 class Objects(NamedTuple):
     """The k objects of each of n cars, in the order of the reference: racers, obstacles, bots.
 
     Attributes:
-        xy: Places on the floor, metres. Shape (n, k, 2).
-        yaw_rad: Directions. Shape (n, k).
-        footprint_m: Length and width of the crash rectangles. Shape (k, 2).
-        distance_m: Along the centre line from waypoint 0 in the car's driving direction, metres.
-            Shape (n, k).
-        from_center_m: Distances from the centre line. Shape (n, k).
-        left_of_center: Whether they stand left of it. Shape (n, k).
-        speed_mps: The speed that reward functions are told. Shape (k,).
-        tells_heading: Whether they are told the heading; that of a box is always 0. Shape (k,).
+        xy: Metres. Shape (n, k, 2).
+        footprint_m: Length and width of crash rectangles. Shape (k, 2).
+        distance_m: In the car's driving direction. Shape (n, k).
+        speed_mps: As reward functions are told. Shape (k,).
+        tells_heading: To them; that of a box is always 0. Shape (k,).
     """
 
     xy: Floats
@@ -53,10 +50,9 @@ class Objects(NamedTuple):
 
 @kernel
 def closest(distance_m: Floats, cars: Ints, along_m: Floats) -> tuple[Ints, Ints]:
-    """Indices of the objects before and after c cars, along the lap and round its end.
+    """Indices of the objects before and after c cars, round the end of the lap.
 
-    `distance_m` as in `Objects`; the cars are at `along_m` of the centre line. Shape (c,). Of
-    equally far objects the last one counts as before a car, the first one as after it.
+    Of equally far objects the last counts as before a car, the first as after it.
     """
     previous, following = np.empty(len(cars), np.int64), np.empty(len(cars), np.int64)
     for i in range(len(cars)):
@@ -83,11 +79,10 @@ def in_camera(
     front_xy: Floats,
     heading_rad: Floats,
 ) -> Bools:
-    """Whether a car's camera sees the centre or a floor corner of one of its objects.
+    """Whether a car's camera sees the centre or a floor corner of an object.
 
-    `objects` are the first three parts of `Objects`, `which` an object of each car, shape (c,),
-    `front_xy` the car's point 0.14 m ahead of its origin. The camera is taken at its nominal place,
-    as the reference does.
+    `front_xy` is 0.14 m ahead of its origin. The camera is at its nominal place, as in the
+    reference.
     """
     return _in_camera(objects, cars, which, front_xy, heading_rad, _CAMERA)
 
@@ -101,7 +96,6 @@ def _in_camera(
     heading_rad: Floats,
     camera: tuple[float, float, float, float, float, float],
 ) -> Bools:
-    """Like `in_camera`, for a `camera` as `_CAMERA`."""
     xy, yaw_rad, footprint_m = objects
     lens_ahead_m, lens_high_m, pitch_cos, pitch_sin, wide, high = camera
     seen = np.zeros(len(cars), np.bool_)

@@ -1,4 +1,4 @@
-"""Kinds of race: the rules for obstacles, bot cars and a second racer on the track."""
+"""Kinds of race: rules for obstacles, bot cars and a second racer."""
 
 import math
 from dataclasses import dataclass
@@ -13,15 +13,12 @@ class ObstacleRules:
 
     Attributes:
         count: How many; `positions` win over it.
-        kind: What stands there.
-        min_gap_m: Least distance between two of them along the centre line, metres.
-        randomize: Draw places and lanes for each episode; otherwise they stand at even distances
-            on alternating lanes.
-        positions: Fixed places: fraction of the lap, 0 .. 1, and lane, -1 for the outer one,
-            anything else for the inner one.
-        reset_behind_m: How far behind an obstacle a car goes on after it was put back near it.
-        mercy: Every `mercy`-th time that a car is put back near the same obstacle, it goes on as
-            far ahead of it instead; with 0, never.
+        min_gap_m: Along the centre line, metres.
+        randomize: Draw places and lanes for each episode, instead of even distances and
+            alternating lanes.
+        positions: Fraction of the lap, 0 .. 1, and lane: -1 outer, else inner.
+        reset_behind_m: How far behind an obstacle a car that crashed there goes on, metres.
+        mercy: Every so-many-th time at the same obstacle it goes on ahead of it instead; 0: never.
     """
 
     count: int = 6
@@ -33,7 +30,7 @@ class ObstacleRules:
     mercy: int = 0
 
     def __post_init__(self) -> None:
-        """Raise ValueError for a number out of range; the message says which."""
+        """Raise ValueError for a number out of range."""
         for name in ("count", "min_gap_m", "reset_behind_m", "mercy"):
             _check_at_least_0(name, getattr(self, name))
         for fraction, _ in self.positions:
@@ -46,14 +43,12 @@ class BotRules:
     """Slow cars that keep to a lane. The defaults are those of the reference's launcher.
 
     Attributes:
-        count: How many.
-        speed_mps: Speed along the centre line.
-        min_gap_m: Least distance between two of them at the start of an episode, metres.
-        randomize: Draw their first places and lanes for each episode.
-        lane_change: Whether they change lanes.
-        lane_change_time_s: Least and most seconds between two changes.
+        speed_mps: Along the centre line.
+        min_gap_m: At the start of an episode, metres.
+        randomize: Draw places and lanes for each episode.
+        lane_change_time_s: Least and most seconds between changes.
         lane_change_distance_m: Metres that a change takes.
-        penalty_s: How long the bots of a car stand still after one of them ran into it.
+        penalty_s: How long a car's bots stand still after one ran into it.
     """
 
     count: int = 3
@@ -66,7 +61,7 @@ class BotRules:
     penalty_s: float = 2.0
 
     def __post_init__(self) -> None:
-        """Raise ValueError for a number out of range; the message says which."""
+        """Raise ValueError for a number out of range."""
         for name in ("count", "speed_mps", "min_gap_m", "lane_change_distance_m", "penalty_s"):
             _check_at_least_0(name, getattr(self, name))
         if self.speed_mps > _FASTEST_BOT_MPS:
@@ -85,7 +80,7 @@ class BotRules:
 class Race:
     """A kind of race; without any of it, a time trial.
 
-    `racers` is how many cars of a batch share a track: with 2, cars 2i and 2i + 1 meet.
+    With 2 `racers`, cars 2i and 2i + 1 of a batch share a track.
     """
 
     obstacles: ObstacleRules | None = None
@@ -93,7 +88,7 @@ class Race:
     racers: int = 1
 
     def __post_init__(self) -> None:
-        """Raise ValueError unless there are 1 or 2 racers, which fit side by side at the start."""
+        """Raise ValueError unless there are 1 or 2 racers."""
         if self.racers not in (1, 2):
             raise ValueError(f"racers is {self.racers}; one or two cars share a track.")
 
@@ -102,7 +97,7 @@ TIME_TRIAL = Race()
 
 
 def race_of_name(name: str) -> Race:
-    """A kind of race by name, with the default rules; ValueError for an unknown name."""
+    """A kind of race with the default rules; ValueError for an unknown name."""
     races = {
         "time_trial": TIME_TRIAL,
         "object_avoidance": Race(obstacles=ObstacleRules()),

@@ -8,19 +8,16 @@ from drsim.arrays import Bools, Floats
 from drsim.jit import kernel
 
 Rectangles = tuple[Floats, Floats, Floats]
-"""Rectangles, n of one size, or k of different sizes around each of n: centres in metres, shape
-(n, 2) or (n, k, 2); directions of their lengths, (n,) or (n, k); lengths and widths, (2,) or
-(k, 2)."""
+"""Centres in metres, shape (n, 2) or (n, k, 2); directions, (n,) or (n, k); lengths and widths,
+(2,) or (k, 2).
+"""
 
 
 @kernel
 def overlaps(one: Rectangles, others: Rectangles) -> Bools:
-    """Compare one rectangle with k others, n times over; touching is not overlapping.
+    """Compare n rectangles with k others each; touching is not overlapping. Shape (n, k).
 
-    Two rectangles are apart when one of their four axes separates their shadows on it.
-
-    Returns:
-        Whether they overlap. Shape (n, k).
+    Two are apart when one of their four axes separates their shadows on it.
     """
     one_xy, one_yaw_rad, one_size_m = one
     other_xy, other_yaw_rad, other_size_m = others

@@ -1,4 +1,4 @@
-"""What stands on the floor: boxes and cars as cuboids, for cameras and lidars."""
+"""Boxes and cars as cuboids, for cameras and lidars."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,16 +23,14 @@ CUBOID = np.dtype(
         ("color", np.float32, 3),
     ]
 )
-"""A cuboid in the world: its middle, cosine and sine of its yaw, half its size on the floor, its
-lowest and highest z, all in metres, and the red, green and blue of its texture, 0 to 255."""
+"""Middle, cosine and sine of the yaw, half its size on the floor, lowest and highest z, metres;
+red, green, blue, 0 to 255.
+"""
 
 
 @dataclass(frozen=True)
 class Box:
-    """A cuboid of a shape, in the frame of the shape: forward, left, up from a point on the floor.
-
-    `center_m` is its middle, forward and left; `size_m` length and width; `color` 0 to 255.
-    """
+    """A cuboid in the frame of its shape: metres forward, left, up from a point on the floor."""
 
     center_m: tuple[float, float]
     size_m: tuple[float, float]
@@ -43,7 +41,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Shape:
-    """A kind of object; a crash is decided by the rectangle of length and width `footprint_m`."""
+    """A kind of object; the footprint decides about crashes."""
 
     name: str
     boxes: tuple[Box, ...]
@@ -56,7 +54,7 @@ _BOX_FOOTPRINT_M = (0.5, 0.4)
 
 
 def _car(name: str, color: RGB) -> Shape:
-    """A car: body, cabin and four wheels. Source of the sizes: the reference simulator's meshes."""
+    """Source of the sizes: the reference simulator's meshes."""
     wheels = tuple(
         Box((x, y), (0.072, 0.034), 0.0, 0.072, _TYRE)
         for x in (-0.0817, 0.0823)
@@ -83,19 +81,13 @@ SHAPES: dict[str, Shape] = {
         _car("race_car", (223.9, 25.8, 37.0)),
     )
 }
-"""All shapes by name. Source of sizes, margins and colours: the reference simulator's models; the
-colours of the two printed boxes are assumed."""
+"""Source: the reference simulator's models; the colours of the two printed boxes are assumed."""
 
 
 class Solids:
-    """The solids around each of n cars, k for each and of the same shapes.
-
-    Attributes:
-        boxes: All their cuboids, of the type `CUBOID`. A live view. Shape (n, m).
-    """
+    """The solids around each of n cars, k for each and of the same shapes."""
 
     def __init__(self, num_cars: int, shapes: Sequence[Shape]) -> None:
-        """Put everything at the origin of the world."""
         parts = [(index, box) for index, shape in enumerate(shapes) for box in shape.boxes]
         self._shape_of = np.array([index for index, _ in parts], np.int64)
         self._center_m = np.array([box.center_m for _, box in parts]).reshape(-1, 2)
@@ -110,11 +102,11 @@ class Solids:
         self.move(everybody, np.zeros((*shape, 2)), np.zeros(shape))
 
     def move(self, cars: Ints, xy: Floats, yaw_rad: Floats) -> None:
-        """Place the solids of c cars: `xy`, shape (c, k, 2), and `yaw_rad`, shape (c, k)."""
+        """Place the solids of c cars. Shapes (c, k, 2) and (c, k)."""
         _move(self.boxes, cars, xy, yaw_rad, (self._shape_of, self._center_m))
 
     def paint(self, cars: Ints, colors: Floats) -> None:
-        """Paint whole solids of c cars in one colour each, 0 to 255, shape (c, k, 3); no tyres."""
+        """Paint whole solids, 0 to 255, shape (c, k, 3); no tyres."""
         painted = np.flatnonzero(~self._keeps_color)
         self.boxes["color"][cars[:, None], painted] = colors[:, self._shape_of[painted]]
 
@@ -123,10 +115,6 @@ class Solids:
 def _move(
     boxes: Cuboids, cars: Ints, xy: Floats, yaw_rad: Floats, parts: tuple[Ints, Floats]
 ) -> None:
-    """Turn the middle of each cuboid by the yaw of its shape and shift it to the shape's place.
-
-    `parts` are the shape that each cuboid belongs to, and its middle in that shape's frame.
-    """
     shape_of, center_m = parts
     for c in range(len(cars)):
         for row in range(len(shape_of)):

@@ -1,4 +1,4 @@
-"""Places along the track for objects that keep a distance from each other."""
+"""Places along the track for objects that keep a distance."""
 
 import numpy as np
 
@@ -6,17 +6,14 @@ from drsim.arrays import Floats
 from drsim.track.track import Track
 
 LAST_PLACE_M = 1.0
-"""How far before the end of the lap the last even place lies. Source: the reference simulator."""
+"""Before the end of the lap. Source: the reference simulator."""
 
 FREE_START_M = 1.0
-"""Drawn places leave this much free on either side of the start, where there is room for it."""
-
 MOST_OBJECTS = 100
-"""No more are simulated, however little they keep apart."""
 
 
 def check_room(track: Track, count: int, gap_m: float) -> None:
-    """Raise ValueError if so many objects do not fit on a track; the message says how many do."""
+    """Raise ValueError if so many objects do not fit on a track."""
     fit = most_that_fit(track, gap_m)
     if count > fit:
         raise ValueError(
@@ -26,7 +23,7 @@ def check_room(track: Track, count: int, gap_m: float) -> None:
 
 
 def most_that_fit(track: Track, gap_m: float) -> int:
-    """How many objects can keep a gap; a single one always can."""
+    """A single one always can."""
     room_m = track.length_m - LAST_PLACE_M
     if room_m >= MOST_OBJECTS * gap_m:
         return MOST_OBJECTS
@@ -34,13 +31,9 @@ def most_that_fit(track: Track, gap_m: float) -> int:
 
 
 def even_places(track: Track, count: int, gap_m: float) -> Floats:
-    """Distances along the lap at even intervals, the same for every episode.
+    """Metres along the lap, from the gap itself to a metre before the end. Shape (count,).
 
-    They run from the gap itself to a metre before the end of the lap. Source: the reference
-    simulator, but for its gap, which was a percentage.
-
-    Returns:
-        Metres from waypoint 0, rising. Shape (count,).
+    Source: the reference simulator, but for its gap, which was a percentage.
     """
     last_m = max(track.length_m - LAST_PLACE_M, 0.0)
     return np.linspace(min(gap_m, last_m), last_m, count)
@@ -49,12 +42,9 @@ def even_places(track: Track, count: int, gap_m: float) -> Floats:
 def drawn_places(
     track: Track, count: int, gap_m: float, start_m: float, random: np.random.Generator
 ) -> Floats:
-    """Distances along the lap, drawn evenly among all that keep the gap and leave the start free.
+    """Metres along the lap, drawn evenly among all places that keep the gap, also across its end.
 
-    The least distance `gap_m` holds across the end of the lap too; `count` objects must fit.
-
-    Returns:
-        Metres from waypoint 0, in driving order from the start. Shape (count,).
+    In driving order from the start, which stays free; `count` objects must fit.
     """
     length_m = track.length_m
     taken_m = max(count - 1, 0) * gap_m

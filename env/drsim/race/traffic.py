@@ -1,4 +1,4 @@
-"""What each car meets on the track: obstacles, bots and opponents; their places and crashes."""
+"""What each car meets on the track: obstacles, bots and opponents."""
 
 from dataclasses import dataclass
 
@@ -16,25 +16,18 @@ from drsim.track.lanes import LanePaths
 from drsim.track.track import CENTER, INNER, OUTER, Track
 
 NEAR_M = 1.0
-"""An object this near along the lap changes where a car starts or is put back. Source: the
-reference simulator."""
+"""Changes where a car starts or is put back. Source: the reference simulator."""
 
 BLOCKS_M = 0.5
-"""A car this near to an obstacle on the same lane may touch it."""
+"""From an obstacle on its lane."""
 
 OPPONENT_GAP_M = 0.75
-"""How far the second of two racers starts behind the first. Source: the reference simulator."""
+"""Source: the reference simulator."""
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """Who ran into what in a step; arrays of shape (n,).
-
-    Attributes:
-        crashed: The car drove into something.
-        other: Index of that object, -1 for none.
-        other_stands: That object is an obstacle, which never moves.
-    """
+    """Who ran into what in a step; `other` is its index, -1 for none. Shape (n,)."""
 
     crashed: Bools
     other: Ints
@@ -44,22 +37,11 @@ class Contacts:
 class Traffic:
     """The objects of n cars, k for each, in the order of the reference: opponent, obstacles, bots.
 
-    Every car has objects of its own, unless cars race each other. Distances are along the centre
-    line, in the driving direction of the car that the objects belong to.
-
-    Attributes:
-        shapes: What the objects look like. Length k.
-        xy: Their places, metres. Shape (n, k, 2).
-        yaw_rad: Their directions. Shape (n, k).
-        distance_m: How far along the lap they are. Shape (n, k).
-        track_width_m: Width of the road there. Shape (n, k).
+    Distances are along the centre line, in the car's driving direction.
     """
 
     def __init__(self, tracks: tuple[Track, Track], num_cars: int, race: Race) -> None:
-        """Prepare objects without a place; ValueError if they do not fit on the track.
-
-        `tracks` are the track as given, and reversed.
-        """
+        """ValueError if objects do not fit on the track."""
         self._tracks = tracks
         self._race = race
         self._opponents = race.racers - 1
@@ -110,11 +92,7 @@ class Traffic:
         backward: Ints,
         seeds: Seeds,
     ) -> None:
-        """Place the objects of new episodes of some cars. All of shape (k,).
-
-        `start_fraction` is where on the lap each starts, 0 .. 1; `backward` is 1 for a car that
-        drives against the direction of the track; from `seeds` comes all that is drawn.
-        """
+        """Place the objects of new episodes of some cars."""
         self._backward[cars] = backward
         self._put_back_at[cars] = 0
         columns = (cars.tolist(), start_fraction.tolist(), backward.tolist(), seeds.tolist())
@@ -130,11 +108,7 @@ class Traffic:
             self._move_bots()
 
     def start_lane(self, cars: Ints) -> Ints:
-        """Lane on which each car starts, as a number.
-
-        Two racers start on different lanes. Otherwise it is the centre line, or where an object is
-        near, the lane on which the nearest one is farther away.
-        """
+        """The centre line, or the lane away from an object; two racers start on different lanes."""
         if self._opponents:
             return np.where(cars % 2 == 0, OUTER, INNER)
         apart_m = np.abs(self._gap_m(self.distance_m[cars], self._start_m[cars][:, None]))
@@ -143,17 +117,15 @@ class Traffic:
         return np.where(np.minimum(on_inner_m, on_outer_m) < NEAR_M, away, CENTER)
 
     def start_gap_m(self, cars: Ints) -> Floats:
-        """How far behind the start each car starts, metres. Shape (k,)."""
+        """How far behind the start each car starts."""
         return np.where(self._opponents & (cars % 2), OPPONENT_GAP_M, 0.0)
 
     def advance(self, moving: Bools) -> None:
-        """Let 1/15 s go by for the bots of some cars. Shape (n,)."""
         if self._bots is not None:
             self._bots.advance(moving)
             self._move_bots()
 
     def follow(self, origin_xy: Floats, yaw_rad: Floats) -> None:
-        """Take over where the racers are; nothing to do where cars do not race each other."""
         if not self._opponents:
             return
         other = np.arange(len(origin_xy)) ^ 1
@@ -166,11 +138,8 @@ class Traffic:
     ) -> Contacts:
         """Find out which cars ran into what, and stop bots that ran into a racer.
 
-        An obstacle always counts. With a bot or an opponent, the car behind has crashed, by the gap
-        along the track. A bot behind its racer makes all bots of that racer wait.
-
-        `active` cars were driven; the others touch nothing and nobody. `along_m` is where the
-        points 0.14 m ahead of them are along the lap.
+        With a bot or an opponent, only the car behind has crashed. Cars that are not `active`
+        touch nothing.
         """
         touching = overlaps(
             (origin_xy, yaw_rad, np.array(SHAPES["race_car"].footprint_m)),
@@ -202,10 +171,9 @@ class Traffic:
         return Contacts(crashed, other, stands)
 
     def clear_of(self, cars: Ints, fraction: Floats, lanes: Ints) -> tuple[Floats, Ints]:
-        """Where cars go on that are put back: not in an obstacle.
+        """Where cars go on.
 
-        Near an obstacle they go on behind it on the other lane; every `mercy`-th time ahead of it.
-        Otherwise at the `fraction` of the lap, 0 .. 1, and the lane given. All of shape (k,).
+        Behind a near obstacle on the other lane, every `mercy`-th time ahead of it.
         """
         rules = self._race.obstacles
         if rules is None or not self._obstacles:
@@ -228,7 +196,7 @@ class Traffic:
         return fraction, lanes
 
     def objects(self) -> Objects:
-        """All objects as reward functions get them. A live view."""
+        """A live view."""
         return Objects(
             xy=self.xy,
             yaw_rad=self.yaw_rad,
@@ -241,18 +209,11 @@ class Traffic:
         )
 
     def gap_m(self, cars: Ints, along_m: Floats) -> Floats:
-        """How far ahead of some cars, shape (c,), their objects are along the lap, or behind.
-
-        `along_m` is where the cars are. Negative is behind; on a loop, the shorter way. Shape
-        (c, k).
-        """
+        """How far ahead of cars their objects are, the shorter way; negative behind."""
         return self._gap_m(self.distance_m[cars], along_m[:, None])
 
     def moving_mps(self, car_speeds_mps: Floats) -> Floats:
-        """How fast all objects move now, in the direction that they face. Shape (n, k).
-
-        The speeds of the cars, shape (n,), are those of opponents.
-        """
+        """How fast all objects move now. Shape (n, k)."""
         speeds = np.zeros_like(self.distance_m)
         if self._opponents:
             speeds[:, 0] = car_speeds_mps[np.arange(len(speeds)) ^ 1]
@@ -261,7 +222,6 @@ class Traffic:
         return speeds
 
     def _lane_past(self, car: int, obstacle: int, place_m: float) -> int:
-        """Lane away from an obstacle, unless at that place another one blocks it more closely."""
         lane = int(self._lane[car, obstacle])
         apart_m = np.abs(self._gap_m(self.distance_m[car, self._standing], place_m))
         on_inner_m, on_outer_m = _nearest_on(self._lane[car, self._standing], apart_m)
@@ -307,7 +267,6 @@ class Traffic:
         rules: ObstacleRules | BotRules,
         random: np.random.Generator,
     ) -> tuple[Floats, Ints]:
-        """Distances along the lap and lanes, as numbers, of the objects of a kind."""
         count, gap_m = rules.count, rules.min_gap_m
         if rules.randomize:
             start_m = float(self._start_m[car])
@@ -324,7 +283,6 @@ class Traffic:
         self._find(group)
 
     def _find(self, group: slice) -> None:
-        """Find where some objects of all cars are along and across the track."""
         for direction, track in enumerate(self._tracks):
             cars = np.flatnonzero(self._backward == direction)
             if not len(cars):
@@ -338,7 +296,6 @@ class Traffic:
             self._left[cars, group] = where.left_of_center.reshape(shape)
 
     def _gap_m(self, there_m: Floats, here_m: Floats | float) -> Floats:
-        """Signed distance along the lap, forward positive, the shorter way round a loop."""
         gap_m: Floats = there_m - here_m
         if not self._tracks[0].closed:
             return gap_m
@@ -354,11 +311,10 @@ class Traffic:
 
 
 _STREAM = 1 << 32
-"""Second half of the key of a traffic's random numbers; lights and disturbances use others."""
+"""Second half of the key of random numbers; lights and disturbances use others."""
 
 
 def _nearest_on(lanes: Ints, apart_m: Floats) -> tuple[Floats, Floats]:
-    """Distances to the nearest object on the inner and on the outer lane, over the last axis."""
     on_inner_m, on_outer_m = (
         np.where(lanes == lane, apart_m, np.inf).min(axis=-1, initial=np.inf)
         for lane in (INNER, OUTER)

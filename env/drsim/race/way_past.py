@@ -10,18 +10,13 @@ from drsim.track.track import Track
 _CAR_M = SHAPES["race_car"].footprint_m
 
 _STEP_M, _WIDEST_M = 0.02, 3.0
-"""Ways to the left and to the right of the centre line that are tried: their distance, and the
-farthest."""
+"""Of ways beside the centre line: spacing and the farthest."""
 
 
 def closed_at_m(track: Track, objects: Objects) -> Floats:
-    """Where along the lap the objects of each of n cars first leave it no way.
+    """Where along the lap objects first leave a car no way, metres; NaN for nowhere.
 
-    A way is straight ahead, as wide as the car, and its middle is on the road. Objects on different
-    lanes close the road if there is no room for a car between them along the track.
-
-    Returns:
-        Metres from waypoint 0; NaN for a car that can pass everywhere. Shape (n,).
+    A way is straight ahead, as wide as the car, with its middle on the road.
     """
     ways_m = np.arange(-_WIDEST_M, _WIDEST_M + _STEP_M, _STEP_M)
     found = np.full(len(objects.distance_m), np.nan)

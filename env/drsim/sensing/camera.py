@@ -1,7 +1,6 @@
-"""The computed camera: grey frames of what lenses see, and where a lens is in a car in any pose.
+"""The computed camera: grey frames of what lenses see, without OpenGL.
 
-No OpenGL is involved: `drsim.sensing.raycast` follows each pixel's ray to the ground, a wall or the
-sky, then `drsim.sensing.cuboids` draws what stands on the ground.
+`raycast` draws ground, walls and sky, then `cuboids` what stands there.
 """
 
 import math
@@ -18,31 +17,23 @@ from drsim.track.appearance import AMBIENT, LUMA, SUN
 
 Frames = NDArray[np.uint8]
 LensParts = tuple[Floats, Floats, float, float]
-"""Positions, axes, focal length in pixels, and what is added to a grey before it is cut off."""
 
 
 def lens_pose(
     body_pos: Floats, body_mat: Floats, camera: CameraModel = FRONT
 ) -> tuple[Floats, Floats]:
-    """Where the lenses of cars are and where they look, given the same of their base frames.
-
-    For cars in poses that nobody drives to; those of a `CarBatch` know where their lenses are.
-    Positions are in metres, shape (n, 3), axes are columns forward, left, up, shape (n, 3, 3).
-    """
+    """Of lenses, given those of base frames."""
     cos, sin = math.cos(camera.pitch_rad), math.sin(camera.pitch_rad)
     tilt = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
     return body_pos + body_mat @ np.array(camera.mount_m), body_mat @ tilt
 
 
 class Light(NamedTuple):
-    """What the light makes of a scene, for each lens; the light of most worlds when left out.
+    """What the light makes of a scene, for each lens: greys, and light on solids per colour.
 
     Attributes:
-        palettes: What becomes of each grey of the ground picture. Shape (n, 256).
-        wall_greys: Greys of the walls, as in `Scene`. Shape (n, 4).
-        sky_greys: Greys of the sky. Shape (n,).
-        ambient: Light on every side of solids, per colour channel. Shape (n, 3).
-        sun: Light of the sun on a side that faces it, per colour channel. Shape (n, 3).
+        palettes: Of the greys of the ground. Shape (n, 256).
+        sun: On sides that face it. Shape (n, 3).
     """
 
     palettes: Frames
@@ -63,24 +54,14 @@ def render(
     light: Light | None = None,
     rounding: bool = False,
 ) -> None:
-    """Draw what lenses see, one frame each.
+    """Draw what lenses see, one frame each, without the GIL.
 
-    Runs without the GIL and writes nothing but `out`, so that threads may each draw a slice. A lens
-    outside the walls misses the ones it has passed; a pose that is not finite gives a black frame.
-
-    Args:
-        scene: The world around.
-        lens_pos: Lens positions in the world, metres. Shape (n, 3).
-        lens_mat: Lens axes in the world: columns forward, left, up. Shape (n, 3, 3).
-        out: Frames to write. Shape (n, rows, columns).
-        camera: The camera's numbers.
-        boxes: Cuboids that each lens sees, of the type `solids.CUBOID`. Shape (n, m).
-        light: What changes the scene's greys.
-        rounding: Round greys to whole ones instead of cutting their fractions off, as the
-            reference's filter of stereo frames does.
+    A lens outside the walls misses the ones it has passed; a pose that is not finite gives a black
+    frame. `lens_pos` is in metres, `lens_mat` has columns forward, left, up, and `boxes` the type
+    `solids.CUBOID`, shape (n, m). `rounding` is for the reference's stereo frames.
 
     Raises:
-        ValueError: When the shapes do not fit together.
+        ValueError: The shapes do not fit together.
     """
     cars = len(lens_pos)
     shapes = lens_pos.shape, lens_mat.shape, out.shape
@@ -102,18 +83,13 @@ def render(
 def lens_parts(
     lens_pos: Floats, lens_mat: Floats, camera: CameraModel = FRONT, *, rounding: bool = False
 ) -> LensParts:
-    """Lenses as the loops that draw need them; the arguments are those of `render`."""
     return lens_pos, lens_mat, camera.focal_px, 0.5 if rounding else _WHOLE
 
 
 def draw_ground(
     scene: Scene, lenses: LensParts, out: Frames, wanted: Ints, taken: Ints, light: Light | None
 ) -> None:
-    """Draw ground, walls and sky into the `wanted` frames, indices of shape (k,).
-
-    Threads that call it at the same time with the same counter `taken`, an array of one 0, share
-    the work. The rest is as in `render`.
-    """
+    """Threads that share the counter `taken`, an array of one 0, share the work."""
     backdrop = scene.backdrop
     if light is not None:
         greys = light.wall_greys, light.sky_greys, light.palettes
@@ -122,7 +98,6 @@ def draw_ground(
 
 
 def draw_solids(boxes: Cuboids, lenses: LensParts, out: Frames, light: Light | None) -> None:
-    """Draw what stands on the ground over frames that show it; as in `render`."""
     cuboids.draw(boxes, _on_solids(light, len(boxes)), lenses, out)
 
 
@@ -131,7 +106,6 @@ _WHOLE = 1e-3
 
 
 def _on_solids(light: Light | None, cars: int) -> Singles:
-    """Weights of red, green and blue in a grey, in the ambient light and in the sun. (n, 6)."""
     if light is None:
         usual = [weight * part for part in (AMBIENT, SUN) for weight in LUMA]
         return np.tile(np.array(usual, np.float32), (cars, 1))

@@ -1,6 +1,5 @@
-"""Draws cuboids, such as boxes and other cars, over frames of the track that they stand on.
+"""Draws cuboids over frames, with edges blurred by a tent filter.
 
-Their edges are as soft as the rest of a frame: each pixel averages over a tent two pixels wide.
 All loops that call each other stay in this one file, as in `drsim.sensing.raycast`.
 """
 
@@ -18,28 +17,20 @@ Single = np.float32
 Vector = tuple[float, float, float]
 
 TO_SUN = (0.48337, -0.09667, 0.87006)
-"""Direction to the sun. Source: the reference simulator's worlds, 121 of which share one sun, which
-shines towards -0.5, 0.1, -0.9."""
+"""Source: the reference simulator's worlds, 121 of which share a sun that shines towards -0.5,
+0.1, -0.9.
+"""
 
 _NEAR_M = 0.02
-"""Nothing nearer to the lens is drawn. Source: the reference simulator's camera."""
+"""Source: the reference simulator's camera."""
 
 _LINES = 8
-"""Lines across the two pixel rows of a tent at which an outline is taken where it has corners."""
-
 _STEEP = 2.0
-"""Columns per row up to which one line tells where a straight edge runs through a tent."""
-
 _TOUCH_M = 1e-4
-"""Cuboids that reach into each other by less than this only touch."""
-
 _SIDES = 5
-"""Front, back, left, right and top: nobody sees the bottom."""
 
 
 class _Lens(NamedTuple):
-    """A lens: its position in metres, the directions of its axes, and its focal length."""
-
     pos: Vector
     forward: Vector
     left: Vector
@@ -48,14 +39,7 @@ class _Lens(NamedTuple):
 
 
 class _Images(NamedTuple):
-    """The images of m cuboids in one frame.
-
-    Attributes:
-        outlines: Corners of their sides, columns and rows in pixels. Shape (m, sides, 5, 2).
-        corners: How many corners each side has; 0 where it cannot be seen. Shape (m, sides).
-        greys: Greys of the sides. Shape (m, sides).
-        windows: First and past the last row, then column, that each can touch. Shape (m, 4).
-    """
+    """Of m cuboids in one frame; `corners` is 0 where a side cannot be seen."""
 
     outlines: Floats
     corners: Ints
@@ -65,13 +49,9 @@ class _Images(NamedTuple):
 
 @kernel
 def draw(boxes: Cuboids, light: Singles, lens_parts: tuple[Any, ...], out: Pixels) -> None:
-    """Draw the cuboids that each lens sees over its frame; arguments as in `camera.render`.
+    """Draw the cuboids that each lens sees; arguments as in `camera.render`.
 
-    `lens_parts` are, in this order: positions, shape (n, 3), axes, shape (n, 3, 3), focal length in
-    pixels, and what is added to a grey before its fraction is cut off.
-
-    `light` holds the weights of red, green and blue in a grey, first on every side, then on one
-    that faces the sun. Shape (n, 6).
+    `light` holds weights of red, green and blue, on every side, then in the sun. Shape (n, 6).
     """
     lens_pos, lens_mat, focal_px, bias = lens_parts
     cars, rows, columns = out.shape
@@ -118,7 +98,6 @@ def draw(boxes: Cuboids, light: Singles, lens_parts: tuple[Any, ...], out: Pixel
 
 @kernel
 def _reaches_before(box: Any, lens: _Lens) -> bool:
-    """Whether any of a cuboid lies before the lens: the depth of its nearest or farthest corner."""
     pos = lens.pos
     ahead_x, ahead_y, ahead_z = lens.forward
     depth_m = (
@@ -136,13 +115,7 @@ def _reaches_before(box: Any, lens: _Lens) -> bool:
 def _side(
     box: Any, side: int, light: Singles, lens: _Lens, size_px: tuple[int, int], outline: Floats
 ) -> tuple[int, float]:
-    """The image of one side, columns and rows in pixels, cut off at the near plane of the lens.
-
-    Sides: front, back, left, right, top. A side is lit by Lambert's cosine law.
-
-    Returns:
-        How many corners it has, at most 5 and 0 when it cannot be seen; and its grey.
-    """
+    """By Lambert's cosine law."""
     pos, focal_px = lens.pos, lens.focal_px
     rows, columns = size_px
     cos, sin, half_x, half_y = box.cos, box.sin, box.half_length, box.half_width
@@ -195,7 +168,6 @@ def _side(
 
 @kernel
 def _in_lens(lens: _Lens, vector: Vector) -> Vector:
-    """Depth, left and up of a vector of the world."""
     x, y, z = vector
     ahead, left, up = lens.forward, lens.left, lens.up
     return (
@@ -207,7 +179,6 @@ def _in_lens(lens: _Lens, vector: Vector) -> Vector:
 
 @kernel
 def _corner(corner: int, middle: Vector, along: Vector, across: Vector) -> Vector:
-    """One of the four corners of a rectangle, in turn."""
     a = 1.0 if corner == 1 or corner == 2 else -1.0
     b = 1.0 if corner >= 2 else -1.0
     return (
@@ -219,7 +190,6 @@ def _corner(corner: int, middle: Vector, along: Vector, across: Vector) -> Vecto
 
 @kernel
 def _frame_in(outlines: Floats, corners: Ints, rows: int, columns: int, window: Ints) -> None:
-    """First and past the last row, then column, that a cuboid can touch; nothing out of sight."""
     top, bottom, left, right = np.inf, -np.inf, np.inf, -np.inf
     for side in range(_SIDES):
         for corner in range(corners[side]):
@@ -237,11 +207,6 @@ def _frame_in(outlines: Floats, corners: Ints, rows: int, columns: int, window: 
 
 @kernel
 def _sort(boxes: Cuboids, windows: Ints, pos: Vector, order: Ints) -> None:
-    """Sort cuboids so that none is drawn over one that stands before it.
-
-    The furthest comes first, unless it hides another. Where there is no such order, because they
-    hide each other in turn or stand within each other, the distance alone decides.
-    """
     count = len(order)
     away_m = np.empty(count)
     for i in range(count):
@@ -275,11 +240,6 @@ def _sort(boxes: Cuboids, windows: Ints, pos: Vector, order: Ints) -> None:
 
 @kernel
 def _nearer(a: Any, b: Any, pos: Vector) -> int:
-    """Which of two cuboids the lens has before the other: 1 for `a`, -1 for `b`, 0 for neither.
-
-    A plane between them decides: the one on the side of the lens hides the other. Two that do not
-    stand within each other always have such a plane along a side of one of them.
-    """
     if b.low >= a.high - _TOUCH_M:
         return -1 if pos[2] > b.low else 1
     if a.low >= b.high - _TOUCH_M:
@@ -304,11 +264,6 @@ def _nearer(a: Any, b: Any, pos: Vector) -> int:
 
 @kernel
 def _paint(images: _Images, k: int, bias: float, steps: Singles, frame: Pixels) -> None:
-    """Draw one cuboid.
-
-    `steps` holds zeros. Row by row, all sides leave in it how share and grey change from column to
-    column; their sums then cover the frame, so that nothing shines through where two sides meet.
-    """
     first, last, left, right = images.windows[k]
     outlines, corners, greys = images.outlines[k], images.corners[k], images.greys[k]
     for row in range(first, last):
@@ -320,7 +275,6 @@ def _paint(images: _Images, k: int, bias: float, steps: Singles, frame: Pixels) 
 
 @kernel
 def _add_row(outline: Floats, grey: float, row: int, low: int, high: int, steps: Singles) -> None:
-    """Add what a pixel row sees of a convex polygon, between two columns."""
     middle = row + 0.5
     top, bottom, has_corner = np.inf, -np.inf, False
     for corner in range(len(outline)):
@@ -347,7 +301,6 @@ def _add_row(outline: Floats, grey: float, row: int, low: int, high: int, steps:
 
 @kernel
 def _span(outline: Floats, y: float) -> tuple[float, float, float, float]:
-    """Where a line enters and leaves a convex polygon, and the columns per row of these edges."""
     left, right, left_slope, right_slope = np.inf, -np.inf, 0.0, 0.0
     ax, ay = outline[-1]
     for corner in range(len(outline)):
@@ -367,7 +320,6 @@ def _span(outline: Floats, y: float) -> tuple[float, float, float, float]:
 def _add_edge(
     edge: float, blur: float, weight: float, grey: float, low: int, high: int, steps: Singles
 ) -> None:
-    """Add an edge right of which a share begins, blurred by a tent."""
     begin = int(min(max(edge - blur - 0.5, low), high))
     end = int(min(max(edge + blur + 1.5, low + 1.0), high))
     sharpness, before = 1.0 / blur, 0.0
@@ -381,7 +333,6 @@ def _add_edge(
 
 @kernel
 def _cover(steps: Singles, low: int, high: int, bias: float, pixels: Pixels) -> None:
-    """Put the sums of a cuboid over a row of the frame, and leave zeros in `steps`."""
     zero, one, more = Single(0.0), Single(1.0), Single(bias)
     share, glow = zero, zero
     for column in range(low, high):

@@ -1,8 +1,4 @@
-"""Camera frames that are drawn in the memory of an NVIDIA GPU.
-
-Only ground, walls and sky are drawn there, which takes nearly all of the time. Import it only where
-a GPU is wanted: it loads CUDA.
-"""
+"""Draws ground, walls and sky of camera frames on an NVIDIA GPU. Importing it loads CUDA."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,19 +15,16 @@ from drsim.sensing.scene import Scene
 cuda: Any = numba.cuda  # numba sets its names at run time
 
 _POSE = 13
-"""Numbers of a lens: position, axes, and the frame that it sees."""
 
 
 class CudaCamera:
     """Draws what the lenses of n cars see, and keeps the frames on the GPU.
 
-    Each call of the driver takes as long as several frames, so a step makes three: one copies the
-    poses of all lenses, one draws, one copies the frames to main memory.
+    A step makes three calls of the driver, because each takes as long as several frames.
 
     Attributes:
-        frames: The same frames in main memory, complete after `wait`. Shape (n, eyes, rows,
-            columns).
-        device_frames: The frames on the GPU, with the interface of CUDA arrays.
+        frames: In main memory, complete after `wait`. Shape (n, eyes, rows, columns).
+        device_frames: With the interface of CUDA arrays.
     """
 
     def __init__(
@@ -40,7 +33,7 @@ class CudaCamera:
         """Copy the scene to the GPU, 18 to 55 MB.
 
         Raises:
-            OSError: There is no GPU that can be used; it says why.
+            OSError: There is no GPU that can be used.
         """
         self._eyes = eyes
         shape = (num_cars, eyes, camera.rows, camera.columns)
@@ -68,13 +61,6 @@ class CudaCamera:
             raise OSError(" ".join(f"{type(error).__name__}: {error}".split())) from error
 
     def draw(self, eyes: Sequence[LensParts], cars: Ints, light: Light | None) -> None:
-        """Begin to draw the frames of some cars, as `camera.draw_ground` does.
-
-        Args:
-            eyes: For each eye, the lenses of all cars.
-            cars: Whose frames are drawn. Shape (k,).
-            light: Of all cars.
-        """
         if not len(cars):
             return
         count = len(cars)
@@ -88,7 +74,6 @@ class CudaCamera:
         self._draw(count * len(eyes), shade, eyes[0][2:])
 
     def _draw(self, count: int, shade: tuple[Any, Any], lens: tuple[float, float]) -> None:
-        """Draw what the first lenses see."""
         height, width = self.frames.shape[2:]
         grid = (-(-height // cuda_raycast.ROWS), count)
         cuda_raycast.draw[grid, max(width, 32), self._stream](
@@ -103,20 +88,17 @@ class CudaCamera:
         )
 
     def fetch(self) -> None:
-        """Begin to copy all frames to main memory."""
         self.device_frames.copy_to_host(self.frames, stream=self._stream)
 
     def wait(self) -> None:
-        """Wait until `frames` is complete."""
         self._stream.synchronize()
 
     def send(self) -> None:
-        """Copy all frames to the GPU, because something was drawn over them in main memory."""
+        """Copy all frames to the GPU after something was drawn over them."""
         self.device_frames.copy_to_device(self.frames, stream=self._stream)
         self._stream.synchronize()
 
     def _of(self, light: Light) -> tuple[Any, Any]:
-        """Greys and palettes on the GPU. They change with an episode, so rarely."""
         shades = np.column_stack([light.wall_greys, light.sky_greys])
         known = self._light
         if (

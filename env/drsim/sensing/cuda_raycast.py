@@ -1,8 +1,7 @@
-"""The camera's inner loops on an NVIDIA GPU: the same frames as `drsim.sensing.raycast`.
+"""The camera's inner loops on an NVIDIA GPU.
 
-A thread draws one column of a few rows. What is the same for a whole row is computed once per block
-and shared. Greys differ from the processor's by one at most, because a GPU multiplies and adds
-without rounding in between.
+Greys differ from `raycast`'s by one at most, because a GPU multiplies and adds without rounding in
+between.
 """
 
 import math
@@ -33,13 +32,10 @@ _numba_config.CUDA_LOW_OCCUPANCY_WARNINGS = 0  # few cars are few blocks
 
 
 def _on_gpu(function: F) -> F:
-    """Compile a function for kernels, when a kernel that calls it is compiled."""
     return cast(F, cuda.jit(device=True)(function))
 
 
 ROWS = 8
-"""Rows of a block. Each block samples one gap between two rows that its neighbour samples too."""
-
 _GAPS = ROWS + 1
 _LINES = MOST_LINES * _GAPS
 _WALLS = 4
@@ -60,19 +56,9 @@ def _draw(
 ) -> None:
     """Draw frames: blocks of a thread for each column, a grid of (strips of rows, frames).
 
-    Args:
-        pairs: Pairs of texels, as from `Scene.pairs`, uint16.
-        levels: As in `Scene`. Shape (levels, 4).
-        world: x and y of the ground picture's lower left corner, side of a texel of its first
-            level, the inner faces of the walls and their height, metres. Eight numbers.
-        shades: Greys of the four walls and of the sky, for all cars or for each of n. Shape (1, 5)
-            or (n, 5).
-        palettes: What becomes of the greys of the ground. Shape (1, 256) or (n, 256).
-        lenses: For each of the k frames: position, axes row by row, number of the frame. Shape
-            (k, 13) or more rows.
-        lens: Focal length in pixels, and what is added before a grey is cut off.
-        eyes: Frames of a car.
-        out: Frames of all cars. Shape (n * eyes, rows, columns).
+    `world` is x and y of the ground picture's corner, side of a texel, walls and their height,
+    metres; `lenses` position, axes row by row, frame, (k, 13); `lens` focal length in pixels and
+    what is added to a grey.
     """
     corner_x_m, corner_y_m, finest_m = world[0], world[1], world[2]
     focal_px, bias = lens
@@ -166,7 +152,6 @@ def _draw(
 
 @_on_gpu
 def sum_of(vector: tuple[float, float, float]) -> float:
-    """Sum of three numbers, which is not finite if one of them is not."""
     return vector[0] + vector[1] + vector[2]
 
 
@@ -174,7 +159,7 @@ def sum_of(vector: tuple[float, float, float]) -> float:
 def ground_grey(
     pairs: Any, level: Any, palette: NDArray[np.uint8], ray: Any, column: Single
 ) -> Single:
-    """The blend of four texels that a sample line meets in a column, in 65536ths of a grey."""
+    """In 65536ths."""
     depth = Single(1.0) / min(ray[4] + column * ray[7], Single(-LEAST_FALL))
     last_x, last_y = np.int32(256 * (level[2] - 1)), np.int32(256 * (level[3] - 1))
     x = min(max(np.int32(ray[0] + depth * (ray[2] + column * ray[5])), np.int32(0)), last_x)
@@ -195,7 +180,6 @@ def backdrop_grey(
     ray: Any,
     column: Single,
 ) -> tuple[Single, Single]:
-    """Grey of walls and sky in a pixel, and the share of the ground; as in `raycast`."""
     zero, half, one = Single(0.0), Single(0.5), Single(1.0)
     x, y = ray[0] + column * ray[3], ray[1] + column * ray[4]
     z = ray[2] + column * ray[5]
@@ -211,4 +195,4 @@ def backdrop_grey(
 
 
 draw: Any = cuda.jit(_draw)
-"""`_draw` as a kernel: `draw[grid, threads, stream](...)`. Compiling it takes seconds."""
+"""`draw[grid, threads, stream](...)`. Compiling takes seconds."""

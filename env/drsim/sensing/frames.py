@@ -1,4 +1,4 @@
-"""Camera frames of many cars, rendered on other threads in the background."""
+"""Camera frames of many cars, rendered in background threads."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -19,22 +19,11 @@ if TYPE_CHECKING:
     from drsim.sensing.cuda_camera import CudaCamera
 
 _FRAMES_PER_JOB = 4
-"""Small enough to share the work evenly; starting a job costs about half a frame."""
-
 _FRAMES_ALONE = 2
-"""So few frames are rendered before another thread would wake up."""
+"""Until another thread would wake up."""
 
 
 class _Eye(NamedTuple):
-    """The frames of one eye of all cars that are being rendered.
-
-    Attributes:
-        lenses: Lenses of all cars.
-        frames: Frames of all cars. Shape (n, 120, 160).
-        cars: The cars whose ground is drawn. Shape (k,).
-        taken: How many of them a thread has begun. Shape (1,).
-    """
-
     lenses: LensParts
     frames: Bytes
     cars: Ints
@@ -44,16 +33,12 @@ class _Eye(NamedTuple):
 class FrameRenderer:
     """The current frame of every car.
 
-    Ground, walls and sky come first. Threads share them frame by frame without Python in between,
-    because the caller computes in Python meanwhile, and only one thread at a time can. What comes
-    over them is drawn by all threads once all frames have their ground.
-
-    With a `CudaCamera`, a GPU draws ground, walls and sky instead. Frames that something comes over
-    are sent back to it.
+    Threads share the work frame by frame without Python, because the caller computes in Python
+    meanwhile.
 
     Attributes:
-        frames: Grey frames, rewritten between `start` and `finish`; with two eyes the left one
-            first. Shape (n, eyes, 120, 160).
+        frames: Grey, rewritten between `start` and `finish`; left eye first. Shape (n, eyes, 120,
+            160).
     """
 
     def __init__(
@@ -70,11 +55,10 @@ class FrameRenderer:
         changes: Callable[[Ints], bool] | None = None,
         gpu: "CudaCamera | None" = None,
     ) -> None:
-        """Prepare black frames for one or two eyes; `num_threads` render, the caller's included.
+        """`num_threads` render, the caller's included.
 
-        `solids` must not move between `start` and `finish`. `after` is called with the rows of
-        frames that have been rendered, on the thread that finished them, unless `changes` says that
-        it would change none of these cars' frames. `gpu` is for as many cars and eyes.
+        `solids` must not move between `start` and `finish`. `after` gets the rows of rendered
+        frames, on the thread that finished them.
         """
         shape = (num_cars, eyes, FRONT.rows, FRONT.columns)
         self.frames: Bytes = np.zeros(shape, np.uint8) if gpu is None else gpu.frames
@@ -92,16 +76,14 @@ class FrameRenderer:
         self._futures: list[Future[None]] = []
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the threads."""
         return {**self.__dict__, "_pool": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Start new threads for a copy."""
         self.__dict__.update(state)
         self._pool = _pool(self._num_threads)
 
     def start(self, cars: Ints, lens_pos: Floats, lens_mat: Floats) -> None:
-        """Begin to render the frames of some cars, in rising order, with the lenses of all."""
+        """Begin to render some cars, in rising order."""
         self._cars = cars
         if not len(cars):
             return
@@ -125,7 +107,6 @@ class FrameRenderer:
             ]
 
     def finish(self) -> None:
-        """Render what no other thread has begun, and wait for the rest."""
         try:
             if self._gpu is None:
                 self._draw_ground()
@@ -142,7 +123,6 @@ class FrameRenderer:
             self._futures = []
 
     def close(self) -> None:
-        """Stop the threads."""
         if self._pool is not None:
             self._pool.shutdown()
 
@@ -159,7 +139,6 @@ class FrameRenderer:
         )
 
     def _share_out(self, jobs: Sequence[Callable[[], None]]) -> None:
-        """Do jobs on all threads."""
         if self._pool is None or len(self._cars) <= _FRAMES_ALONE:
             for job in jobs:
                 job()
@@ -174,7 +153,6 @@ class FrameRenderer:
             _wait(futures)
 
     def _draw_over(self, rows: slice) -> None:
-        """Draw what comes over the ground, into some rows of the frames."""
         light = None if self._lighting is None else self._lighting.of(rows)
         lamps = self._lamps
         if lamps is not None and not lamps.lit(rows):
@@ -193,19 +171,17 @@ class FrameRenderer:
 
 
 def _pool(num_threads: int) -> ThreadPoolExecutor | None:
-    """Threads beside the caller's own; they begin with the first job."""
     return ThreadPoolExecutor(num_threads - 1) if num_threads > 1 else None
 
 
 def _wait(futures: Sequence[Future[None]]) -> None:
-    """Cancel what has not begun, and wait for the rest. Raises what failed."""
+    """Cancel what has not begun, and raise what failed."""
     for future in futures:
         if not future.cancel():
             future.result()
 
 
 def _jobs(cars: Ints) -> list[slice]:
-    """Rows of neighbouring cars, a few in each."""
     return [
         slice(begin, min(begin + _FRAMES_PER_JOB, last))
         for first, last in _runs(cars)
@@ -214,7 +190,6 @@ def _jobs(cars: Ints) -> list[slice]:
 
 
 def _runs(cars: Ints) -> list[tuple[int, int]]:
-    """First and last (exclusive) of each row of neighbouring cars."""
     if not len(cars):
         return []
     if cars[-1] - cars[0] + 1 == len(cars):

@@ -1,7 +1,4 @@
-"""Paints the ground of a track as a grey picture: road, border lines, dashes, start line, field.
-
-Everything is drawn from signed distances, so that edges fall between texels where they belong.
-"""
+"""Paints the ground of a track as a grey picture, from signed distances to keep edges exact."""
 
 import math
 import zlib
@@ -20,18 +17,14 @@ from drsim.track.track import Track
 Single = np.float32
 
 _FINE = 4
-"""Samples along each side of a texel where the start line is painted."""
-
 _TILE = 512
-"""Side of the grain, which repeats over the ground, in texels."""
-
 _STROKE_M = 0.010
-"""Length of one fibre of the grain. Source: estimated on frames of the reference simulator."""
+"""Of a fibre. Source: estimated on frames of the reference simulator."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Texels of a ground picture: from a lower left corner, rows go up with y; `texel_m` a side."""
+    """Texels from a lower left corner; rows go up with y."""
 
     x_m: float
     y_m: float
@@ -41,7 +34,7 @@ class Grid:
 
 
 def paint_ground(track: Track, look: Look, grid: Grid) -> Bytes:
-    """Greys of the ground, 0..255. Shape (rows, columns)."""
+    """Greys, 0..255. Shape (rows, columns)."""
     # The picture belongs to the world: it must not change when the track is driven the other way.
     center = track.center[::-1] if track.reverse else track.center
     side = _side_of_road(track, look, grid)
@@ -76,12 +69,10 @@ def paint_ground(track: Track, look: Look, grid: Grid) -> Bytes:
 
 
 def _texels(points: Floats, grid: Grid) -> Floats:
-    """World points in texels: (0.0, 0.0) is the centre of the texel at row 0, column 0."""
     return np.ascontiguousarray((points - (grid.x_m, grid.y_m)) / grid.texel_m - 0.5)
 
 
 def _side_of_road(track: Track, look: Look, grid: Grid) -> Singles:
-    """Distance to the nearest border in texels: positive on the road, cut off past the lines."""
     inner, outer = (_texels(without_repeats(line), grid) for line in (track.inner, track.outer))
     crossed = np.zeros((grid.rows, grid.columns), np.bool_)
     if track.closed:
@@ -99,17 +90,12 @@ def _side_of_road(track: Track, look: Look, grid: Grid) -> Singles:
 
 @kernel
 def _near(start: float, end: float, reach: float, count: int) -> tuple[int, int]:
-    """First and past the last of `count` texels that lie within reach of a segment, on one axis."""
     low, high = min(start, end) - reach, max(start, end) + reach
     return max(math.ceil(low), 0), min(math.floor(high) + 1, count)
 
 
 @kernel
 def _stamp_distance(line: Floats, closed: bool, reach: float, distance: Singles) -> None:
-    """Lower each texel's distance to that of a polyline, where it is less than `reach` texels.
-
-    An open line ends squarely: nothing beyond its ends counts as near.
-    """
     rows, columns = distance.shape
     final = len(line) - 1
     for i in range(1, len(line)):
@@ -134,7 +120,6 @@ def _stamp_distance(line: Floats, closed: bool, reach: float, distance: Singles)
 def _stamp_dashes(
     line: Floats, width: float, length: float, pitch: float, start: float, marks: Bytes
 ) -> None:
-    """Cover a polyline with dashes counted by arc length; all figures in texels, cover 0..255."""
     rows, columns = marks.shape
     reach = 0.5 * width + 1.0
     passed = -start
@@ -164,7 +149,6 @@ def _stamp_dashes(
 
 
 def _stripes_of_kerb(track: Track, look: Look, grid: Grid, side: Singles) -> Bytes:
-    """How much of each texel of the kerb the light stripes cover, 0..255; 0 beside the kerb."""
     stripes = np.zeros((grid.rows, grid.columns), np.uint8)
     if look.kerb_light and look.kerb_width_m > 0.0:
         reach = 2.0 + (look.border_width_m + look.kerb_width_m) / grid.texel_m
@@ -180,10 +164,6 @@ def _stripes_of_kerb(track: Track, look: Look, grid: Grid, side: Singles) -> Byt
 def _stamp_stripes(
     line: Floats, reach: float, stripe: float, side: Singles, stripes: Bytes
 ) -> None:
-    """Mark light stripes off the road, counted by arc length; all figures in texels.
-
-    A texel belongs to the segment from which it has its distance in `side`.
-    """
     rows, columns = stripes.shape
     passed = 0.0
     for i in range(1, len(line)):
@@ -206,13 +186,7 @@ def _stamp_stripes(
 
 
 class _Cover(NamedTuple):
-    """What covers each texel; arrays of shape (rows, columns).
-
-    Attributes:
-        side: Distance to the nearest border in texels, positive on the road.
-        marks: How much the dashes of the centre line cover, 0..255.
-        stripes: How much the light stripes of the kerb cover, 0..255.
-    """
+    """What covers each texel, 0..255; `side` is positive on the road."""
 
     side: Singles
     marks: Bytes
@@ -220,8 +194,6 @@ class _Cover(NamedTuple):
 
 
 class _Paints(NamedTuple):
-    """Grey and grain of each material. Shape (2,) each."""
-
     road: Singles
     line: Singles
     kerb: Singles
@@ -238,11 +210,7 @@ def _figures(paint: Paint) -> Singles:
 def _mix(
     cover: _Cover, grain: Singles, near: Single, far: Single, kerb_end: Single, paints: _Paints
 ) -> Bytes:
-    """Greys of the ground: the paints, blended by how much of a texel each one covers.
-
-    From the road outwards, in texels from the border: line between `far` and `near`, kerb down to
-    `kerb_end`, then the field. Shape (rows, columns).
-    """
+    """From the border outwards: line between `far` and `near`, kerb to `kerb_end`, field."""
     side, marks, stripes = cover.side, cover.marks, cover.stripes
     road, line, kerb, kerb_light, field, dash = paints
     half, part = np.float32(0.5), np.float32(1.0 / 255.0)
@@ -273,7 +241,6 @@ def _mix(
 
 
 def _paint_start(track: Track, look: Look, grid: Grid, ground: Bytes) -> None:
-    """Paint the chequered line from border to border at waypoint 0, between the white lines."""
     ends = _texels(np.stack([track.inner[0], track.outer[0]]), grid)
     width = float(np.hypot(*(ends[1] - ends[0])))
     if width == 0.0:
@@ -299,10 +266,6 @@ def _paint_start(track: Track, look: Look, grid: Grid, ground: Bytes) -> None:
 
 
 def _grain_tile(world: str, texel_m: float) -> Singles:
-    """Fibres strewn over a tile that joins itself at its edges: mean 0, deviation 1.
-
-    The seed is the world's name, so that a world looks the same on every machine and in every run.
-    """
     random = np.random.default_rng(zlib.crc32(world.encode()))
     count = _TILE * _TILE // 8
     fibres = random.random((count, 3))
@@ -315,7 +278,6 @@ def _grain_tile(world: str, texel_m: float) -> Singles:
 
 @kernel
 def _strew(fibres: Floats, shades: Floats, length: float, tile: Floats) -> None:
-    """Add short straight strokes at places and angles given as fractions of the tile and a turn."""
     side = tile.shape[0]
     dots = math.ceil(2.0 * length) + 1
     for i in range(len(fibres)):

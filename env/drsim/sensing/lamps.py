@@ -1,4 +1,4 @@
-"""Lamps that disturb a camera: one that shines into the lens, and those that the floor mirrors."""
+"""Lamps that shine into the lens, and those that the floor mirrors."""
 
 import math
 
@@ -12,45 +12,27 @@ from drsim.sensing.scene import Scene
 Frames = NDArray[np.uint8]
 Single = np.float32
 Lenses = tuple[Floats, Floats, float, float]
-"""Positions, shape (k, 3), axes, shape (k, 3, 3), focal length in pixels, and a number not used."""
-
 _GAP_M = 2.2
-"""Distance between two lamps above the track, as in a hall."""
-
 _MARGIN_M = 2.5
-"""Lamps hang as far beyond the walls, which are barriers, not those of the hall."""
-
 _MOST_LAMPS = 96
-"""In larger rooms the lamps hang further apart."""
-
 _HEIGHTS_M = (2.6, 4.2)
-"""Heights of the lamps above the floor, drawn once per episode."""
-
 _BEHIND_WALL_M = 0.5
 _OVER_WALL_M = (0.3, 1.1)
-"""Where the lamp that shines into the lens stands: so far behind a wall, and so far above it, as a
-floodlight or the lower part of a window would."""
+"""Behind a wall, and above it."""
 
 _ROUGHNESS = 0.04
-"""Slope of the unevenness of the floor, radians: how far it smears what it mirrors."""
+"""Slope of the floor's unevenness, radians."""
 
 _LAMP_SIZE_M = 0.25
 _MIRRORED = 1500.0
-"""Greys of a lamp that a perfect mirror would show, at full strength. Assumed, like all numbers
-here: they were chosen by eye, so that full strength looks like a varnished floor."""
+"""Greys in a perfect mirror. Numbers here were chosen by eye, to look like a varnished floor."""
 
 _STRAIGHT_ON = 0.04
-"""Share of light that a floor mirrors when light falls on it from above (Schlick's formula)."""
-
 _REACH = 3.0
-"""Where a mirrored lamp ends, in standard deviations."""
 
 
 class Lamps:
-    """The lamps of the running episodes of n cars."""
-
     def __init__(self, scene: Scene, num_cars: int) -> None:
-        """Begin without any lamp in the room of `scene`."""
         self._walls_m = scene.walls_m
         self._wall_height_m = scene.wall_height_m
         self._counts, self._gap_m = _lattice(scene.walls_m)
@@ -60,7 +42,7 @@ class Lamps:
         self._reflections: Floats = np.zeros(num_cars)
 
     def begin(self, car: int, *, glare: float, reflections: float, pattern: int) -> None:
-        """Put the lamps of a new episode of a car where the pattern says. Strengths are 0 .. 1."""
+        """Strengths are 0 .. 1."""
         self._glare[car] = glare
         self._reflections[car] = reflections
         if glare > 0.0 or reflections > 0.0:
@@ -69,25 +51,20 @@ class Lamps:
             self._lamps_m[car] = self._hanging(*random.random(3))
 
     def lit(self, cars: slice | Ints) -> bool:
-        """Whether any lamp disturbs any of some cars."""
         return bool((self._glare[cars] > 0.0).any() or (self._reflections[cars] > 0.0).any())
 
     def reflect(self, cars: slice, frames: Frames, lenses: Lenses) -> None:
-        """Add what the floor mirrors to frames of some cars, without the GIL.
-
-        `frames` are theirs, without anything that stands on the floor. Shape (k, rows, columns).
-        """
+        """Add what the floor mirrors, without the GIL."""
         if (self._reflections[cars] > 0.0).any():
             room = self._walls_m, _ROUGHNESS, _MIRRORED
             _reflect(frames, lenses, self._reflections[cars], self._lamps_m[cars], room)
 
     def shine(self, cars: slice, frames: Frames, lenses: Lenses) -> None:
-        """Add the glare in the lens to finished frames of some cars, without the GIL."""
+        """Add the glare, without the GIL."""
         if (self._glare[cars] > 0.0).any():
             _shine(frames, lenses, self._glare[cars], self._floodlight_m[cars])
 
     def _floodlight(self, around: float, above: float) -> tuple[float, float, float]:
-        """Place of the lamp behind the walls, from two numbers of 0 .. 1."""
         low_x, high_x, low_y, high_y = self._walls_m.tolist()
         angle = 2.0 * math.pi * around
         half_x = 0.5 * (high_x - low_x) + _BEHIND_WALL_M
@@ -102,7 +79,6 @@ class Lamps:
         )
 
     def _hanging(self, along_x: float, along_y: float, height: float) -> Floats:
-        """Places of the lamps above the track, from three numbers of 0 .. 1. Shape (m, 3)."""
         low_m, high_m = _HEIGHTS_M
         x = self._walls_m[0] - _MARGIN_M + self._gap_m * (np.arange(self._counts[0]) + along_x)
         y = self._walls_m[2] - _MARGIN_M + self._gap_m * (np.arange(self._counts[1]) + along_y)
@@ -111,7 +87,6 @@ class Lamps:
 
 
 def _lattice(walls_m: Singles) -> tuple[tuple[int, int], float]:
-    """How many lamps hang along x and along y, and how far they are apart, metres."""
     size_x = float(walls_m[1] - walls_m[0]) + 2.0 * _MARGIN_M
     size_y = float(walls_m[3] - walls_m[2]) + 2.0 * _MARGIN_M
     gap_m = max(_GAP_M, math.sqrt(size_x * size_y / _MOST_LAMPS))
@@ -126,13 +101,6 @@ def _reflect(
     lamps_m: Floats,
     room: tuple[Singles, float, float],
 ) -> None:
-    """Add the mirror image of each lamp, smeared by the floor, to frames.
-
-    Shape of the frames: (k, rows, columns).
-
-    A floor that is uneven by some angle smears an image by twice that angle upwards and downwards,
-    but sideways less, the flatter one looks at it: that makes the long streaks of wet roads.
-    """
     pos, mat, focal_px, _ = lenses
     walls_m, roughness, mirrored = room
     for car in range(len(frames)):
@@ -164,7 +132,6 @@ def _reflect(
 
 @kernel
 def _in_lens(axes: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A vector of the world along the axes of a lens: forward, left, up."""
     return (
         x * axes[0, 0] + y * axes[1, 0] + z * axes[2, 0],
         x * axes[0, 1] + y * axes[1, 1] + z * axes[2, 1],
@@ -181,7 +148,6 @@ def _add_image(
     grey: float,
     walls_m: Singles,
 ) -> None:
-    """Brighten the floor around a point of the picture, given from its middle, right and down."""
     pos, axes, focal_px = lens
     wide_px, high_px = size_px
     rows, columns = frame.shape
@@ -213,12 +179,7 @@ def _add_image(
 
 @kernel
 def _shine(frames: Frames, lenses: Lenses, strengths: Floats, lamps_m: Floats) -> None:
-    """Add what a lamp makes of frames, shape (k, rows, columns), whether they show it or not.
-
-    The lamp and its halo; a haze over the whole picture, from light that is scattered in the lens;
-    a shorter exposure, because the camera measures the whole picture; rays from smears on the
-    lens; and the faint round ghost on the other side of the middle.
-    """
+    """Exposure is shorter, because the camera measures the whole picture."""
     pos, mat, focal_px, _ = lenses
     rows, columns = frames.shape[1], frames.shape[2]
     light = np.empty(columns, np.float32)
@@ -257,11 +218,7 @@ def _shine(frames: Frames, lenses: Lenses, strengths: Floats, lamps_m: Floats) -
 def _light_of_row(
     light: Singles, down: Single, first: Single, power: Single, radius_px: Single
 ) -> None:
-    """Light of a lamp and its rays in a row of pixels.
-
-    The row lies `down` below the lamp, and its first pixel `first` to the right of it. Without
-    exponentials and tests, so that it becomes vector instructions.
-    """
+    """Without exponentials and tests, so that it becomes vector instructions."""
     one = Single(1.0)
     core, halo, ray = Single(380.0) * power, Single(90.0) * power, Single(75.0) * power
     per_core = one / (radius_px * radius_px)
@@ -286,7 +243,6 @@ def _light_of_row(
 
 @kernel
 def _ghost(frame: Bytes, column: float, row: float, grey: float) -> None:
-    """Add a faint round patch with a soft edge, 11 pixels in radius."""
     rows, columns = frame.shape
     reach = 13.0
     for r in range(max(math.ceil(row - reach), 0), min(math.floor(row + reach) + 1, rows)):

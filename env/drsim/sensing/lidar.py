@@ -1,4 +1,4 @@
-"""The lidar: distances around a car to walls and to what stands on the floor."""
+"""The lidar: distances around a car to walls and cuboids."""
 
 import math
 from dataclasses import dataclass
@@ -12,16 +12,13 @@ from drsim.jit import kernel
 
 @dataclass(frozen=True)
 class LidarModel:
-    """Numbers of a lidar. Source of the defaults: the reference simulator's launch files.
+    """A lidar. Source of the defaults: the reference simulator's launch files.
 
     Attributes:
-        samples: Rays in one scan.
-        sweep_rad: Angle between the first ray and the last.
-        range_m: Least and greatest distance that is measured.
-        mount_m: Scanner in the car's base frame: forward, up.
-        yaw_rad: Direction of the middle of the sweep. The reference mounts the scanner backwards,
-            so that it is blind 30 degrees to either side of straight ahead; models were trained on
-            that.
+        sweep_rad: From the first ray to the last.
+        mount_m: In the car's base frame: forward, up.
+        yaw_rad: Of the middle of the sweep. The reference's is blind 30 degrees to either side of
+            straight ahead; models were trained on that.
     """
 
     samples: int = 64
@@ -32,7 +29,7 @@ class LidarModel:
 
     @property
     def bearings_rad(self) -> Floats:
-        """Directions of the rays relative to the car, counter-clockwise. Shape (samples,)."""
+        """Counter-clockwise. Shape (samples,)."""
         half_rad = self.sweep_rad / 2
         return self.yaw_rad + np.linspace(-half_rad, half_rad, self.samples)
 
@@ -41,8 +38,6 @@ LIDAR = LidarModel()
 
 
 class _Ray(NamedTuple):
-    """Where a ray begins, metres, and its direction, of length 1."""
-
     x: float
     y: float
     dx: float
@@ -57,10 +52,9 @@ def scan(
     yaw_rad: Floats,
     lidar: LidarModel = LIDAR,
 ) -> Singles:
-    """Distances of all rays of n cars in metres; infinite where nothing is in range.
+    """Distances in metres; infinite where nothing is in range. Shape (n, samples).
 
-    Walls, as in `Scene`, that are lower than the scanner are not seen. `boxes` are the cuboids
-    around each car, shape (n, m), `body_xy` the origins of the cars. Shape (n, samples).
+    Walls lower than the scanner are not seen.
     """
     forward_m, height_m = lidar.mount_m
     least_m, most_m = lidar.range_m
@@ -99,7 +93,6 @@ def _scan(
 
 @kernel
 def _to_walls(walls_m: Singles, ray: _Ray) -> float:
-    """Distance to the walls from inside them; infinite from outside, and where the ray is NaN."""
     if not (walls_m[0] < ray.x < walls_m[1] and walls_m[2] < ray.y < walls_m[3]):
         return math.inf
     to_x, to_y = math.inf, math.inf
@@ -112,11 +105,7 @@ def _to_walls(walls_m: Singles, ray: _Ray) -> float:
 
 @kernel
 def _to_box(box: Any, ray: _Ray, least_m: float) -> float:
-    """Distance to the first side of a cuboid that is not nearer than the least; else infinite.
-
-    The slab method: in the frame of the cuboid, the ray is inside where it has entered both pairs
-    of parallel sides and left neither.
-    """
+    """To the first side that is not nearer than the least; else infinite. The slab method."""
     cos, sin = box.cos, box.sin
     away_x, away_y = ray.x - box.x, ray.y - box.y
     along, across = cos * away_x + sin * away_y, cos * away_y - sin * away_x

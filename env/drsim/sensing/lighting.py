@@ -1,8 +1,6 @@
 """Domain randomisation: lights and colours that are drawn for each episode.
 
-All cars share the picture of the ground, which holds greys. In another light, a car sees it through
-a palette: the greys of the materials become what they are in that light, and the greys between
-them, which belong to grain and to the edges of paint, become something in between.
+All cars share the grey picture of the ground, and see it through palettes.
 """
 
 import numpy as np
@@ -13,34 +11,26 @@ from drsim.sensing.cuboids import TO_SUN
 from drsim.track.appearance import AMBIENT, LUMA, SUN, Look, Paint
 
 _USUAL_SUN = np.array([1.0, 1.0, 0.8])
-"""Colour of the sun. Source: the reference simulator's worlds, as for the lamp."""
+"""Source: the reference simulator's worlds, as for the lamp."""
 
 _LAMP_HEIGHT_M = 15.0
 _USUAL_LAMP = 0.225 / (0.4 + 0.01 * _LAMP_HEIGHT_M)
-"""Power of the lamp where it meets the ground below, over its attenuation."""
+"""Power over attenuation, on the ground below."""
 
 _SUN_ON_GROUND, _LAMP_ON_GROUND = SUN * TO_SUN[2] - 0.1, 0.1
-"""Parts of sun and lamp in the usual light on the ground. Assumed: no frame shows either alone."""
+"""Assumed: no frame shows either alone."""
 
 _ROAD, _LINE = (15.0, 110.0), (185.0, 255.0)
-"""Brightness of drawn roads and lines: in each colour a line outshines its road."""
+"""In each colour a line outshines its road."""
 
 _HUE = 0.25
-"""Share by which each colour of a drawn material may differ from its brightness."""
-
 _GRAIN_ROOM = 3.0
-"""Standard deviations of grain to either side in which a material keeps its own contrast."""
-
 _LEAST_GAP = 1.5
-"""Standard deviations of grain below which two materials change together, as a concrete road and
-its field do: a palette cannot tell their texels apart."""
 
 
 class Lighting:
-    """The light in each car's world."""
-
     def __init__(self, num_cars: int, look: Look, *, textures: bool = False) -> None:
-        """Begin with the usual light of `look`; `textures` draws the colours of the ground too."""
+        """Begin with the usual light; `textures` draws colours of the ground too."""
         self._look = look
         self._paints = _paints(look)
         self._textures = textures
@@ -53,15 +43,11 @@ class Lighting:
         )
 
     def of(self, cars: slice) -> Light:
-        """The light of some cars, as a live view."""
+        """A live view."""
         return Light._make(part[cars] for part in self._light)
 
     def draw(self, car: int, random: np.random.Generator) -> None:
-        """Draw the light of a new episode of a car.
-
-        As in the reference, the red, green and blue of sun and lamp are anything from dark to full,
-        and so are the three attenuations of the lamp; ambient light and sky stay as they are.
-        """
+        """As in the reference: colours of sun and lamp and the lamp's attenuations."""
         sun, lamp, attenuation = random.random((3, 3))
         sun = sun / _USUAL_SUN
         loss = attenuation @ (1.0, _LAMP_HEIGHT_M, _LAMP_HEIGHT_M**2)
@@ -81,7 +67,6 @@ class Lighting:
 
 
 def _paints(look: Look) -> list[Paint]:
-    """Materials of the ground that greys can tell apart, from dark to light."""
     paints = [look.road, look.line, look.dash, look.field, look.chequer]
     if look.kerb_width_m > 0.0:
         paints += [look.kerb, look.kerb_light or look.kerb]
@@ -94,11 +79,7 @@ def _paints(look: Look) -> list[Paint]:
 
 
 def _other_colors(paints: list[Paint], look: Look, random: np.random.Generator) -> Floats:
-    """Other colours of materials, 0..255. Shape (p, 3).
-
-    Their order of brightness stays: at an edge the picture of the ground holds the greys between
-    two materials, which would otherwise become an outline in the colour of a third.
-    """
+    """Their order of brightness stays: greys between two materials would otherwise show a third."""
     road = random.uniform(*_ROAD) * random.uniform(1.0 - _HUE, 1.0 + _HUE, 3)
     line = random.uniform(*_LINE) * random.uniform(1.0 - 0.5 * _HUE, 1.0, 3)
     olds = np.array([paint.grey for paint in paints])
@@ -113,7 +94,6 @@ def _other_colors(paints: list[Paint], look: Look, random: np.random.Generator) 
 
 
 def _palette(paints: list[Paint], greys: Floats) -> Bytes:
-    """What becomes of the greys 0..255 when materials get other greys. Shape (256,)."""
     olds = [paint.grey for paint in paints]
     contrasts = [new / max(old, 1.0) for old, new in zip(olds, greys, strict=True)]
     anchors, values = [0.0, olds[0]], [0.0, greys[0]]

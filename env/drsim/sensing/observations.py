@@ -1,4 +1,4 @@
-"""The observations of many cars: camera frames and lidar scans, refreshed after every step."""
+"""Camera frames and lidar scans of many cars, refreshed after every step."""
 
 from typing import Any, Literal
 
@@ -19,17 +19,17 @@ from drsim.sensing.sensors import Sensors
 from drsim.track.appearance import look_of
 
 Randomize = Literal["nothing", "lights", "textures"]
-"""What changes from episode to episode: `lights` are those of the reference's domain randomisation
-(lamps, and the colours of objects), `textures` are lights and the colours of the world."""
+"""`lights` are those of the reference's domain randomisation, `textures` also the colours of the
+world.
+"""
 
 
 class Observations:
     """Camera frames and lidar scans of n cars.
 
     Attributes:
-        frames: Camera frames, grey, rewritten between `start` and `finish`.
-            Shape (n, eyes, 120, 160).
-        scans: Values of the lidar sensor; of width 0 without one. Shape (n, d).
+        frames: Rewritten between `start` and `finish`. Shape (n, eyes, 120, 160).
+        scans: Shape (n, d).
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Observations:
         randomize: Randomize,
         gpu: bool = False,
     ) -> None:
-        """Prepare black frames. `num_threads` render, the caller's included, or a GPU.
+        """`num_threads` render, the caller's included, or a GPU.
 
         Raises:
             OSError: There is no GPU that can be used.
@@ -88,11 +88,10 @@ class Observations:
 
     @property
     def device_frames(self) -> Any:
-        """The frames on the GPU, with the interface of CUDA arrays; None without one."""
+        """With the interface of CUDA arrays; None without a GPU."""
         return None if self._gpu is None else self._gpu.device_frames
 
     def draw(self, car: int, random: np.random.Generator) -> None:
-        """Draw lights and colours of a new episode of a car."""
         if self._lighting is None:
             return
         self._lighting.draw(car, random)
@@ -101,7 +100,6 @@ class Observations:
             self._solids.paint(np.array([car]), colors)
 
     def light(self, car: int, conditions: Conditions) -> None:
-        """Put the lamps of a new episode of a car that disturb its camera."""
         self._lamps.begin(
             car,
             glare=conditions.glare,
@@ -110,7 +108,6 @@ class Observations:
         )
 
     def start(self, cars: Ints, bodies: CarBatch) -> None:
-        """Begin to refresh the observations of some cars, in rising order. Shape (k,)."""
         if self._solids is not None and self._traffic is not None:
             self._solids.move(cars, self._traffic.xy[cars], self._traffic.yaw_rad[cars])
         lens_pos, lens_mat = self._disturbances.lenses(bodies.lens_pos, bodies.lens_mat)
@@ -120,11 +117,9 @@ class Observations:
             self._scan(cars, bodies)
 
     def finish(self) -> None:
-        """Wait until all frames are complete."""
         self._renderer.finish()
 
     def close(self) -> None:
-        """Stop the threads that render."""
         self._renderer.close()
 
     def _scan(self, cars: Ints, bodies: CarBatch) -> None:

@@ -1,12 +1,9 @@
 """The camera's inner loops: sky and walls, then the ground, ray by ray.
 
-The reference simulator renders 640 x 480 and shrinks the frame to 160 x 120 with a tent filter, two
-output pixels wide. Each pixel of ours therefore is an average over its own tent: sideways by the
-choice of the copy of the ground picture, downwards by several sample lines between two pixel rows.
+The reference simulator shrinks 640 x 480 to 160 x 120 with a tent filter, two output pixels wide:
+here sideways by the choice of the ground picture's copy, downwards by several sample lines.
 
-All loops that call each other stay in this one file, because numba's cache of a compiled loop does
-not notice that a loop of another file has changed. What stands on the ground comes later, in
-`drsim.sensing.cuboids`.
+Loops that call each other stay in one file: numba's cache does not notice changes of another.
 """
 
 import math
@@ -25,33 +22,30 @@ Single = np.float32
 Vector = tuple[float, float, float]
 
 _SHARPNESS = 1.0
-"""Side of a texel over that of a pixel on the ground, sideways. At 0.82 the blend of four texels
-has the variance of the tent filter; 1.0 looks the same and reads less memory."""
+"""Of a texel over a pixel. 0.82 has the variance of the tent filter; 1.0 looks the same and reads
+less memory.
+"""
 
 _LINE_GAP = 2.2
-"""Distance between sample lines, in texels. A gap of 1.6 takes 30 % longer and brings a frame from
-0.7 to 0.6 greys of mean difference to one drawn with 144 rays in each pixel."""
+"""In texels. 1.6 takes 30 % longer and brings the mean difference from 0.7 to 0.6 greys."""
 
 MOST_LINES = 2
-"""Most sample lines between two pixel rows; near the horizon coarser texels take over."""
+"""Near the horizon coarser texels take over."""
 
 EDGE_BLUR = 1.4
-"""Width over which edges of walls fade, in pixels: such a box has the tent filter's variance."""
+"""Pixels; such a box has the tent filter's variance."""
 
 LEAST_FALL = 0.004
-"""Least fall of a ray per unit of depth: from 33 m away, all ground looks as it does there."""
+"""Per unit of depth: ground beyond 33 m looks alike."""
 
 FURTHEST = 1e9
-"""Limit of coordinates in 256ths of a texel: they must fit 32 bits however far a car is thrown."""
+"""256ths of a texel must fit 32 bits."""
 
 _NO_PALETTE = np.empty(0, np.uint8)
 
 
 class Ground(NamedTuple):
-    """The ground picture in shrinking copies; `texels` and `levels` as in `scene.Scene`.
-
-    `x_m` and `y_m` are the lower left corner of the picture, `texel_m` the side of its texels.
-    """
+    """As in `scene.Scene`."""
 
     texels: Words
     levels: Ints32
@@ -61,15 +55,11 @@ class Ground(NamedTuple):
 
 
 class Backdrop(NamedTuple):
-    """Walls and sky, and what becomes of the greys of the ground, for n lenses.
+    """Walls and sky, and what becomes of the greys of the ground, for n lenses or for all.
 
     Attributes:
-        walls_m: Inner faces of the walls: least x, greatest x, least y, greatest y. Shape (4,).
-        wall_height_m: Height of the walls.
-        wall_greys: Greys of the walls. Shape (1, 4) for all lenses, or (n, 4).
-        sky_greys: Greys of the sky. Shape (1,) for all lenses, or (n,).
-        palettes: What the greys of the ground picture become. Shape (0, 256) where they stay as
-            they are, or (n, 256).
+        walls_m: Inner faces: least x, greatest x, least y, greatest y.
+        palettes: (0, 256) where greys stay, or (n, 256).
     """
 
     walls_m: Singles
@@ -83,9 +73,7 @@ class Lenses(NamedTuple):
     """The lenses of n cars.
 
     Attributes:
-        pos: Positions in the world, metres. Shape (n, 3).
-        mat: Axes in the world: columns forward, left, up. Shape (n, 3, 3).
-        focal_px: Focal length in pixels.
+        mat: Columns forward, left, up. Shape (n, 3, 3).
         bias: Added to a grey before its fraction is cut off.
     """
 
@@ -96,7 +84,7 @@ class Lenses(NamedTuple):
 
 
 class Lens(NamedTuple):
-    """One of them. Numbers, not arrays: the compiler counts references to each array of a call."""
+    """Numbers, not arrays: the compiler counts references to each array of a call."""
 
     pos: Vector
     forward: Vector
@@ -114,12 +102,7 @@ def draw(
     wanted: Ints,
     taken: Ints,
 ) -> None:
-    """Draw the frames of the `wanted` lenses, indices of shape (k,). Frames: (n, rows, columns).
-
-    The first three are the parts of a `Ground`, a `Backdrop` and `Lenses`. `taken` counts the
-    frames that have been begun, shape (1,): threads that share it share the work, however many
-    frames each of them manages.
-    """
+    """Draw the `wanted` lenses' frames; threads share the counter `taken`, and so the work."""
     ground, backdrop = Ground(*ground_parts), Backdrop(*backdrop_parts)
     lenses = Lenses(*lens_parts)
     _, rows, columns = out.shape
@@ -159,8 +142,6 @@ def draw(
 
 
 class _Walls(NamedTuple):
-    """The `Backdrop` of one lens."""
-
     walls_m: Singles
     height_m: float
     greys: Singles
@@ -168,14 +149,7 @@ class _Walls(NamedTuple):
 
 
 class _Beyond(NamedTuple):
-    """What lies behind the ground in one frame.
-
-    Attributes:
-        behind: Greys of walls and sky. Shape (rows, columns).
-        share: Share of the ground in each pixel. Shape (rows, columns).
-        first: First row that shows any ground.
-        clear: First row that shows nothing else; both arrays end there.
-    """
+    """`first` row shows any ground, `clear` nothing else."""
 
     behind: Singles
     share: Singles
@@ -185,12 +159,6 @@ class _Beyond(NamedTuple):
 
 @kernel
 def _backdrop(walls: _Walls, lens: Lens, behind: Singles, share: Singles) -> tuple[int, int]:
-    """Find the grey of walls and sky, and the share of the ground, in each pixel above the floor.
-
-    Returns:
-        The first row that shows any ground, and the first one that shows nothing else. Rows from
-        the second on are not filled.
-    """
     rows, columns = behind.shape
     pos, walls_m, focal_px = lens.pos, walls.walls_m, lens.focal_px
     greys, sky_grey = walls.greys, Single(walls.sky_grey)
@@ -220,10 +188,7 @@ def _backdrop(walls: _Walls, lens: Lens, behind: Singles, share: Singles) -> tup
 
 @kernel
 def ray_through(lens: Lens, height_px: float, rows: int, columns: int) -> tuple[Vector, Vector]:
-    """World direction, of depth 1, through the leftmost pixel centre, and its change per column.
-
-    `height_px` counts downwards from the upper edge of the frame.
-    """
+    """World direction, of depth 1, of the leftmost pixel, and its change per column."""
     forward, to_left, to_up, focal_px = lens.forward, lens.left, lens.up, lens.focal_px
     left = (0.5 * columns - 0.5) / focal_px
     up = (0.5 * rows - height_px) / focal_px
@@ -239,7 +204,6 @@ def ray_through(lens: Lens, height_px: float, rows: int, columns: int) -> tuple[
 
 @kernel
 def nearness(distance_m: float) -> Single:
-    """One over the signed distance of a wall."""
     return Single(1.0 / distance_m) if abs(distance_m) > 1e-6 else Single(1e6)
 
 
@@ -254,11 +218,7 @@ def _backdrop_row(
     behind: Singles,
     share: Singles,
 ) -> None:
-    """One row of `_backdrop`. Works with one over the depth of a wall, and so without division.
-
-    `near` is one over the signed distances of the walls; `edges` are the heights of the lens over
-    the floor and over the walls' upper edges, and pixels per blur.
-    """
+    """With one over signed distances of walls, so without division."""
     zero, half, one = Single(0.0), Single(0.5), Single(1.0)
     ahead_x, ahead_y, ahead_z = Single(ahead[0]), Single(ahead[1]), Single(ahead[2])
     step_x, step_y, step_z = Single(step[0]), Single(step[1]), Single(step[2])
@@ -285,11 +245,6 @@ def _backdrop_row(
 def _floor(
     ground: Ground, palette: Pixels, lens: Lens, beyond: _Beyond, bias: float, frame: Pixels
 ) -> None:
-    """Draw the ground into the rows from `beyond.first` on.
-
-    Each row is aimed while the row above waits to be read, so that its words come from memory
-    meanwhile.
-    """
     pos, first, clear = lens.pos, beyond.first, beyond.clear
     # Taken out of the records once: each access in a loop would count references.
     texels, levels, behind, share = ground.texels, ground.levels, beyond.behind, beyond.share
@@ -352,10 +307,7 @@ def _floor(
 def sampling(
     lens: Lens, height_px: float, rows: int, lens_height_m: float, texel_m: float, copies: int
 ) -> tuple[int, int]:
-    """Copy of the ground picture and number of sample lines that suit the middle of a pixel row.
-
-    Heights count downwards from the upper edge of the frame.
-    """
+    """Copy of the ground picture and number of sample lines."""
     forward, to_up = lens.forward, lens.up
     up = (0.5 * rows - height_px) / lens.focal_px
     x, y = forward[0] + up * to_up[0], forward[1] + up * to_up[1]
@@ -384,11 +336,7 @@ def _aim(
     at: Ints32,
     between: Ints32,
 ) -> None:
-    """Find the word that each pixel of a sample line meets, and the place between its texels.
-
-    Places are in 256ths. This, `_fetch` and `_blend` are three loops because the first and the last
-    then compile to vector instructions, which the scattered reads of the second would prevent.
-    """
+    """Apart from `_fetch` and `_blend`: its scattered reads would prevent vector instructions."""
     first, pitch = level[0], level[1]
     zero, least = np.int32(0), Single(-LEAST_FALL)
     last_x, last_y = np.int32(256 * (level[2] - 1)), np.int32(256 * (level[3] - 1))
@@ -407,7 +355,6 @@ def _aim(
 
 @kernel
 def _order(texels: Words, at: Ints32) -> None:
-    """Ask the memory for the words of a sample line, which neighbouring pixels mostly share."""
     for column in range(0, len(at), 4):
         prefetch(texels, np.uint32(at[column]))
 
@@ -420,7 +367,6 @@ def _fetch(texels: Words, at: Ints32, words: Words) -> None:
 
 @kernel
 def _recolour(words: Words, palette: Pixels) -> None:
-    """Put the palette's greys in the place of those of a word's four texels."""
     byte = np.uint32(255)
     for column in range(len(words)):
         word = words[column]
@@ -441,7 +387,6 @@ def _blend(
     here: Singles,
     below: Singles,
 ) -> None:
-    """Add the blend of each word's four texels, in 65536ths of a grey, to two rows of sums."""
     whole, pair, low = np.uint32(256), np.uint32(0x00FF00FF), np.uint32(0xFFFF)
     for column in range(len(words)):
         word = words[column]

@@ -19,33 +19,25 @@ Pairs = NDArray[np.uint16]
 Ints32 = NDArray[np.int32]
 
 FINEST_TEXEL_M = 0.003
-"""Side of a texel of the full-size ground picture, on tracks small enough for it."""
-
 MOST_TEXELS = 20_000_000
-"""Upper limit of the full-size picture. With its smaller copies it then takes 54 MB."""
+"""With smaller copies, 54 MB."""
 
 _LEVELS = 8
-"""Copies of the ground picture, each half as large as the one before."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What `camera.render` looks at. Build it once per track with `build_scene`.
+    """What `camera.render` looks at; see `build_scene`.
 
     Attributes:
-        texels: All copies of the ground picture, one after the other, row by row. A word holds
-            the greys of a texel and of its neighbours: itself in bits 0..7, the one above (greater
-            y) in 8..15, the one to the right in 16..23, above right in 24..31, so that blending
-            four texels takes one memory access. Neighbouring words overlap by half.
-        levels: Of each copy: index of its first word, words per row, columns, rows.
-            Shape (levels, 4).
-        x_m: World x of the left edge of the picture.
-        y_m: World y of its lower edge.
-        texel_m: Side of a texel of the first copy; it doubles from copy to copy.
-        walls_m: Inner faces of the walls: least x, greatest x, least y, greatest y. Shape (4,).
-        wall_height_m: Height of the walls above the ground.
-        wall_greys: Greys of the walls, in the order of `walls_m`. Shape (4,).
-        sky_grey: Grey of the sky.
+        texels: All copies, row by row. A word holds the greys of a texel in bits 0..7, of the one
+            above (greater y) in 8..15, to the right in 16..23, above right in 24..31, so that
+            blending takes one memory access.
+        levels: Index of the first word, words per row, columns, rows. Shape (levels, 4).
+        x_m: Left edge.
+        y_m: Lower edge.
+        texel_m: Of the first copy; it doubles.
+        walls_m: Inner faces: least x, greatest x, least y, greatest y.
     """
 
     texels: Words
@@ -59,32 +51,28 @@ class Scene:
     sky_grey: float
 
     def __deepcopy__(self, _: dict[int, Any]) -> "Scene":
-        """Itself: nothing ever changes it, and it is large."""
+        """Itself: nothing ever changes it."""
         return self
 
     def __getstate__(self) -> dict[str, Any]:
-        """Its fields, with the words apart: their overlap would be lost, at twice the size."""
+        """Without the overlap of words, which would be lost, at twice the size."""
         state = {**self.__dict__, "texels": self.pairs()}
         for cached in ("ground", "picture", "backdrop"):
             state.pop(cached, None)
         return state
 
     def pairs(self) -> Pairs:
-        """The words without their overlap: a texel in the low byte, the one above in the high."""
         return np.append(self.texels & 0xFFFF, self.texels[-1:] >> 16).astype(np.uint16)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Lay the words over each other again."""
         self.__dict__.update({**state, "texels": _words(state["texels"])})
 
     @cached_property
     def picture(self) -> tuple[Any, ...]:
-        """The ground picture as `raycast.draw` needs it."""
         return tuple(Ground(self.texels, self.levels, self.x_m, self.y_m, self.texel_m))
 
     @cached_property
     def backdrop(self) -> tuple[Any, ...]:
-        """Walls and sky in the usual light, likewise."""
         backdrop = Backdrop(
             self.walls_m,
             self.wall_height_m,
@@ -96,21 +84,17 @@ class Scene:
 
     @cached_property
     def ground(self) -> Bytes:
-        """Greys of the full-size ground picture. Shape (rows, columns); row 0 has the least y."""
+        """Row 0 has the least y."""
         return self.level(0)
 
     def level(self, index: int) -> Bytes:
-        """Greys of one copy of the ground picture. Shape (rows, columns)."""
         first, pitch, columns, rows = self.levels[index]
         words = self.texels[first : first + pitch * rows].reshape(rows, pitch)[:, :columns]
         return (words & 0xFF).astype(np.uint8)
 
 
 def build_scene(track: Track, look: Look | None = None) -> Scene:
-    """Paint a track: 18 MB for a track of 18 m, never more than 55 MB. Takes 0.1 to 0.7 s.
-
-    Without `look` it gets the appearance of the world of the same name.
-    """
+    """Paint a track: 18 to 55 MB, in 0.1 to 0.7 s."""
     look = look or look_of(track.name)
     border = np.concatenate([track.inner, track.outer])
     low = border.min(axis=0) - look.walls.margin_m
@@ -147,23 +131,17 @@ def build_scene(track: Track, look: Look | None = None) -> Scene:
 
 
 def _words(pairs: Pairs) -> Words:
-    """Each pair of texels together with the pair that follows it. Shape one less."""
     return np.ndarray(len(pairs) - 1, np.uint32, pairs, strides=(2,))
 
 
 def _pitch(columns: int) -> int:
-    """Words per row for a number of columns, at least one more than there are.
-
-    An odd number of 64-byte cache lines: a walk up the picture then spreads over the whole cache,
-    where a pitch near a power of two would use one slot of it again and again (3x slower).
-    """
+    """An odd number of 64-byte cache lines: near a power of two it would be 3x slower."""
     lines = -(-(columns + 1) // 32)
     return 32 * (lines | 1)
 
 
 @kernel
 def _halved(picture: Bytes) -> Bytes:
-    """Every 2 x 2 texels averaged into one; an odd last row or column is averaged with itself."""
     rows, columns = picture.shape
     half = np.empty(((rows + 1) // 2, (columns + 1) // 2), np.uint8)
     for row in range(half.shape[0]):
@@ -182,7 +160,6 @@ def _halved(picture: Bytes) -> Bytes:
 
 @kernel
 def _pack(picture: Bytes, pairs: Pairs) -> None:
-    """Write each texel and the one above it side by side; the last row and column are doubled."""
     rows, columns = picture.shape
     for row in range(rows):
         above = min(row + 1, rows - 1)

@@ -1,4 +1,4 @@
-"""The sensors of a car: their names in model_metadata.json, their spaces and their filters."""
+"""The sensors of a car: names in model_metadata.json, spaces and filters."""
 
 import math
 from collections.abc import Sequence
@@ -15,24 +15,24 @@ CAMERAS = ("FRONT_FACING_CAMERA", "LEFT_CAMERA", "observation", "STEREO_CAMERAS"
 LIDARS = ("LIDAR", "SECTOR_LIDAR", "DISCRETIZED_SECTOR_LIDAR")
 
 _LEAST_M, _MOST_M = 0.15, 1.0
-"""Limits to which the values of LIDAR are clipped. Source: the reference simulator's filter."""
+"""Limits of LIDAR. Source: the reference simulator's filter."""
 
 _SECTORS = 8
 _SECTOR_NEAR_M = 0.5
-"""Sectors of SECTOR_LIDAR, and the distance below which one is 1. Source: the same."""
+"""Below it a sector is 1. Source: the reference."""
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """The sensors of a car: one camera, and a lidar where a second name says so.
+    """The sensors of a car: one camera, and perhaps a lidar.
 
     Attributes:
-        names: Names of model_metadata.json, in any order.
-        num_sectors: Sectors of DISCRETIZED_SECTOR_LIDAR; they must divide the 64 rays.
-        values_per_sector: Distance bins in each of them.
-        clipping_m: Distance at which its bins end.
-        lidar_forward: Turn the scanner round, so that it looks ahead. Off, because the reference's
-            looks backwards and models were trained on that.
+        names: Of model_metadata.json, in any order.
+        num_sectors: Of DISCRETIZED_SECTOR_LIDAR; must divide the 64 rays.
+        values_per_sector: Distance bins in each.
+        clipping_m: Where the bins end.
+        lidar_forward: Off, because the reference's lidar looks backwards and models were trained
+            on that.
     """
 
     names: tuple[str, ...] = ("FRONT_FACING_CAMERA",)
@@ -68,27 +68,22 @@ class Sensors:
 
     @property
     def camera(self) -> str:
-        """Name of the camera."""
         return next(name for name in self.names if name in CAMERAS)
 
     @property
     def eyes(self) -> int:
-        """How many frames the camera takes at a time."""
         return 2 if self.camera == "STEREO_CAMERAS" else 1
 
     @property
     def lidar(self) -> str | None:
-        """Name of the lidar, None without one."""
         return next((name for name in self.names if name in LIDARS), None)
 
     @property
     def lidar_model(self) -> LidarModel:
-        """The scanner as it is mounted."""
         return replace(LIDAR, yaw_rad=0.0) if self.lidar_forward else LIDAR
 
     @property
     def num_values(self) -> int:
-        """How many values the lidar gives; 0 without one."""
         if self.lidar is None:
             return 0
         return {"LIDAR": LIDAR.samples, "SECTOR_LIDAR": _SECTORS}.get(
@@ -105,14 +100,10 @@ class Sensors:
         return gym.spaces.Dict({self.camera: frame, self.lidar: values})
 
     def process(self, rays_m: Singles) -> Singles:
-        """Turn scans, shape (n, 64), into the values that the model gets, as the reference does.
+        """From scans, shape (n, 64), to what the model gets, as in the reference.
 
-        Distances are infinite where nothing was met.
-
-        Returns:
-            LIDAR: distances clipped to 0.15 .. 1 m. SECTOR_LIDAR: 1 where the nearest of 8 rays is
-            nearer than 0.5 m. DISCRETIZED_SECTOR_LIDAR: the bin of each sector's nearest distance,
-            one-hot; all 0 where nothing is within the clipping distance. Shape (n, num_values).
+        LIDAR: clipped to 0.15 .. 1 m. SECTOR_LIDAR: 1 where the nearest of 8 rays is nearer than
+        0.5 m. DISCRETIZED_SECTOR_LIDAR: the bin of each sector's nearest distance, one-hot, or 0.
         """
         if self.lidar is None:
             return np.empty((len(rays_m), 0), np.float32)
@@ -131,7 +122,6 @@ class Sensors:
 
 
 def sensors_of(names: Sensors | str | Sequence[str]) -> Sensors:
-    """Sensors by their names; `Sensors` are returned as they are."""
     if isinstance(names, Sensors):
         return names
     return Sensors((names,) if isinstance(names, str) else tuple(names))

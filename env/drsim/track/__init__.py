@@ -1,1 +1,1 @@
-"""Tracks: geometry, worlds by name, route files, and what a world looks like."""
+"""Tracks: geometry, worlds by name, route files, and appearance."""

@@ -1,9 +1,6 @@
-"""What a world looks like: line widths, colours after lighting, walls and sky; no geometry.
+"""What a world looks like: line widths, colours after lighting, walls and sky.
 
-Greys and colours are what the lens sees, 0..255, after the light has fallen on the colour of the
-texture. The light was measured on camera frames of the reference simulator in one world; `_LIGHT`
-carries it over to the texture colours of every other world. Cars see greys; `drsim.viewing` shows
-colours.
+Greys are what the lens sees, 0..255, measured on frames of the reference simulator in one world.
 """
 
 import math
@@ -15,28 +12,22 @@ from drsim.track.world_names import split_direction
 RGB = tuple[float, float, float]
 
 LUMA: RGB = (0.2989, 0.5870, 0.1140)
-"""Weights of red, green and blue in a grey. Source: the reference simulator's camera filter."""
+"""Source: the reference simulator's camera filter."""
 
 _LIGHT = 1.115
-"""Seen grey over texture grey on the ground. Source: measured on frames of the reference simulator;
-road, border line, dash and field agree within 2 % there. Assumed for all worlds, as 121 of the 127
-share one sun and one lamp."""
+"""Seen grey over texture grey. Measured on frames of the reference simulator, where materials
+agree within 2 %; 121 of the 127 worlds share one sun and lamp.
+"""
 
 AMBIENT, SUN = 0.5, 0.7075
-"""Parts of that light on things that stand: on every side, and on a side that faces the sun. Source
-of the first: the reference simulator's worlds; the second makes both together `_LIGHT` on level
-ground. Assumed: no frame shows an object."""
+"""Of that light, on every side, and on one that faces the sun. Source: the reference simulator's
+worlds; both together are `_LIGHT` on level ground. Assumed: no frame shows an object.
+"""
 
 
 @dataclass(frozen=True)
 class Paint:
-    """One painted material.
-
-    Attributes:
-        grey: Mean grey, 0..255.
-        grain: Standard deviation of the grain, greys; 0 paints it flat.
-        color: Red, green and blue, 0..255 each; None for a paint without hue.
-    """
+    """One painted material; 0..255."""
 
     grey: float
     grain: float = 0.0
@@ -44,24 +35,19 @@ class Paint:
 
     @property
     def rgb(self) -> RGB:
-        """Red, green and blue, 0..255 each."""
         return self.color or (self.grey, self.grey, self.grey)
 
 
 @dataclass(frozen=True)
 class Walls:
-    """The rectangle of walls around the field, or the edge of a field without walls.
+    """The rectangle of walls around the field, or its edge.
 
     Attributes:
-        margin_m: Gap between the bounding box of the outer border and the walls.
-        height_m: Height above the ground; 0 where there are none.
-        greys: Greys of the walls at the least x, greatest x, least y and greatest y; they differ
-            because the light meets each at another angle. Source: measured on three frames of the
+        margin_m: From the bounding box of the outer border.
+        greys: At the least x, greatest x, least y, greatest y. Measured on three frames of the
             reference simulator in one world, assumed for all.
-        tint: Red, green and blue of the walls over their grey. Source: the colour of the texture,
-            36, 70, 81; it agrees with the three frames within one grey.
-        field_half_m: The field reaches at least this far from the origin to all four sides; None
-            for no further than the margin.
+        tint: Over the grey. Source: the texture, 36, 70, 81; the frames agree within one grey.
+        field_half_m: From the origin; None: to the margin.
     """
 
     margin_m: float = 0.762
@@ -71,10 +57,7 @@ class Walls:
     field_half_m: float | None = None
 
     def around(self, road: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-        """Least x, greatest x, least y and greatest y of the field, metres.
-
-        `road` is least x, least y, greatest x and greatest y of the road.
-        """
+        """Least x, greatest x, least y, greatest y of the field."""
         low_x, low_y, high_x, high_y = road
         half_m = -math.inf if self.field_half_m is None else self.field_half_m
         return (
@@ -87,30 +70,17 @@ class Walls:
 
 @dataclass(frozen=True)
 class Look:
-    """Everything about a world's appearance that its route does not say.
+    """What a world's route does not say.
 
     Attributes:
-        border_side: "in" when the white line lies on the road side of the border, so that touching
-            white is still on track; "out" when it lies beyond, so that white is off track.
-        border_width_m: Width of the white line.
-        kerb_width_m: Width of the kerb that follows outside the white line; 0 for none.
-        dash_width_m: Width of a centre dash.
-        dash_length_m: Length of a centre dash.
-        dash_pitch_m: Distance from the start of one dash to the start of the next.
-        dash_start_m: Where along the centre line, from waypoint 0, the first dash starts. The
-            default fits three frames of the reference simulator best.
-        start_depth_m: Depth of the chequered start line along the road; 0 for none.
-        start_squares: How many fields the chequer has across the road and along it.
-        road: Paint of the road.
-        line: Paint of the border line and of the light fields of the start line.
-        dash: Paint of the centre dashes.
-        kerb: Paint of the kerb, or of its dark stripes.
-        kerb_light: Paint of every other stripe of the kerb; None for a kerb of one colour.
-        kerb_stripe_m: Length of a stripe along the border. Assumed: no frame shows a kerb.
-        field: Paint of everything beside the road.
-        chequer: Paint of the dark fields of the start line.
-        walls: Walls around the field.
-        sky_grey: Grey of the sky, flat.
+        border_side: "in" when touching the white line is on track; "out" when off track.
+        dash_pitch_m: From start to start.
+        dash_start_m: From waypoint 0, to fit three frames of the reference simulator.
+        start_depth_m: Of the chequered line; 0 for none.
+        start_squares: Across the road and along it.
+        line: Also of the light fields of the start line.
+        kerb_stripe_m: Assumed.
+        chequer: Of the dark fields.
     """
 
     border_side: Literal["in", "out"] = "in"
@@ -135,12 +105,9 @@ class Look:
 
 
 def look_of(world: str) -> Look:
-    """Appearance of a world by name; an unknown name, such as a track of our own, the common set.
+    """The appearance of a world; an unknown name gets the common set.
 
-    Source of widths and texture colours: the reference simulator's meshes and textures. Scenery is
-    not modelled: worlds whose scenery replaces the walls show the sky behind their field, city
-    worlds get plain walls. Assumed, as no frame shows them: every world has a start line, its dark
-    fields are nearly black, and the sky is as grey in all worlds as in the measured one.
+    Source of widths and colours: the reference simulator. Assumed: start lines and sky.
     """
     name, _ = split_direction(world)
     look = _COMMON
@@ -163,15 +130,13 @@ def look_of(world: str) -> Look:
 
 
 def _lit(rgb: RGB, grain: float = 0.0) -> Paint:
-    """Paint of a texture colour under the light that most worlds share."""
     grey = sum(weight * value for weight, value in zip(LUMA, rgb, strict=True))
     red, green, blue = (min(255.0, _LIGHT * value) for value in rgb)
     return Paint(min(255.0, _LIGHT * grey), grain, (red, green, blue))
 
 
 _GRAIN, _LINE_GRAIN, _FIELD_GRAIN = 5.0, 8.0, 3.0
-"""Grain of texels, greys, that gives frames the deviation measured near and far on the reference
-simulator's. Assumed for all worlds."""
+"""Greys, so that frames deviate like the reference simulator's. Assumed for all worlds."""
 
 _COMMON = Look(
     road=_lit((64, 63, 61), _GRAIN),
@@ -220,8 +185,7 @@ _LINE_OUTSIDE = {
     "Singapore_f1": (0.076, 0.07),
     "Austin": (0.076, 0.07),
 }
-"""Worlds whose line lies outside the road: width of the line and of the kerb, metres. Source:
-the reference simulator's meshes; the width of the first eight is that of all other worlds."""
+"""Width of line and kerb, metres. Source: the reference simulator's meshes."""
 
 _WITHOUT_WALLS = {
     *(
@@ -232,11 +196,9 @@ _WITHOUT_WALLS = {
     "2022_reinvent_champ_cw",
     "2022_reinvent_champ_ccw",
 }
-"""Worlds with scenery in the distance instead of walls; those with one direction only are other
-worlds, with walls. Source: the model files of the reference simulator."""
+"""With scenery; one-direction variants have walls. Source: the reference simulator."""
 
 _OPEN_FIELD = Walls(
     height_m=0.0, greys=4 * (_COMMON.sky_grey,), tint=(1.0, 1.0, 1.0), field_half_m=12.5
 )
-"""A field of 25 m by 25 m, as in the reference simulator. Its edge has no height, and the grey of
-the sky because the camera blends along it."""
+"""As in the reference simulator. The edge has the sky's grey because the camera blends along it."""

@@ -1,4 +1,4 @@
-"""A road of given width along a centre line: evenly resampled, no loops where it bends sharply."""
+"""A road of given width along a centre line, without loops in sharp bends."""
 
 import numpy as np
 
@@ -7,37 +7,22 @@ from drsim.errors import TrackError
 from drsim.track.track import Track
 
 SPACING_M = 0.2
-"""Distance between waypoints. Most routes of the reference simulator have 0.15 or 0.3 m."""
+"""Most routes of the reference simulator have 0.15 or 0.3 m."""
 
 LENGTHS_M = (2.0, 1000.0)
-"""Shortest and longest centre line; the longest of the reference simulator is 89 m."""
+"""The longest of the reference simulator is 89 m."""
 
 WIDTHS_M = (0.25, 20.0)
-"""Narrowest and widest road; the car is 0.2 m wide."""
-
 _BEND_WIDTHS = 4.0
-"""A border may be cut where it meets itself again within this many road widths: that is a sharp
-bend. Farther on it is another stretch of road."""
-
 _PARALLEL_M2 = 1e-12
-"""Two segments whose cross product is less than this are parallel; where they cross is rounding."""
+"""Less is rounding."""
 
 
 def road_along(name: str, center: Floats, width_m: Floats, length_m: float | None = None) -> Track:
-    """The road along a centre line.
+    """The road along a centre line, a loop if its ends meet within one road width.
 
-    The centre line is a loop if its ends meet within one road width.
-
-    Args:
-        name: World name.
-        center: Points of the centre line in driving order, in metres, or in any unit if `length_m`
-            is given; all finite. Shape (k, 2).
-        width_m: Width of the road at each point. Shape (k,).
-        length_m: Scale the centre line to this length.
-
-    Returns:
-        A track whose waypoints stand about `SPACING_M` apart, its inner border inside the loop; to
-        the left of an open one.
+    `center` is in driving order, in metres, or in any unit if it is scaled to `length_m`; shape
+    (k, 2). Waypoints then stand about `SPACING_M` apart.
 
     Raises:
         TrackError: The road is too short, too long, too narrow or too wide, or crosses itself.
@@ -64,7 +49,7 @@ def road_along(name: str, center: Floats, width_m: Floats, length_m: float | Non
 
 
 def checked_length(length_m: float) -> float:
-    """The length of a centre line; TrackError if it is NaN, too short or too long."""
+    """TrackError if it is NaN, too short or too long."""
     shortest_m, longest_m = LENGTHS_M
     if not shortest_m <= length_m <= longest_m:
         raise TrackError(
@@ -82,7 +67,6 @@ def _length(line: Floats) -> float:
 
 
 def _closed(center: Floats, width_m: Floats) -> tuple[Floats, Floats, bool]:
-    """The line, ending exactly where it begins if it is a loop, and whether it is one."""
     whole_m = checked_length(_length(center))
     gap_m = np.hypot(*(center[-1] - center[0]))
     if gap_m > width_m[0] or whole_m < 3 * width_m[0]:
@@ -114,7 +98,6 @@ def _resampled(center: Floats, width_m: Floats, closed: bool) -> tuple[Floats, F
 
 
 def _beside(center: Floats, left_m: Floats, closed: bool) -> Floats:
-    """The line at some distance to the left of a centre line, row by row. Shape (n, 2)."""
     if closed:
         around = np.concatenate([center[-2:-1], center, center[1:2]])
         onward = around[2:] - around[:-2]
@@ -135,10 +118,7 @@ def _beside(center: Floats, left_m: Floats, closed: bool) -> Floats:
 
 
 def _without_loops(line: Floats, left_m: Floats, closed: bool) -> Floats:
-    """The line, cut short where it crosses itself inside a bend.
-
-    All rows of such a loop move to the crossing, so that every waypoint keeps a border point.
-    """
+    """The line, cut short where it crosses itself inside a bend."""
     n = len(line)
     window = min(n // 2, round(_BEND_WIDTHS * 2 * np.abs(left_m).max() / SPACING_M))
     cut = line.copy()
@@ -160,11 +140,10 @@ def _without_loops(line: Floats, left_m: Floats, closed: bool) -> Floats:
 
 
 def _crossed(a: Floats, b: Floats, c: Floats, d: Floats, *, touching: bool) -> Bools:
-    """Whether the segment a b crosses each of m segments c d; no parallel one. Shape (m,).
+    """No parallel one.
 
-    With `touching`, an end that lies on the other segment counts as lying to the right of it, so
-    that a line through a vertex of the other one crosses it once. Otherwise touching is not
-    crossing.
+    With `touching`, an end on the other segment lies to the right of it, so that a line through a
+    vertex crosses once.
     """
     ab, cd = b - a, d - c
     sides = _cross(ab, c - a), _cross(ab, d - a), _cross(cd, a - c), _cross(cd, b - c)
@@ -188,13 +167,11 @@ def _cross(u: Floats, v: Floats) -> Floats:
 
 
 def _area(ring: Floats) -> float:
-    """Twice the area inside a ring; negative if it runs clockwise."""
     local = ring - ring[0]
     return float(_cross(local[:-1], local[1:]).sum())
 
 
 def _check_apart(track: Track) -> None:
-    """Refuse a road that meets itself again."""
     starts = np.concatenate([track.inner[:-1], track.outer[:-1]])
     ends = np.concatenate([track.inner[1:], track.outer[1:]])
     for k, (start, end) in enumerate(zip(starts, ends, strict=True)):

@@ -1,4 +1,4 @@
-"""The inner and the outer lane of a track as smooth curves, for bots that drive without physics."""
+"""Both lanes as smooth curves, for bots that drive without physics."""
 
 import math
 from typing import NamedTuple
@@ -11,26 +11,18 @@ from drsim.track.track import LANES, Lane, Track
 
 _TABLE_STEP_M = 0.02
 _LOOK_AHEAD_M = 0.05
-"""A bot looks towards where it will be after this distance."""
-
 _LEAST_STEP_M = 0.01
-"""Vertices of a lane nearer to each other than this would give the curve a jerk."""
+"""Nearer vertices would cause a jerk."""
 
 _FARTHEST_M = 1.0
-"""A vertex that projects farther than this from its own place fell on a neighbouring stretch."""
-
 _OVERHANG = 12
-"""Vertices by which a loop is continued on either side. The influence of the spline's ends then
-fades to less than a thousandth of a millimetre."""
+"""The ends then matter less than a thousandth of a millimetre."""
 
 
 class LanePlaces(NamedTuple):
-    """Where k bots for each of n cars are between the two lanes.
+    """Where bots are, shape (n, k).
 
-    Attributes:
-        distance_m: Distances along the centre line in the car's driving direction. Shape (n, k).
-        share: 0 on the inner lane, 1 on the outer one, between them during a change. Shape (n, k).
-        drift: Change of that share per metre. Shape (n, k).
+    `share` is 0 on the inner lane, 1 on the outer.
     """
 
     distance_m: Floats
@@ -41,12 +33,10 @@ class LanePlaces(NamedTuple):
 class LanePaths:
     """Both lanes of a track as cubic splines over the distance along the centre line.
 
-    A bot that keeps its speed along the centre line is therefore faster on the outer lane of a
-    curve than on the inner one. Source: the reference simulator.
+    So a bot is faster on the outer lane of a curve, as in the reference simulator.
     """
 
     def __init__(self, tracks: tuple[Track, Track]) -> None:
-        """Tabulate both lanes at steps of 2 cm, of the track as given and reversed."""
         self._length_m = tracks[0].length_m
         steps = int(np.ceil(self._length_m / _TABLE_STEP_M))
         self._step_m = self._length_m / steps
@@ -57,20 +47,15 @@ class LanePaths:
         )
 
     def poses(self, backward: Ints, places: LanePlaces) -> tuple[Floats, Floats]:
-        """Centres of k bots for each of n cars in metres, shape (n, k, 2), and yaws in radians.
+        """Centres in metres, shape (n, k, 2), and yaws in radians.
 
-        `backward` is 1 for cars on the reversed track. Distances wrap: at the end of an open track
-        a bot begins again, so that none blocks the finish.
+        At the end of an open track a bot begins again, so that none blocks the finish.
         """
         here_m = places.distance_m % self._length_m
         return _poses(self._xy, self._step_m, backward, (here_m, places.share, places.drift))
 
 
 def _knots(track: Track, lane: Lane) -> tuple[Floats, Floats]:
-    """Vertices of a lane, shape (k, 2), and where they project on the centre line, rising.
-
-    Those of a loop are continued on either side.
-    """
     border = track.inner if lane == "inner" else track.outer
     vertices = (track.center + border) / 2
     row_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(track.center, axis=0).T))])
@@ -94,7 +79,6 @@ def _knots(track: Track, lane: Lane) -> tuple[Floats, Floats]:
 
 
 def _spline(points: Floats, knots: Floats, at: Floats) -> Floats:
-    """A cubic spline through points, at some places beside its knots. Shape (m, 2)."""
     gap = np.diff(knots)
     slope = _slopes(points, gap)
     k = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(gap) - 1)
@@ -107,11 +91,10 @@ def _spline(points: Floats, knots: Floats, at: Floats) -> Floats:
 
 
 def _slopes(points: Floats, gap: Floats) -> Floats:
-    """Slopes at the knots that make the second derivative continuous; secants at both ends.
+    """Such that the second derivative is continuous; secants at the ends.
 
-    With gaps a before and b after a knot, the condition there is
     b * slope_before + 2 (a + b) * slope + a * slope_after = 3 (b * secant_before + a * secant),
-    solved by elimination: each row holds three unknowns only.
+    with gaps a before and b after a knot.
     """
     secant = np.diff(points, axis=0) / gap[:, None]
     slope = secant[[0, *range(len(gap))]]
@@ -132,7 +115,6 @@ def _slopes(points: Floats, gap: Floats) -> Floats:
 def _poses(
     lanes: Floats, step_m: float, backward: Ints, places: tuple[Floats, Floats, Floats]
 ) -> tuple[Floats, Floats]:
-    """Places and directions of bots: a bot looks towards where it will be a little later."""
     distance_m, shares, drift = places
     cars, bots = shares.shape
     xy, yaw_rad = np.empty((cars, bots, 2)), np.empty((cars, bots))
@@ -151,7 +133,6 @@ def _poses(
 
 @kernel
 def _between(inner: Floats, outer: Floats, place: float, share: float) -> tuple[float, float]:
-    """A point between two tabulated lanes, at a place in steps of the tables."""
     row = int(place)
     part = place - row
     a, b = (1.0 - part) * (1.0 - share), part * (1.0 - share)

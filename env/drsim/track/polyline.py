@@ -1,4 +1,4 @@
-"""Compiled geometry of polylines: the nearest point on one, and whether rings contain a point."""
+"""Compiled geometry of polylines: nearest points, and whether rings contain a point."""
 
 import math
 from typing import Any, NamedTuple
@@ -9,33 +9,22 @@ from drsim.arrays import Bools, Floats, Ints
 from drsim.jit import kernel
 
 SAME_M = 1e-9
-"""Neighbouring points no farther apart count as one point. Source: the reference simulator."""
+"""Nearer neighbours count as one point. Source: the reference simulator."""
 
 _NEIGHBOURS = 4
-"""Points in a row that are tested together: the wheels of a car are near each other."""
-
 _HAIR = 1e-12
-"""A point this near to an end of a segment, as a share of its length, counts as that end. Otherwise
-rounding could put a waypoint just before itself."""
+"""Share of a segment, so that rounding does not put a waypoint before itself."""
 
 START_X, START_Y, END_X, END_Y, INVERSE_SQUARE, START_M, END_M, YAW_RAD = range(8)
-"""Rows of an array of segments: both ends, one over the squared length, the distances along the
-polyline at both ends, and the direction."""
+"""Rows of segments: both ends, one over the squared length, distances, direction."""
 
 
 class Road(NamedTuple):
-    """A track as `locate` needs it. Segments are arrays of `segments`, shape (8, ...).
+    """A track as `locate` needs it: `segments`, and first and last rows of vertices.
 
     Attributes:
-        center: Segments of the centre line. Shape (8, v - 1) for v vertices.
-        inner: Segments of the inner border.
-        outer: Segments of the outer border.
-        first: First row of each vertex of the centre line. Shape (v,).
-        last: Last row of each vertex. Shape (v,).
-        closed: The centre line ends where it begins.
-        is_ccw: The inner border lies to the left of the driving direction.
-        backward: The centre line is driven from its last row to its first one; rows are then
-            counted from its end.
+        is_ccw: The inner border lies to the left.
+        backward: Driven from the last row.
     """
 
     center: Floats
@@ -49,22 +38,17 @@ class Road(NamedTuple):
 
 
 class Location(NamedTuple):
-    """Where m points lie relative to a track. Source: the reference simulator's definitions.
+    """Where m points lie along and across a track. Shape (m,) unless given.
 
     Attributes:
-        distance_m: Distance along the centre line from waypoint 0 to the centre-line point nearest
-            to the point, 0 .. track length. The whole line is searched. Shape (m,).
-        center_xy: That nearest centre-line point. Shape (m, 2).
-        from_center_m: Distance of the point from it. Shape (m,).
-        previous: Index of the last waypoint at or before `distance_m`. Shape (m,).
-        next: Index of the waypoint after it; 0 behind the last one. On a closed track the last
-            index is the waypoint that repeats waypoint 0. Where another waypoint repeats the one
-            before, `next` is the first of the two and `previous` the second. Shape (m,).
-        nearest: The one of the two that is nearer in a straight line. Shape (m,).
-        track_width_m: Distance between the projections of the nearest centre-line point on the two
-            borders. Shape (m,).
-        left_of_center: The point lies left of the centre line as seen in the driving direction:
-            the nearer of those two border points decides. Shape (m,).
+        distance_m: Of the nearest centre-line point, from waypoint 0.
+        center_xy: That point. Shape (m, 2).
+        from_center_m: Distance from it.
+        previous: The last waypoint at or before `distance_m`.
+        next: The one after it, the first of repeated ones; 0 behind the last one.
+        nearest: The nearer of the two.
+        track_width_m: Between that point's projections on the borders.
+        left_of_center: Whether the left one is nearer.
     """
 
     distance_m: Floats
@@ -78,10 +62,7 @@ class Location(NamedTuple):
 
 
 def vertices(points: Floats) -> tuple[Ints, Ints]:
-    """First and last row of each vertex of a polyline: rows may repeat the one before.
-
-    Shape (m,) each for rows of shape (n, 2) in metres; m <= n.
-    """
+    """First and last rows; rows may repeat the one before."""
     first = [0]
     for row in range(1, len(points)):
         apart = points[row] - points[first[-1]]
@@ -91,20 +72,15 @@ def vertices(points: Floats) -> tuple[Ints, Ints]:
 
 
 def without_repeats(points: Floats) -> Floats:
-    """The vertices of a polyline, each once; the very last row, which closes a ring, stays."""
+    """Each vertex once; the last row, which closes a ring, stays."""
     first, last = vertices(points)
     return points[[*first[:-1], last[-1]]]
 
 
 def segments(points: Floats) -> Floats:
-    """The segments of a polyline, laid out for the kernels of this module.
+    """The segments of a polyline for this module's kernels. Shape (8, m - 1) for m vertices.
 
-    The numbers are the same on every processor: none comes from a routine that NumPy implements
-    differently for different processors.
-
-    A row of `points` may repeat the one before. The result has rows from `START_X` to `YAW_RAD`, in
-    metres and radians. The length of the whole line does not depend on the end it is measured from.
-    Shape (8, m - 1) for m vertices.
+    The same numbers on every processor, because no routine of NumPy differs.
     """
     line = without_repeats(points)
     start, end = line[:-1], line[1:]
@@ -119,10 +95,9 @@ def segments(points: Floats) -> Floats:
 
 @kernel
 def locate(xy: Floats, road_parts: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The parts of the `Location` of m points relative to a track, given the parts of its `Road`.
+    """The parts of the `Location` of m points, given those of a `Road`.
 
-    The driving direction only decides how the result is expressed, never what is measured: a width
-    or a distance is the same number for a car that has turned round.
+    A width or distance is the same number in both driving directions.
     """
     road = Road(*road_parts)
     center, first, last = road.center, road.first, road.last
@@ -168,7 +143,6 @@ def locate(xy: Floats, road_parts: tuple[Any, ...]) -> tuple[Any, ...]:
 
 @kernel
 def project(xy: Floats, line: Floats) -> Floats:
-    """Distances along a line of `segments` of its points nearest to m given ones. Shape (m,)."""
     distance_m, scratch = np.empty(xy.shape[0]), np.empty(line.shape[1])
     for i in range(xy.shape[0]):
         k, along, _, _ = _nearest(line, xy[i, 0], xy[i, 1], scratch)
@@ -178,11 +152,7 @@ def project(xy: Floats, line: Floats) -> Floats:
 
 @kernel
 def inside_road(xy: Floats, outer: Floats, inner: Floats) -> Bools:
-    """Whether points lie strictly inside the outer ring and strictly outside the inner one.
-
-    The last vertex of a ring equals the first; the inner ring may have none at all. A point exactly
-    on a border is not on the road. Shape (m,) for m points.
-    """
+    """Strictly inside the outer and outside the inner ring, which may be empty."""
     m = xy.shape[0]
     inside = np.empty(m, np.bool_)
     near_outer = np.empty(outer.shape[0], np.int64)
@@ -201,11 +171,7 @@ def inside_road(xy: Floats, outer: Floats, inner: Floats) -> Bools:
 
 @kernel
 def _nearest(line: Floats, x: float, y: float, scratch: Floats) -> tuple[int, float, float, float]:
-    """Segment nearest to a point, how far along it (0 .. 1), and the nearest point itself.
-
-    Two passes, because the first one, which holds the arithmetic, then runs in vector registers.
-    Of equally near segments the first one wins.
-    """
+    """Two passes, because the first then runs in vector registers. The first of equals wins."""
     n = line.shape[1]
     for k in range(n):
         along, px, py = _nearest_of(line, k, x, y)
@@ -220,17 +186,13 @@ def _nearest(line: Floats, x: float, y: float, scratch: Floats) -> tuple[int, fl
 
 @kernel
 def _distance_m(line: Floats, k: int, along: float) -> float:
-    """Distance along a polyline of the place at a share (0 .. 1) of segment k."""
     distance_m: float = line[START_M, k] + along * (line[END_M, k] - line[START_M, k])
     return distance_m
 
 
 @kernel
 def _nearest_of(line: Floats, k: int, x: float, y: float) -> tuple[float, float, float]:
-    """How far along segment k (0 .. 1) its point nearest to a point lies, and that point.
-
-    Both ends are met exactly, so that two segments are equally near where they join.
-    """
+    """Ends are exact, so that neighbours are equally near there."""
     ax, ay, bx, by = line[START_X, k], line[START_Y, k], line[END_X, k], line[END_Y, k]
     along = ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) * line[INVERSE_SQUARE, k]
     if along >= 1.0 - _HAIR:
@@ -242,7 +204,6 @@ def _nearest_of(line: Floats, k: int, x: float, y: float) -> tuple[float, float,
 
 @kernel
 def _square_to(line: Floats, vertex: int, x: float, y: float) -> float:
-    """Squared distance from a point to a vertex of a polyline."""
     last = vertex == line.shape[1]
     x_m: float = x - (line[END_X, vertex - 1] if last else line[START_X, vertex])
     y_m: float = y - (line[END_Y, vertex - 1] if last else line[START_Y, vertex])
@@ -251,14 +212,6 @@ def _square_to(line: Floats, vertex: int, x: float, y: float) -> float:
 
 @kernel
 def _edges_that_count(ring: Floats, group: Floats, rows: Ints) -> int:
-    """Pick the edges of a ring, shape (n, 2), that can decide whether points lie inside it.
-
-    A ray towards +x meets no edge that lies above, below or to the left of all points. The indices
-    of the others are written to `rows`, shape (n,) or more.
-
-    Returns:
-        How many there are.
-    """
     least_x, least_y, most_y = group[0, 0], group[0, 1], group[0, 1]
     for i in range(1, group.shape[0]):
         least_x = min(least_x, group[i, 0])
@@ -278,7 +231,7 @@ def _edges_that_count(ring: Floats, group: Floats, rows: Ints) -> int:
 
 @kernel
 def _side(ring: Floats, edges: Ints, x: float, y: float) -> int:
-    """1 strictly inside a ring, 0 on it, -1 outside; by the crossings of a ray towards +x."""
+    """1 inside, 0 on it, -1 outside."""
     inside = False
     for k in edges:
         ax, ay, bx, by = ring[k, 0], ring[k, 1], ring[k + 1, 0], ring[k + 1, 1]

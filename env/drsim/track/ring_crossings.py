@@ -1,4 +1,4 @@
-"""Which cells of a grid lie on the road: those with an odd number of borders to their left."""
+"""Which cells of a grid lie on the road: an odd number of borders to their left."""
 
 import math
 
@@ -8,7 +8,6 @@ from drsim.jit import kernel
 
 @kernel
 def cross_ring(ring: Floats, crossed: Bools) -> None:
-    """Flip, in every row, the first cell to the right of each crossing of a ring."""
     rows, columns = crossed.shape
     for i in range(len(ring)):
         ax, ay = ring[i - 1]
@@ -22,7 +21,6 @@ def cross_ring(ring: Floats, crossed: Bools) -> None:
 
 @kernel
 def sign_off_road(crossed: Bools, distance: Singles) -> None:
-    """Make the distance negative wherever an even number of ring crossings lies to the left."""
     rows, columns = crossed.shape
     for row in range(rows):
         on_road = False

@@ -14,21 +14,14 @@ from drsim.track.polyline import SAME_M, vertices
 from drsim.track.track import Track
 
 DEFAULT_WIDTH_M = 1.07
-"""Width of a road of which only the centre line is known: 3.5 feet, as on 97 of the reference
-simulator's 127 tracks."""
+"""3.5 feet, as on 97 of the reference simulator's 127 tracks."""
 
 _MIN_ROWS = 4
-"""Fewest rows that make a loop: a triangle and the closing row."""
-
 _MAX_BYTES = 1_000_000
-"""Far more than any route needs (the longest of the reference simulator takes 19 kB)."""
-
 _FURTHEST_M = 1e6
-"""Coordinates beyond this are refused: rounding would swallow the track."""
+"""Beyond, rounding would swallow the track."""
 
 _CHORD_M = 0.05
-"""Length of the chords that stand for a drawn curve, a quarter of the waypoint spacing."""
-
 _COLUMNS = "centre x y; or centre x y, width; or centre x y, inner x y, outer x y"
 
 
@@ -41,28 +34,17 @@ def read_route(
 ) -> Track:
     """The track of a route file, checked.
 
-    The last part of the file's name says what it is:
+    - `.npy`: an array of 2, 3 or 6 columns. Source of the format with 6: the reference simulator's
+      route files, float64, metres, centre x and y, inner border x and y, outer border x and y, in
+      driving order.
+    - `.csv`: the same as text, with or without headings, separated by commas or semicolons.
+    - `.svg`: the first path, polyline or polygon is the centre line; `length_m` is needed.
 
-    - `.npy`: an array of 2, 3 or 6 columns, written with numpy.save. Source of the format with 6:
-      the reference simulator's route files, float64, metres, centre x and y, inner border x and y,
-      outer border x and y, in driving order.
-    - `.csv`: the same columns as text, with or without a line of headings, separated by commas or
-      semicolons.
-    - `.svg`: a drawing whose first path, polyline or polygon is the centre line. Its size is no
-      measure, so `length_m` is needed.
-
-    With all 6 columns every row is a waypoint, also one that repeats the row before: racers count
-    rows. Where only the centre line is known, waypoints are spread evenly along it and the borders
-    are drawn beside it.
-
-    Args:
-        file: The route file.
-        name: World name; by default that of the file.
-        width_m: Width of the road. By default that of the file, and 1.07 m if it has none.
-        length_m: Scale the centre line, and the borders of the file with it, to this length.
+    With 6 columns every row is a waypoint, also a repeated one: racers count rows. Otherwise
+    waypoints are spread evenly. Default width: the file's, else 1.07 m.
 
     Raises:
-        TrackError: The file does not exist or is not a track. The message says what to do.
+        TrackError: The file does not exist or is not a track.
     """
     try:
         return _read(file, name or file.stem, width_m, length_m)
@@ -71,9 +53,7 @@ def read_route(
 
 
 def write_route(track: Track, file: Path) -> None:
-    """Save a track as a route file that `read_route` reads back the same.
-
-    The rows are in driving order. A file of that name is replaced.
+    """Save a track as a route file that `read_route` reads back the same, or replace one.
 
     Raises:
         TrackError: The file cannot be written, or its name does not end in .npy.
@@ -163,7 +143,6 @@ def _array(data: bytes) -> NDArray[np.generic]:
 
 
 def _table(text: str) -> Floats:
-    """The numbers of a text with one row a line."""
     lines = [
         (number, line.strip())
         for number, line in enumerate(text.splitlines(), start=1)
@@ -191,7 +170,6 @@ def _table(text: str) -> Floats:
 
 
 def _checked(array: NDArray[np.generic]) -> Floats:
-    """The rows of an array that is a route."""
     if (
         array.ndim != 2
         or array.shape[1] not in (2, 3, 6)
@@ -219,7 +197,6 @@ def _checked(array: NDArray[np.generic]) -> Floats:
 
 
 def _bordered(name: str, rows: Floats, length_m: float | None) -> Track:
-    """The track of rows that hold the borders too."""
     if length_m is not None:
         rows = rows * (checked_length(length_m) / np.hypot(*np.diff(rows[:, :2], axis=0).T).sum())
     closed = bool(np.abs(rows[0] - rows[-1]).max() <= SAME_M)

@@ -1,18 +1,16 @@
-"""A closed cubic spline through points, and points at given distances along it."""
+"""A closed cubic spline through points."""
 
 import numpy as np
 
 from drsim.arrays import Floats, Ints
 
 _STEPS_PER_PIECE = 200
-"""Chords that measure the length of one piece of the spline; the error is far below 0.1 mm."""
 
 
 class ClosedSpline:
-    """The smoothest closed curve through points: cubic pieces, continuous in curvature.
+    """The smoothest closed curve through points, continuous in curvature.
 
-    No two neighbouring points are equal; the curve returns to the first one by itself. Metres,
-    shape (k, 2), k >= 3.
+    Metres, shape (k, 2), k >= 3, no neighbours equal, the first not repeated.
     """
 
     def __init__(self, points: Floats) -> None:
@@ -27,14 +25,10 @@ class ClosedSpline:
 
     @property
     def length_m(self) -> float:
-        """Length of the whole curve."""
         return float(self._along_m[-1])
 
     def at(self, distance_m: Floats) -> tuple[Floats, Floats]:
-        """Points on the curve, metres, and the unit vectors along it. Shape (m, 2) each.
-
-        `distance_m` are distances along the curve from its first point. Shape (m,).
-        """
+        """Points at distances from the first one, and unit vectors along the curve."""
         wrapped_m = distance_m % self.length_m
         parameter = np.interp(wrapped_m, self._along_m, np.arange(len(self._along_m)))
         piece, share = np.divmod(parameter / _STEPS_PER_PIECE, 1.0)
@@ -42,7 +36,6 @@ class ClosedSpline:
         return xy, slope / np.hypot(*slope.T)[:, None]
 
     def _evaluate(self, piece: Ints, share: Floats) -> tuple[Floats, Floats]:
-        """Hermite form: points, and their change per metre of chord, at shares 0 .. 1 of pieces."""
         following = (piece + 1) % len(self._points)
         p, q = self._points[piece], self._points[following]
         h = self._chord_m[piece][:, None]
@@ -53,11 +46,7 @@ class ClosedSpline:
 
 
 def _slopes(points: Floats, chord_m: Floats) -> Floats:
-    """Change per metre of chord at each point, such that the second derivative is continuous.
-
-    With chords a before and b after a point, the condition there is
-    b * slope_before + 2 (a + b) * slope + a * slope_after = 3 (b * secant_before + a * secant).
-    """
+    """Such that the second derivative is continuous; see `lanes._slopes`."""
     k = len(points)
     here, before, after = np.arange(k), np.arange(k) - 1, (np.arange(k) + 1) % k
     secant = (points[after] - points) / chord_m[:, None]
@@ -71,10 +60,9 @@ def _slopes(points: Floats, chord_m: Floats) -> Floats:
 
 
 def _solved(matrix: Floats, right: Floats) -> Floats:
-    """The solution of equations whose diagonal outweighs the rest of each row, by elimination.
+    """By elimination, so that waypoints are the same on every processor.
 
-    Linear algebra libraries add in another order on each kind of processor, but the waypoints of a
-    world must be the same numbers on all of them.
+    Libraries add in another order on each kind.
     """
     rows = np.concatenate([matrix, right], axis=1)
     for k in range(len(matrix)):

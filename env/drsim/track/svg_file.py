@@ -15,7 +15,7 @@ Curve = tuple[complex, complex, complex, complex]
 """A cubic Bezier curve: start, two control points, end, as x + y i."""
 
 _FURTHEST = 1e9
-"""Larger numbers are refused: rounding would swallow the drawing."""
+"""Beyond, rounding would swallow the drawing."""
 
 _NUMBER = re.compile(r"[\s,]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
 _FLAG = re.compile(r"[\s,]*([01])")
@@ -32,27 +32,17 @@ _KINDS = {
     "T": "nn",
     "A": "nnnffnn",
 }
-"""What follows each command: numbers and flags."""
-
 _SHAPES = {"path", "polyline", "polygon"}
 _NOT_DRAWN = {"defs", "symbol", "clipPath", "mask", "marker", "pattern"}
-"""Elements whose content is only drawn where something else refers to it."""
-
 _MAX_CURVES = 10_000
-"""Far more than anyone draws for a track."""
-
 _STEPS_TO_MEASURE = 16
-"""Chords that measure a curve well enough to choose how many it is drawn with."""
-
 _TRANSFORM = re.compile(r"[\s,]*(\w+)\s*\(([^()]*)\)")
 
 
 def read_line(text: str, chords: int) -> Floats:
-    """Points along the first path, polyline or polygon of a drawing.
+    """Points along the first path, polyline or polygon of a drawing, about as many as `chords`.
 
-    The whole line gets about so many `chords`, each curve at least one. An SVG document with
-    entities is refused: they can multiply without end. Points are in the unit of the drawing, x to
-    the right and y up, all finite. Shape (k, 2), k >= 2.
+    In the drawing's unit, y up. Entities are refused: they can multiply without end.
 
     Raises:
         TrackError: The text is not a drawing with such a line.
@@ -74,7 +64,6 @@ def _parsed(text: str) -> ElementTree.Element:
 
 
 def _first_shape(root: ElementTree.Element) -> tuple[ElementTree.Element, Floats]:
-    """The first shape in the order of the document, and what its transforms amount to."""
     waiting = [(root, np.eye(3)[:2])]
     while waiting:
         element, outside = waiting.pop()
@@ -92,7 +81,6 @@ def _first_shape(root: ElementTree.Element) -> tuple[ElementTree.Element, Floats
 
 
 def _combined(outside: Floats, transform: str) -> Floats:
-    """A transform inside another one. Shape (2, 3)."""
     matrix, place = outside, 0
     while match := _TRANSFORM.match(transform, place):
         place = match.end()
@@ -106,7 +94,6 @@ def _combined(outside: Floats, transform: str) -> Floats:
 
 
 def _check_reach(numbers: Floats) -> None:
-    """Raise TrackError for numbers that a transform made too large, or not a number."""
     if not (np.abs(numbers) <= _FURTHEST).all():
         raise TrackError(
             f"with its transforms, the line is further than {_FURTHEST:.0e} from the "
@@ -133,7 +120,6 @@ def _matrix(name: str, values: list[float]) -> Floats:
 
 
 def _curves(shape: ElementTree.Element) -> Floats:
-    """The line as cubic Bezier curves, each starting where the last one ends. Shape (k, 4, 2)."""
     if str(shape.tag).endswith("path"):
         curves = _Pen().drawn(shape.get("d", ""))
     else:
@@ -153,7 +139,6 @@ def _curves(shape: ElementTree.Element) -> Floats:
 
 
 def _flattened(curves: Floats, chords: int) -> Floats:
-    """Points along curves: more on the longer ones. Shape (k, 2)."""
     share = np.linspace(0.0, 1.0, _STEPS_TO_MEASURE + 1)
     rough = _on(curves, share)
     length = np.hypot(*np.moveaxis(np.diff(rough, axis=1), 2, 0)).sum(axis=1)
@@ -169,7 +154,6 @@ def _flattened(curves: Floats, chords: int) -> Floats:
 
 
 def _on(curves: Floats, share: Floats) -> Floats:
-    """Points at shares 0 .. 1 of curves. Shape (k, m, 2)."""
     t = share[:, None]
     weights = ((1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3)
     total: Floats = sum(
@@ -180,12 +164,10 @@ def _on(curves: Floats, share: Floats) -> Floats:
 
 
 def _straight(start: complex, end: complex) -> Curve:
-    """A straight line as a curve."""
     return start, start + (end - start) / 3, end - (end - start) / 3, end
 
 
 def _numbers(text: str) -> Iterator[float]:
-    """The numbers of a list, separated by blanks or commas."""
     place = 0
     while not _REST.match(text, place):
         value, place = _value(text, place, "n")
@@ -193,7 +175,6 @@ def _numbers(text: str) -> Iterator[float]:
 
 
 def _value(text: str, place: int, kind: str) -> tuple[float, int]:
-    """The number or flag at a place in a text, and the place behind it."""
     match = (_NUMBER if kind == "n" else _FLAG).match(text, place)
     value = float(match[1]) if match else math.inf
     if match is None or abs(value) > _FURTHEST:
@@ -205,7 +186,7 @@ def _value(text: str, place: int, kind: str) -> tuple[float, int]:
 
 
 class _Pen:
-    """Follows the commands M L H V C S Q T A Z of a path. Source: SVG 1.1, chapter 8."""
+    """Follows the commands M L H V C S Q T A Z. Source: SVG 1.1, chapter 8."""
 
     def __init__(self) -> None:
         self.at = self.start = 0j
@@ -299,7 +280,7 @@ def _arc(
     large: bool,
     sweep: bool,
 ) -> Iterator[Curve]:
-    """An arc of an ellipse, in pieces of at most 90 degrees. Source: SVG 1.1, appendix F.6."""
+    """In pieces of at most 90 degrees. Source: SVG 1.1, appendix F.6."""
     if start == end:
         return
     radius_x, radius_y = abs(radius_x), abs(radius_y)

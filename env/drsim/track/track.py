@@ -1,4 +1,4 @@
-"""Geometry of a track: where points lie along it, whether they are on it, poses on its lanes."""
+"""Geometry of a track: where points lie along it, whether they are on it, poses on lanes."""
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -13,29 +13,22 @@ from drsim.track.polyline import END_M, END_X, START_M, START_X, YAW_RAD, Locati
 Lane = Literal["center", "inner", "outer"]
 
 LANES: tuple[Lane, Lane, Lane] = ("center", "inner", "outer")
-"""Lanes by their number."""
-
 CENTER, INNER, OUTER = 0, 1, 2
-"""Numbers of lanes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A road between two borders, in driving order.
-
-    `drsim.track.worlds.load_track` makes checked ones.
+    """A road between two borders, in driving order; `load_track` makes checked ones.
 
     Attributes:
-        name: World name.
-        center: Centre line in metres, a row for each waypoint, in their numbering. On a closed
-            track the last row repeats the first one. Any row may repeat the one before, as in 59
-            routes of the reference simulator: it counts as a waypoint. Shape (n, 2).
-        inner: Border on the inside of the loop, row by row beside `center`. Shape (n, 2).
-        outer: Border on the outside of the loop. Shape (n, 2).
-        closed: Whether the track is a loop.
-        reverse: Whether it is driven against the order of its definition.
-        turned: The same road the other way round, for a track that was made by turning that one.
-            All that must be equal in both directions, to the last bit, is computed there.
+        center: Metres, a row for each waypoint. On a closed track the last row repeats the first.
+            Any row may repeat the one before, as in 59 routes of the reference simulator. Shape
+            (n, 2).
+        inner: Border inside the loop, row by row beside `center`. Shape (n, 2).
+        outer: Border outside the loop. Shape (n, 2).
+        closed: Whether it is a loop.
+        reverse: Driven against its definition.
+        turned: The same road the other way round, for what must be equal to the last bit.
     """
 
     name: str
@@ -47,31 +40,27 @@ class Track:
     turned: "Track | None" = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only: every car of a simulation shares them."""
+        """All cars share the arrays, so make them read-only."""
         for line in (self.center, self.inner, self.outer):
             line.flags.writeable = False
 
     def __deepcopy__(self, _: dict[int, Any]) -> "Track":
-        """Itself: nothing can change it."""
         return self
 
     def __getstate__(self) -> dict[str, Any]:
-        """Its fields; what follows from them is worked out again."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Make the arrays read-only in a copy, too."""
         self.__dict__.update(state)
         self.__post_init__()
 
     @cached_property
     def length_m(self) -> float:
-        """Length of the centre line."""
         return float(self._as_given._center_segments[END_M, -1])
 
     @cached_property
     def is_ccw(self) -> bool:
-        """Whether it is driven counter-clockwise; an open track, in the order of its definition."""
+        """Whether it is driven counter-clockwise; an open track, as defined."""
         if not self.closed:
             return not self.reverse
         if self.turned is not None:
@@ -81,12 +70,12 @@ class Track:
 
     @cached_property
     def waypoints(self) -> list[tuple[float, float]]:
-        """Rows of the centre line as plain numbers, the closing one included. Do not alter."""
+        """The closing one included. Do not alter."""
         return [(x, y) for x, y in self.center.tolist()]
 
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
-        """Least x, least y, greatest x and greatest y of the road in metres."""
+        """Least x, least y, greatest x, greatest y in metres."""
         borders = np.concatenate([self.inner, self.outer])
         x_min, y_min = borders.min(axis=0).tolist()
         x_max, y_max = borders.max(axis=0).tolist()
@@ -112,19 +101,15 @@ class Track:
         return Location(*polyline.locate(points, self._road))
 
     def on_road(self, xy: Floats) -> Bools:
-        """Whether points lie strictly between the borders; a point exactly on one does not.
-
-        Shape (...) for points of shape (..., 2).
-        """
+        """Whether points, shape (..., 2), lie strictly between the borders."""
         points = np.ascontiguousarray(xy, dtype=np.float64).reshape(-1, 2)
         return polyline.inside_road(points, *self._as_given._rings).reshape(xy.shape[:-1])
 
     def pose_at(self, distance_m: Floats, lane: Lane = "center") -> Floats:
-        """Poses on a lane, each towards its next vertex: x and y in metres and yaw in radians.
+        """Poses on a lane, each towards its next vertex: metres and radians. Shape (m, 3).
 
-        Distances along the centre line from waypoint 0, shape (m,), wrap on a closed track and end
-        at the ends of an open one. The inner and the outer lane are midway between it and a border;
-        a pose is at their point nearest to the one on the centre line. Shape (m, 3).
+        Distances along the centre line wrap on a closed track. The inner and the outer lane are
+        midway to a border; a pose is at their nearest point.
         """
         part = np.asarray(distance_m, dtype=np.float64) / self.length_m
         part = part % 1.0 if self.closed else np.clip(part, 0.0, 1.0)
@@ -136,7 +121,6 @@ class Track:
 
     @property
     def _as_given(self) -> "Track":
-        """The track that was turned to make this one, or this one."""
         return self if self.turned is None else self.turned
 
     @cached_property
@@ -168,14 +152,12 @@ class Track:
 
     @cached_property
     def _rings(self) -> tuple[Floats, Floats]:
-        """The ring round the road and the ring round its hole, which an open track has not."""
         if self.closed:
             return self.outer.copy(), self.inner.copy()  # writable ones: else compiled once more
         return np.concatenate([self.outer, self.inner[::-1], self.outer[:1]]), np.empty((0, 2))
 
 
 def _poses_on(line: Floats, along_m: Floats) -> Floats:
-    """Poses on a polyline, each looking towards its next vertex. Shape (m, 3)."""
     k = np.minimum(np.searchsorted(line[END_M], along_m, side="right"), line.shape[1] - 1)
     start, end = line[START_X : START_X + 2, k], line[END_X : END_X + 2, k]
     share = (along_m - line[START_M, k]) / (line[END_M, k] - line[START_M, k])

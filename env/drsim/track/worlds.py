@@ -21,15 +21,10 @@ Direction = Literal["clockwise", "counterclockwise", "open"]
 _DEFINITIONS = Path(__file__).parent / "definitions"
 
 _LONGEST_NAME = 1_000
-"""Most characters of a name or path; file names cannot be much longer."""
-
 _ROUTE_FILES = (".npy", ".csv")
-"""Route files that need nothing but their name, in the order in which they win."""
 
 
 class Width(NamedTuple):
-    """Width of a road at its waypoints, metres."""
-
     mean: float
     least: float
     greatest: float
@@ -40,15 +35,12 @@ class WorldInfo:
     """Facts about a track.
 
     Attributes:
-        name: Its name, without folder and ending.
-        direction: Which way round it is driven; "open" if it is not a loop.
-        waypoints: Their number; on a loop the last one repeats the first.
-        repeated: Indices of those that repeat the one before.
-        spacing_m: Mean distance between the others.
-        line_family: "in" when the white line belongs to the road, "out" when it lies beyond.
-        source: "own" for a definition of ours, else the path of the route file.
-        difficulty: None for a route file.
-        about: One line about a track of ours; empty for a route file.
+        direction: "open" if it is not a loop.
+        waypoints: On a loop the last one repeats the first.
+        repeated: Those that repeat the one before.
+        spacing_m: On average, without these.
+        line_family: "in" when the white line belongs to the road, else "out".
+        source: "own", or the path of the route file.
     """
 
     name: str
@@ -70,29 +62,26 @@ def load_track(world: str, tracks_dir: Path | None = None) -> Track:
     Args:
         world: One of these, in this order:
 
-            - path to a route file that ends in `.npy` or `.csv`; a name without a folder is looked
-              up in `tracks_dir` first, and means what it means without its ending where there is
-              no such file at all;
-            - name of such a file in `tracks_dir` without its ending, or else of one of our own
-              definitions;
+            - path to a route file, `.npy` or `.csv`, looked up in `tracks_dir` first if without
+              folder;
+            - name of such a file in `tracks_dir`, or else of one of our own definitions;
             - `reinvent_carpet`, `reinvent_concrete` or `reinvent_wood`: the route of
               `reinvent_base` on other ground;
-            - one of these names followed by `_cw` or `_ccw`: that world, driven clockwise or
+            - one of these names followed by `_cw` or `_ccw`: driven clockwise or
               counter-clockwise.
         tracks_dir: Folder with further route files.
 
     Returns:
-        The track. Its name is the one asked for, without folder and ending.
+        The track, by the name without folder and ending.
 
     Raises:
-        TrackError: There is no track of this name, or its numbers are not a track. The message says
-            what to do.
+        TrackError: There is no track of this name, or its numbers are not a track.
     """
     return _found(world, tracks_dir).track
 
 
 def describe(world: str, tracks_dir: Path | None = None) -> WorldInfo:
-    """Facts about a world; raises what `load_track` raises."""
+    """Facts about a world; errors as in `load_track`."""
     track, file, definition = _found(world, tracks_dir)
     own = file.parent == _DEFINITIONS
     width_m = track.locate(track.center).track_width_m
@@ -113,22 +102,17 @@ def describe(world: str, tracks_dir: Path | None = None) -> WorldInfo:
 
 
 def known_worlds(tracks_dir: Path | None = None) -> list[str]:
-    """Names that `load_track` accepts, sorted; each can be followed by `_cw` or `_ccw` as well.
+    """Names that `load_track` accepts, sorted; all may be followed by `_cw` or `_ccw`.
 
-    The folder `tracks_dir` need not exist.
+    The folder need not exist.
     """
     return sorted(_files(tracks_dir))
 
 
 def directed(track: Track, *, clockwise: bool | None = None, reverse: bool = False) -> Track:
-    """A track, driven in the requested direction; the one place that decides about directions.
+    """A track in the requested direction; the one place that decides about directions.
 
-    Args:
-        track: Any track.
-        clockwise: Which way round the world is defined; None leaves it as it is. A world that was
-            turned round this way counts as another world, not as driven in reverse.
-        reverse: Drive against that definition. The track says so in `Track.reverse`, as reward
-            functions are told.
+    `clockwise` makes another world; `reverse` is told to reward functions.
 
     Raises:
         TrackError: The track is not a loop.
@@ -151,11 +135,6 @@ def _direction(track: Track) -> Direction:
 
 
 class _Found(NamedTuple):
-    """The track of a world, the file with its route, and what we say about it.
-
-    For a world that shares the route of another one, its own words win over those of the other.
-    """
-
     track: Track
     file: Path
     definition: dict[str, Any]
@@ -193,7 +172,6 @@ def _found(world: str, tracks_dir: Path | None) -> _Found:
 
 
 def _files(tracks_dir: Path | None) -> dict[str, Path]:
-    """The file that defines each world, by name; the racer's win over ours."""
     folders = [(_DEFINITIONS, ".json")]
     if tracks_dir is not None:
         folders = [*((tracks_dir, suffix) for suffix in _ROUTE_FILES), *folders]
@@ -222,11 +200,7 @@ def _unknown(world: str, tracks_dir: Path | None) -> str:
 
 
 def _build(name: str, definition: dict[str, Any]) -> Track:
-    """The track of one of our own definitions.
-
-    Waypoints stand at even distances along a closed spline. A few are shifted along it: racers
-    write waypoint numbers into their reward functions, and the route they know is uneven there.
-    """
+    """Some waypoints are uneven: racers write their numbers into reward functions."""
     spline = ClosedSpline(np.array(definition["control_points_m"], dtype=np.float64))
     distance_m = np.linspace(0.0, spline.length_m, definition["waypoints"], endpoint=False)
     for waypoint, shift_m in definition.get("shifted_waypoints_m", {}).items():

@@ -1,4 +1,4 @@
-"""Paints what is around the track in the view of the world: the horizon, and the barriers."""
+"""Paints the horizon and the barriers in the view of the world."""
 
 import math
 from typing import Any, NamedTuple
@@ -17,13 +17,11 @@ class Surroundings(NamedTuple):
     """What is around the track.
 
     Attributes:
-        panorama: The horizon, a column for each direction from east over north, the first row at
-            the greatest height. Shape (rows, columns, 3).
-        steepest: Tangent of the greatest height in the panorama; its last row is level.
+        panorama: A column for each direction from east over north, the highest row first.
+        steepest: Tangent of its greatest height.
         barriers: Inner faces: least x, greatest x, least y, greatest y.
-        barrier_m: Height of the barriers; 0 for none.
-        colors: Of the barriers, of their light boards, and of the haze. Each 0 to 255.
-        haze_m: Depth in which 63 % of the colour of a barrier is that of the haze.
+        colors: Of barriers, light boards and haze, 0 to 255.
+        haze_m: Depth in which haze makes up 63 %.
     """
 
     panorama: Picture
@@ -42,15 +40,7 @@ def paint_horizon(
     below: Floats,
     mixed: Singles,
 ) -> None:
-    """Paint the horizon into some rows of a picture.
-
-    Args:
-        around_parts: Of the `Surroundings`.
-        step: Change of the direction in x and y from pixel to pixel.
-        directions: Of the first pixel of each row. Shape (n, 3).
-        below: What part of each row is ground. Shape (n,).
-        mixed: Red, green and blue; black where there is only ground. Shape (n, columns, 3).
-    """
+    """Paint the horizon into some rows, black where there is only ground (`below` is its share)."""
     around = Surroundings(*around_parts)
     for row in range(len(mixed)):
         ahead = (directions[row, 0], directions[row, 1], directions[row, 2])
@@ -68,7 +58,6 @@ def paint_barriers(
     directions: Floats,
     mixed: Singles,
 ) -> None:
-    """Lay the barriers over some rows of a picture; `pos` is that of the lens."""
     around = Surroundings(*around_parts)
     if around.barrier_m <= 0.0:
         return
@@ -82,7 +71,6 @@ def paint_barriers(
 def _horizon_row(
     panorama: Picture, steepest: float, ahead: Rgb, step: tuple[float, float], mixed: Singles
 ) -> None:
-    """The part of the panorama behind a row of pixels."""
     rows, columns, _ = panorama.shape
     for pixel in range(len(mixed)):
         x, y = ahead[0] + pixel * step[0], ahead[1] + pixel * step[1]
@@ -111,7 +99,6 @@ def _barrier_row(
     focal_px: float,
     mixed: Singles,
 ) -> None:
-    """Lay the barriers over a row of pixels."""
     low_x, high_x, low_y, high_y = around.barriers
     z = ahead[2]
     depth = pos[2] / -z if z < 0.0 else 1e9
@@ -134,7 +121,6 @@ def _barrier(
     ahead: Rgb,
     focal_px: float,
 ) -> tuple[float, float, float, float]:
-    """How much of a pixel the barrier covers, and its colour there."""
     low_x, high_x, low_y, high_y = around.barriers
     barrier_m = around.barrier_m
     dark, bright, haze = around.colors

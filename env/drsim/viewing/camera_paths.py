@@ -1,4 +1,4 @@
-"""Where the cameras of videos stand: one follows a car, one looks down on the whole track."""
+"""Cameras of videos: one follows a car, one looks down on the whole track."""
 
 import math
 
@@ -10,11 +10,10 @@ from drsim.track.track import Track
 from drsim.viewing.world_view import Lens
 
 SWING_S = 0.25
-"""Time in which the camera behind a car makes up for 63 % of a turn of the car. Assumed: the
-reference simulator smooths its camera by an amount that depends on the speed of the computer."""
+"""Assumed: the reference simulator's depends on the computer."""
 
 CUT_M = 1.0
-"""A car that has moved further than this between two frames was put somewhere else."""
+"""Further, a car was put somewhere else."""
 
 _FROM_ABOVE_M = 30.0
 _ROOM = 1.12
@@ -37,11 +36,11 @@ class FollowingCamera:
         self._last: Floats | None = None
 
     def cut(self) -> None:
-        """Let the next frame look along the car at once, as after a change of scene."""
+        """Look along the car at once."""
         self._last = None
 
     def lens(self, pose: tuple[float, float, float], *, step_s: float = 1.0 / CONTROL_HZ) -> Lens:
-        """The lens for a car at x, y (metres) and yaw (radians), `step_s` after the last one."""
+        """For a car at x, y (metres) and yaw (radians)."""
         x, y, yaw = pose
         here = np.array([x, y])
         if self._last is None or np.hypot(*(here - self._last)) > CUT_M:
@@ -55,7 +54,7 @@ class FollowingCamera:
 
 
 def lens_above(track: Track, size: tuple[int, int]) -> Lens:
-    """A lens that has the whole track in a picture of some rows and columns, x to the right."""
+    """Has the whole track in a picture, x to the right."""
     low_x, low_y, high_x, high_y = track.bounds
     rows, columns = size
     width_m = _ROOM * max(high_x - low_x, (high_y - low_y) * columns / rows) + 0.5
@@ -66,7 +65,7 @@ def lens_above(track: Track, size: tuple[int, int]) -> Lens:
 
 
 def axes(yaw_rad: float, down_rad: float) -> Floats:
-    """Axes of a lens that is turned by `yaw_rad` and then tilted down: forward, left, up."""
+    """Turned by `yaw_rad`, then tilted down: forward, left, up."""
     cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
     cp, sp = math.cos(down_rad), math.sin(down_rad)
     return np.array([[cy * cp, -sy, cy * sp], [sy * cp, cy, sy * sp], [-sp, 0.0, cp]])

@@ -1,4 +1,4 @@
-"""What the cameras and the lidar of a car in given poses perceive, as on a drive through them."""
+"""What the sensors of a car in given poses perceive."""
 
 import numpy as np
 
@@ -16,9 +16,9 @@ _AT_A_TIME = 64
 
 
 class CarEye:
-    """The sensors of a car that stands, for poses that were recorded without pictures.
+    """The sensors of a standing car, for poses that were recorded without pictures.
 
-    A car that drives leans a little, so its pictures were a few rows higher or lower.
+    A car that drives leans: its pictures were a few rows higher or lower.
     """
 
     def __init__(self, track: Track, shapes: tuple[Shape, ...] = ()) -> None:
@@ -30,15 +30,9 @@ class CarEye:
         self._pos, self._mat = resting.lens_pos[0].copy(), resting.lens_mat[0].copy()
 
     def frames(self, poses: Floats, objects: Floats, eyes: int = 1) -> Bytes:
-        """Grey pictures of the front cameras.
+        """Grey pictures, left eye first. Shape (t, eyes, 120, 160).
 
-        Args:
-            poses: x and y of car origins in metres, yaw in radians. Shape (t, 3).
-            objects: Poses of the k shapes around each. Shape (t, k, 3).
-            eyes: 1, or 2 with the left one first.
-
-        Returns:
-            Shape (t, eyes, 120, 160).
+        `poses` are metres and radians, shape (t, 3), `objects` those of shapes, (t, k, 3).
         """
         out = np.empty((len(poses), eyes, FRONT.rows, FRONT.columns), np.uint8)
         for first in range(0, len(poses), _AT_A_TIME):
@@ -60,7 +54,7 @@ class CarEye:
         return out
 
     def scans(self, poses: Floats, objects: Floats, sensors: Sensors) -> Singles:
-        """Values of the lidar of a model with these sensors. Shape (t, values)."""
+        """Lidar values. Shape (t, values)."""
         if sensors.lidar is None:
             return np.empty((len(poses), 0), np.float32)
         rays_m = scan(

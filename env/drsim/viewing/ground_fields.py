@@ -1,8 +1,4 @@
-"""Distances on the ground of a track, on a grid, from which a picture of any size is painted.
-
-A painted picture of the ground is blurred near the lens. Distances between its lines and a point
-vary smoothly, so a coarse grid of them gives edges that are sharp in every picture.
-"""
+"""Distances on the ground of a track, on a coarse grid, for edges that are sharp in any picture."""
 
 import math
 from dataclasses import dataclass
@@ -16,34 +12,25 @@ from drsim.track.ring_crossings import cross_ring, sign_off_road
 from drsim.track.track import Track
 
 CELL_M = 0.02
-"""Side of a cell on tracks small enough for it."""
-
 MOST_CELLS = 3_000_000
-"""Of the largest tracks; their cells are larger. With five numbers each, they take 60 MB."""
+"""60 MB."""
 
 REACH_M = 0.6
-"""How far from a line its distance is known; further away it stays at this value."""
-
 SIDE, KERB, ALONG_BORDER, CENTRE, ALONG_CENTRE = range(5)
-"""What the numbers of a cell are, by their index.
-
-- Distance to the nearest border, metres, positive on the road.
-- How much of a kerb lies at that border, 0 to 1.
-- How far along the border that is, metres.
-- Distance to the centre line, metres.
-- How far along the centre line that is, metres.
+"""Distance to the nearest border, positive on the road; share of a kerb there; distance along the
+border; distance to and along the centre line. Metres.
 """
 
 KERB_RADIUS_M = (1.6, 3.0)
-"""A bend with the first radius has a whole kerb, one with the second none."""
+"""Of bends with a whole kerb, and without."""
 
 _BEND_M = 0.5
-"""Length of the border from which its bend is measured, to both sides."""
+"""Border that a bend is measured on, to both sides."""
 
 
 @dataclass(frozen=True, eq=False)
 class GroundFields:
-    """The grid: `cells` of shape (rows, columns, 5), from the corner `x_m`, `y_m` on."""
+    """Cells of shape (rows, columns, 5)."""
 
     cells: Singles
     x_m: float
@@ -52,10 +39,7 @@ class GroundFields:
 
 
 def measure_ground(track: Track, *, everywhere: bool) -> GroundFields:
-    """Measure the ground of a track; 0.1 to 0.4 s.
-
-    `everywhere` says that kerbs follow the whole border, not only its bends.
-    """
+    """0.1 to 0.4 s; with kerbs at bends or `everywhere`."""
     center = without_repeats(track.center[::-1] if track.reverse else track.center)
     inner, outer = (
         without_repeats(line[::-1] if track.reverse else line)
@@ -83,7 +67,6 @@ def measure_ground(track: Track, *, everywhere: bool) -> GroundFields:
 
 
 def kerbs_of(line: Floats, closed: bool) -> Floats:
-    """How much of a kerb belongs to each point of a border: by its bend. Shape (n,)."""
     steps = np.hypot(*np.diff(line, axis=0).T)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     length = float(along[-1])
@@ -111,10 +94,6 @@ def _in_cells(points: Floats, low: Floats, cell_m: float) -> Floats:
 def _stamp(
     line: Floats, kerbs: Floats, closed: bool, cell_m: float, first: int, cells: Singles
 ) -> None:
-    """Lower the distance of each cell to that of a polyline, and note how far along it that is.
-
-    `first` is the index of the distance in a cell; an open line ends squarely.
-    """
     rows, columns, _ = cells.shape
     last = len(line) - 1
     passed = 0.0

@@ -1,8 +1,4 @@
-"""Paints the ground in the view of the world: field, road, lines, kerbs, dashes, start line.
-
-Each edge on the ground is blended by the part of a pixel that lies beyond it. That part follows
-from the distance to the edge and from how long the pixel is on the ground across that edge.
-"""
+"""Paints the ground in the view of the world: field, road, lines, kerbs, dashes, start line."""
 
 import math
 from typing import Any, NamedTuple
@@ -15,23 +11,14 @@ from drsim.jit import kernel
 Rgb = tuple[float, float, float]
 
 _DOT_M = 0.004
-"""Distance between the dots of the grain."""
-
 _MOWN_M = 0.9
-"""Width of the light and dark strips in which the field is mown."""
 
 
 class Ground(NamedTuple):
-    """What `drsim.viewing.ground_fields` measured, and the grain of the ground.
+    """What `drsim.viewing.ground_fields` measured, and the grain.
 
     Attributes:
-        cells: As in `GroundFields`. Shape (rows, columns, 5).
-        x_m: World x of the first column.
-        y_m: World y of the first row.
-        cell_m: Side of a cell.
-        grain: Copies of a tile that joins itself at its edges, each with half as many dots along
-            its sides as the one before, in its first rows and columns. Shape (k, n, n); n is a
-            power of two.
+        grain: Copies of a tile, each with half the dots along its sides. Shape (k, n, n).
     """
 
     cells: Singles
@@ -45,13 +32,10 @@ class Marks(NamedTuple):
     """What is painted on the ground; metres.
 
     Attributes:
-        line: Where the white line begins and ends, from the border, positive on the road.
-        kerb_m: Width of the kerb beside it.
-        stripe_m: Length of its stripes.
-        dash: Width, length and pitch of the centre dashes, and where the first one starts.
-        start: Middle of the start line (x, y), the direction across the road (x, y), the length of
-            the line and its depth; a depth of 0 for none.
-        squares: How many squares the chequer has, across and along.
+        line: From the border, positive on the road.
+        dash: Width, length, pitch, and first start.
+        start: Middle (x, y), direction across the road (x, y), length and depth.
+        squares: Across and along.
     """
 
     line: tuple[float, float]
@@ -63,7 +47,7 @@ class Marks(NamedTuple):
 
 
 class Palette(NamedTuple):
-    """Colours: red, green and blue, 0 to 255 each."""
+    """Red, green and blue, 0 to 255 each."""
 
     road: Rgb
     line: Rgb
@@ -86,18 +70,7 @@ def paint_ground(
     light: Singles,
     mixed: Singles,
 ) -> None:
-    """Lay the ground over some rows of a picture.
-
-    Args:
-        ground_parts: Of a `Ground`.
-        marks_parts: Of the `Marks`.
-        palette_parts: Of the `Palette`.
-        lens_parts: Position, directions forward, left and up, focal length in pixels.
-        row_parts: The first three parts of `PixelRows`.
-        haze_m: Depth in which the ground takes on the colour of the horizon.
-        light: What shadows leave. Shape (n, columns).
-        mixed: Red, green and blue; what lies behind the ground before. Shape (n, columns, 3).
-    """
+    """Lay the ground over rows of a picture, `mixed`, which hold what lies behind it."""
     ground, marks, palette = Ground(*ground_parts), Marks(*marks_parts), Palette(*palette_parts)
     pos, _, to_left, to_up, focal_px = lens_parts
     directions, depths, belows = row_parts
@@ -129,21 +102,7 @@ def _ground_row(
     light: Singles,
     mixed: Singles,
 ) -> None:
-    """Lay the ground over a row of pixels, each of which covers a parallelogram of it.
-
-    Args:
-        ground: Its distances and grain.
-        marks: What is painted on it.
-        palette: Its colours.
-        view: Direction of the first pixel, its change from pixel to pixel, the depth of the row
-            and the part of its pixels that the ground covers.
-        at: The place of the first pixel on the ground, and its change.
-        fall: The change of that place from row to row: a part for all pixels, in x and y, and what
-            the direction of a pixel is multiplied with to get the rest.
-        haze_m: As in `paint_ground`.
-        light: What shadows leave. Shape (columns,).
-        mixed: Red, green and blue; what lies behind the ground before. Shape (columns, 3).
-    """
+    """`fall` is the change of `at` from row to row."""
     # Taken out of the records once: each access in the loop would count references.
     cells, grain = ground.cells, ground.grain
     corner_x, corner_y, cell_m = ground.x_m, ground.y_m, ground.cell_m
@@ -277,7 +236,6 @@ def _start(
     down: tuple[float, float],
     under: Rgb,
 ) -> Rgb:
-    """The same with the chequered start line over it."""
     middle_x, middle_y, to_x, to_y, length_m, depth_m = marks.start
     if depth_m <= 0.0:
         return under
@@ -305,7 +263,6 @@ def _start(
 
 @kernel
 def _between(a: float, b: float, c: float, d: float, part_x: float, part_y: float) -> float:
-    """A length along a line between four cells; where it jumps, that of the nearest one."""
     if max(a, b, c, d) - min(a, b, c, d) > 0.3:
         if part_y < 0.5:
             return a if part_x < 0.5 else b
@@ -316,20 +273,17 @@ def _between(a: float, b: float, c: float, d: float, part_x: float, part_y: floa
 
 @kernel
 def _length(x: float, y: float, right: tuple[float, float], down: tuple[float, float]) -> float:
-    """How long a pixel is on the ground in a direction."""
     first, second = x * right[0] + y * right[1], x * down[0] + y * down[1]
     return math.sqrt(first * first + second * second) + 1e-6
 
 
 @kernel
 def _share(beyond: float, blur: float) -> float:
-    """Part of a pixel beyond an edge."""
     return min(max(0.5 + beyond / blur, 0.0), 1.0)
 
 
 @kernel
 def _wave(place: float, blur: float) -> float:
-    """A square wave of period 1 between -1 and 1, averaged over a pixel of this length."""
     if blur >= 1.0:
         return 0.0
     part = place - math.floor(place)
@@ -341,7 +295,6 @@ def _wave(place: float, blur: float) -> float:
 
 @kernel
 def _dashed(place: float, length: float, blur: float) -> float:
-    """Dashes of a length in a pitch of 1, averaged over a pixel of this length."""
     if blur >= 1.0:
         return length
     part = place - math.floor(place)
@@ -353,6 +306,5 @@ def _dashed(place: float, length: float, blur: float) -> float:
 
 @kernel
 def _grain_level(copies: int, pixel_m: float) -> int:
-    """The copy of the grain whose dots are as large as a pixel."""
     level = math.floor(math.log2(max(pixel_m, 1e-9) / _DOT_M) + 0.5)
     return min(max(int(level), 0), copies - 1)

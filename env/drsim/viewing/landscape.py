@@ -1,7 +1,4 @@
-"""What lies around a track in pictures for people: sky, clouds, hills and woods, as a panorama.
-
-The cameras of cars never see it. Each world has a landscape of its own that never changes.
-"""
+"""What lies around a track in pictures for people: sky, clouds, hills and woods."""
 
 import zlib
 from functools import lru_cache
@@ -14,19 +11,11 @@ from drsim.arrays import Floats, Singles
 Picture = NDArray[np.uint8]
 
 COLUMNS, ROWS = 4096, 384
-"""Size of the panorama; a pixel is about as large as one of a picture."""
-
 STEEPEST = 0.55
-"""Tangent of the greatest height in the panorama: 29 degrees above the horizon."""
-
 ZENITH, HORIZON = (70.0, 128.0, 205.0), (208.0, 224.0, 238.0)
-"""Colours of the sky at the greatest height and just above the hills."""
-
 HAZE = (186.0, 205.0, 214.0)
-"""Colour that far ground takes on."""
-
 HAZE_M = 70.0
-"""Distance in which the ground takes on 63 % of that colour."""
+"""Ground takes on 63 % of that colour."""
 
 _CLOUD, _CLOUD_SHADE = (252.0, 252.0, 252.0), (196.0, 206.0, 220.0)
 _RANGES: tuple[tuple[float, float, int, tuple[float, float, float]], ...] = (
@@ -34,24 +23,17 @@ _RANGES: tuple[tuple[float, float, int, tuple[float, float, float]], ...] = (
     (0.020, 0.038, 9, (118.0, 150.0, 150.0)),
     (0.010, 0.020, 17, (92.0, 128.0, 92.0)),
 )
-"""Ranges of hills, the furthest first: least height, how much they rise, their number of waves
-around, and their colour."""
+"""Furthest first: least height, rise, waves around, colour."""
 
 _WOODS = (58.0, 92.0, 52.0)
 _SUN_AZIMUTH_RAD = -0.2
 _TILE, _COPIES = 1024, 8
-"""Dots along a side of the grain, and copies of it."""
-
 _GRAINS = (0.9, 0.8, 0.6, 0.5, 0.5, 0.5, 0.4)
-"""Strength of dots of one, two, four ... times the size."""
 
 
 @lru_cache(maxsize=2)
 def landscape_of(world: str) -> Picture:
-    """The panorama of a world. A column for each direction, the first row the highest. 0.4 s.
-
-    All views of a world share it, so nobody may write into it.
-    """
+    """The first row is the highest; 0.4 s. Shared: do not write."""
     random = np.random.default_rng(zlib.crc32(world.encode()) ^ 0x5CE4E)
     height = np.linspace(STEEPEST, 0.0, ROWS)[:, None]
     azimuth = np.linspace(0.0, 2.0 * np.pi, COLUMNS, endpoint=False)
@@ -74,10 +56,7 @@ def landscape_of(world: str) -> Picture:
 
 @lru_cache(maxsize=2)
 def grain_of(world: str) -> Singles:
-    """The grain of the ground, as `ground_painting.Ground` has it. Shape (k, n, n).
-
-    All views of a world share it, so nobody may write into it.
-    """
+    """Shared: do not write."""
     random = np.random.default_rng(zlib.crc32(world.encode()) ^ 0x6A417)
     tile = np.zeros((_TILE, _TILE))
     for octave, strength in enumerate(_GRAINS):
@@ -93,13 +72,11 @@ def grain_of(world: str) -> Singles:
 
 
 def _softened(dots: Floats) -> Floats:
-    """Each dot averaged with its neighbours, round the edges."""
     mean = 0.5 * dots + 0.25 * (np.roll(dots, 1, 0) + np.roll(dots, -1, 0))
     return 0.5 * mean + 0.25 * (np.roll(mean, 1, 1) + np.roll(mean, -1, 1))
 
 
 def _add_clouds(picture: Floats, height: Floats, random: np.random.Generator) -> None:
-    """Flat heaps of cloud, smaller towards the horizon."""
     # Rows nearer to the horizon show more of the cloud layer, so its pattern is pressed together.
     rows = np.log(height[:, 0] + 0.05)
     rows = (rows - rows.min()) / np.ptp(rows) * 255.0
@@ -115,7 +92,6 @@ def _add_clouds(picture: Floats, height: Floats, random: np.random.Generator) ->
 
 
 def _clouds(random: np.random.Generator) -> Floats:
-    """Noise of several sizes, joined from left to right, between 0 and 1. Shape (256, 1024)."""
     total, weight = np.zeros((256, 1024)), 0.0
     for octave in range(6):
         rows, columns = 4 * 2**octave, 8 * 2**octave
@@ -133,7 +109,6 @@ def _clouds(random: np.random.Generator) -> Floats:
 
 
 def _between(dots: Floats, rows: Floats, columns: Floats) -> Floats:
-    """Smooth values between the dots, at some rows and columns; the columns go round."""
     row, column = np.floor(rows).astype(int), np.floor(columns).astype(int)
     down, right = (rows - row)[:, None], (columns - column)[None, :]
     down, right = down * down * (3.0 - 2.0 * down), right * right * (3.0 - 2.0 * right)
@@ -147,7 +122,6 @@ def _between(dots: Floats, rows: Floats, columns: Floats) -> Floats:
 
 
 def _ridge(azimuth: Floats, waves: int, random: np.random.Generator) -> Floats:
-    """The line of a range of hills around the horizon, between 0 and 1. Shape (columns,)."""
     line = np.zeros(len(azimuth))
     for octave in range(5):
         turn, phase = waves * 2**octave, random.uniform(0.0, 2.0 * np.pi)
@@ -158,7 +132,6 @@ def _ridge(azimuth: Floats, waves: int, random: np.random.Generator) -> Floats:
 
 
 def _treetops(random: np.random.Generator) -> Floats:
-    """The line of the tops of woods around the horizon, between 0 and 1. Shape (columns,)."""
     line = np.zeros(COLUMNS)
     at = np.arange(COLUMNS, dtype=np.float64)
     stands = _between(random.random((1, 64)), np.zeros(1), at * (64.0 / COLUMNS))[0]
@@ -174,7 +147,6 @@ def _treetops(random: np.random.Generator) -> Floats:
 def _cover(
     picture: Floats, height: Floats, line: Floats, color: Floats, pixel: float, *, light: float
 ) -> None:
-    """Paint everything below a line, darker towards its foot."""
     lower = height[:, 0] < line.max() + pixel
     picture, height = picture[lower.argmax() :], height[lower]
     cover = np.clip(0.5 + (line - height) / pixel, 0.0, 1.0)[:, :, None]

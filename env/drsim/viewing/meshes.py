@@ -1,4 +1,4 @@
-"""Triangles of what stands on the track in pictures for people: cars with a shell, and boxes."""
+"""Triangles of cars with a shell, and of boxes, for pictures."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from drsim.car.car import WHEEL_RADIUS_M
 from drsim.race.solids import Shape
 
 PAINT, STRIPED, GLASS, TYRE, RIM, BLACK, LAMP, TAIL, CARD, PRINTED, PLAIN = range(11)
-"""Materials; `drsim.viewing.solid_painting` knows what they look like."""
+"""Materials; see `solid_painting`."""
 
 WHEELS: tuple[tuple[float, float], ...] = (
     (-0.0817, -0.0805),
@@ -17,7 +17,7 @@ WHEELS: tuple[tuple[float, float], ...] = (
     (0.0823, -0.0805),
     (0.0823, 0.0805),
 )
-"""Middles of the wheels, forward and left of the car's origin, metres; the front ones last."""
+"""Forward and left of the car's origin, metres; the front ones last."""
 
 WHEEL_WIDTH_M = 0.034
 _SPOKES = 24
@@ -41,9 +41,9 @@ _BODY: tuple[tuple[float, float, float, float, float, float], ...] = (
     (0.150, 0.045, 0.027, 0.037, 0.054, 0.064),
     (0.166, 0.030, 0.020, 0.042, 0.049, 0.054),
 )
-"""Cross-sections of the shell: how far forward, half the width at the shoulder and on top, and the
-heights of the floor, the shoulder and the top, metres. Assumed: a shell of our own that fills the
-measured size of the reference's."""
+"""Forward, half widths at shoulder and top, heights of floor, shoulder and top, metres; fills the
+reference's size.
+"""
 
 _CABIN: tuple[tuple[float, float, float, float, float, float], ...] = (
     (-0.118, 0.030, 0.018, 0.108, 0.112, 0.115),
@@ -58,15 +58,11 @@ _CABIN: tuple[tuple[float, float, float, float, float, float], ...] = (
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles in the frame of an object: forward, left, up from a point on the floor, metres.
+    """Triangles in the frame of an object: forward, left, up from the floor, metres.
 
     Attributes:
-        corners: Shape (v, 3).
-        normals: Of length 1. Shape (v, 3).
-        places: Where each corner lies on its surface, metres. Shape (v, 2).
-        faces: Indices of the corners of each triangle. Shape (f, 3).
-        materials: Shape (f,).
-        color: Red, green and blue of the paint, 0 to 255.
+        places: Of corners on the surface, metres. Shape (v, 2).
+        color: 0 to 255.
     """
 
     corners: Floats
@@ -78,8 +74,6 @@ class Mesh:
 
 
 class _Builder:
-    """Collects triangles."""
-
     def __init__(self) -> None:
         self.corners: list[Floats] = []
         self.normals: list[Floats] = []
@@ -91,7 +85,6 @@ class _Builder:
     def add(
         self, corners: Floats, normals: Floats, places: Floats, faces: Ints, material: int
     ) -> None:
-        """Add triangles of one material."""
         self.corners.append(corners)
         self.normals.append(normals)
         self.places.append(places)
@@ -100,7 +93,6 @@ class _Builder:
         self._count += len(corners)
 
     def mesh(self, color: tuple[float, float, float]) -> Mesh:
-        """Everything together."""
         if not self.corners:
             nothing = np.empty((0, 3))
             return Mesh(
@@ -125,17 +117,12 @@ class _Builder:
 
 
 def _outwards(corners: Floats, normals: Floats, faces: Ints) -> Ints:
-    """The triangles, their corners counter-clockwise as seen from outside: OpenGL counts on it."""
     a, b, c = (corners[faces[:, k]] for k in range(3))
     inside_out = (np.cross(b - a, c - a) * normals[faces].sum(axis=1)).sum(axis=1) < 0.0
     return np.where(inside_out[:, None], faces[:, [0, 2, 1]], faces)
 
 
 def mesh_of(shape: Shape, color: tuple[float, float, float] | None = None) -> Mesh:
-    """The triangles of a shape: the body of a car, without its wheels, or its boxes.
-
-    `color` paints it in another colour.
-    """
     if has_wheels(shape):
         return car_body(color or shape.boxes[-1].color)
     builder = _Builder()
@@ -147,12 +134,11 @@ def mesh_of(shape: Shape, color: tuple[float, float, float] | None = None) -> Me
 
 
 def has_wheels(shape: Shape) -> bool:
-    """Whether a shape is a car, whose wheels are meshes of their own at `WHEELS`."""
     return shape.name in _CARS
 
 
 def car_body(color: tuple[float, float, float]) -> Mesh:
-    """A car without wheels: shell, cabin, wing, lamps and camera; about 900 triangles."""
+    """About 900 triangles."""
     builder = _Builder()
     _add_loft(builder, _BODY, STRIPED)
     _add_loft(builder, _CABIN, GLASS)
@@ -173,7 +159,7 @@ def car_body(color: tuple[float, float, float]) -> Mesh:
 
 
 def wheel() -> Mesh:
-    """A tyre with rounded edges and a rim with spokes, around the origin; its axle points left."""
+    """Around the origin; its axle points left."""
     builder = _Builder()
     angle = np.arange(_SPOKES) * (2.0 * np.pi / _SPOKES)
     cos, sin = np.cos(angle), np.sin(angle)
@@ -207,7 +193,6 @@ def wheel() -> Mesh:
 
 
 def _add_loft(builder: _Builder, sections: tuple[tuple[float, ...], ...], material: int) -> None:
-    """A skin over cross-sections, with a cap at each end."""
     table = _smooth(np.array(sections), 3)
     rings = np.stack([_ring(*row) for row in table])
     around = rings.shape[1]
@@ -229,7 +214,6 @@ def _add_loft(builder: _Builder, sections: tuple[tuple[float, ...], ...], materi
 
 
 def _skin(rings: Floats) -> tuple[Floats, Ints]:
-    """Corners and triangles between closed rings of points, shape (n, around, 3)."""
     count, around, _ = rings.shape
     index = np.arange(count * around).reshape(count, around)
     a, b = index[:-1], index[1:]
@@ -239,7 +223,6 @@ def _skin(rings: Floats) -> tuple[Floats, Ints]:
 
 
 def _smooth(table: Floats, times: int) -> Floats:
-    """More cross-sections between the given ones, on smooth curves through them."""
     at = np.arange(len(table), dtype=float)
     wanted = np.linspace(0.0, len(table) - 1.0, (len(table) - 1) * times + 1)
     slope = np.gradient(table, axis=0)
@@ -258,7 +241,6 @@ def _smooth(table: Floats, times: int) -> Floats:
 def _ring(
     forward: float, wide: float, narrow: float, floor: float, shoulder: float, top: float
 ) -> Floats:
-    """A rounded cross-section: from the floor up the left side, over the top, down the right."""
     half = [
         (0.0, floor),
         (0.72 * wide, floor),

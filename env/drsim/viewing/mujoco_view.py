@@ -33,11 +33,7 @@ from drsim.viewing.placed_things import Thing, placed
 from drsim.viewing.world_view import GHOST_OPACITY, Frame, Lens, WorldView
 
 _TEXTURE = 2048
-"""Side of the picture of the ground, pixels."""
-
 _FIELD_M = 60.0
-"""How far the ground reaches beyond the picture of it."""
-
 _COLORS: dict[int, tuple[float, float, float]] = {
     GLASS: (0.05, 0.06, 0.08),
     TYRE: (0.08, 0.08, 0.085),
@@ -50,7 +46,7 @@ _GLOSSY = (PAINT, STRIPED, GLASS)
 
 
 class RendererError(RuntimeError):
-    """MuJoCo cannot draw here; the text is a sentence that says why."""
+    """MuJoCo cannot draw here."""
 
 
 class MujocoView:
@@ -79,7 +75,7 @@ class MujocoView:
         self._data: Any = None
 
     def frame(self, lens: Lens, things: Sequence[Thing]) -> Frame:
-        """The picture that a lens takes of some things on the track.
+        """Picture some things on the track.
 
         Raises:
             RendererError: There is no OpenGL.
@@ -112,7 +108,6 @@ class MujocoView:
         return np.ascontiguousarray(picture[::-1])
 
     def close(self) -> None:
-        """Give OpenGL back."""
         self._drop_context()
         if self._opengl is not None:
             self._opengl.free()
@@ -135,7 +130,6 @@ class MujocoView:
         self._model.cam_fovy[0] = math.degrees(2.0 * math.atan(across * rows / columns))
 
     def _build(self, kinds: tuple[tuple[Shape, RGB | None, bool], ...]) -> None:
-        """Make a model of everything that the frames show."""
         self._drop_context()
         spec = mujoco.MjSpec()
         rows, columns = self.size
@@ -191,7 +185,6 @@ class MujocoView:
         )
 
     def _add_ground(self, spec: Any, world: Any) -> None:
-        """The picture of the ground on a plane, and a plain field around it."""
         side = self._ground.shape[0]
         texture = spec.add_texture(
             name="ground", type=mujoco.mjtTexture.mjTEXTURE_2D, width=side, height=side, nchannel=3
@@ -220,10 +213,9 @@ class MujocoView:
 
 
 def _opengl(columns: int, rows: int) -> Any:
-    """A context without a window, of the kind that MUJOCO_GL names: egl or osmesa.
+    """A context without a window, as MUJOCO_GL names: egl or osmesa.
 
-    The package mujoco would choose one when it is loaded, but the rest of this program then tells
-    it that nobody draws.
+    What mujoco would choose when loaded, the rest of this program switches off.
     """
     kind = os.environ.get("MUJOCO_GL", "").lower()
     if kind == "osmesa":
@@ -234,7 +226,6 @@ def _opengl(columns: int, rows: int) -> Any:
 
 
 def _ground_picture(track: Track, look: Look) -> tuple[NDArray[np.uint8], float, Floats]:
-    """The ground from above, the side of the square that it shows in metres, and its middle."""
     view = WorldView(track, columns=_TEXTURE, rows=_TEXTURE, look=look, threads=2)
     try:
         lens = lens_above(track, view.size)
@@ -246,7 +237,6 @@ def _ground_picture(track: Track, look: Look) -> tuple[NDArray[np.uint8], float,
 
 
 def _add_mesh(spec: Any, body: Any, mesh: Mesh, name: str, *, ghost: bool) -> None:
-    """A geom for each material of a mesh."""
     for material in np.unique(mesh.materials).tolist():
         faces = mesh.faces[mesh.materials == material]
         used, renumbered = np.unique(faces, return_inverse=True)

@@ -8,17 +8,16 @@ from drsim.arrays import Floats
 
 Vector = tuple[float, float, float]
 LensParts = tuple[Vector, Vector, Vector, Vector, float]
-"""Position in metres, directions forward, left and up, focal length in pixels."""
+"""Position in metres, forward, left and up, focal length in pixels."""
 
 
 class PixelRows(NamedTuple):
-    """Some rows of pixels of a lens that does not lean sideways.
+    """Rows of pixels of a lens that does not lean sideways.
 
     Attributes:
-        directions: Of the first pixel of each row. Shape (n, 3).
-        depths: Of the ground that it shows, along the lens, metres. Shape (n,).
-        below: What part of the row is below the horizon, 0 to 1. Shape (n,).
-        step: Change of the direction in x and y from pixel to pixel.
+        directions: Of first pixels. Shape (n, 3).
+        depths: Of the ground, along the lens. Shape (n,).
+        below: The part below the horizon, 0 to 1. Shape (n,).
     """
 
     directions: Floats
@@ -27,13 +26,11 @@ class PixelRows(NamedTuple):
     step: tuple[float, float]
 
     def part(self, first: int, last: int) -> "PixelRows":
-        """The rows from `first` to before `last`."""
         rows = slice(first, last)
         return PixelRows(self.directions[rows], self.depths[rows], self.below[rows], self.step)
 
 
 def pixel_rows(lens: LensParts, size: tuple[int, int]) -> PixelRows:
-    """All rows of a picture of some rows and columns."""
     pos, forward, to_left, to_up, focal_px = lens
     rows, columns = size
     left = (0.5 * columns - 0.5) / focal_px

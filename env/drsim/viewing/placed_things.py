@@ -1,4 +1,4 @@
-"""What stands on the track in pictures for people, and the triangles that it is made of."""
+"""What stands on the track in pictures for people."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from drsim.viewing.pixel_rows import LensParts
 from drsim.viewing.solid_painting import Triangles, project
 
 OPPONENT_COLOR: RGB = (255.0, 159.9, 9.9)
-"""Of the other car in a race of two models: orange, as in the reference."""
+"""As in the reference."""
 
 
 @dataclass(frozen=True)
@@ -23,13 +23,11 @@ class Thing:
     """A car or a box in a picture.
 
     Attributes:
-        shape: What it is.
-        pose: x and y in metres and yaw in radians of the point on the floor that its shape names.
-        color: Red, green and blue, 0 to 255; None for that of the shape.
-        steering_rad: How far the front wheels of a car are turned to the left.
-        rolled_m: How far its wheels have rolled.
-        roll_rad: How far the body leans to the right.
-        dip_rad: How far its nose dips.
+        pose: Metres and radians.
+        color: 0 to 255.
+        steering_rad: To the left.
+        roll_rad: To the right.
+        dip_rad: Nose down.
         ghost: Whether one sees through it.
     """
 
@@ -47,11 +45,7 @@ class Thing:
 class ThingMeshes:
     """The meshes of all things together; each car has five parts, its body and its wheels.
 
-    Attributes:
-        kinds: What they were made of.
-        triangles: Of the parts, each in its own frame, metres.
-        owner: Which part each corner belongs to. Shape (v,).
-        solid_faces: How many of the triangles are not those of ghosts.
+    `owner` is each corner's part; `solid_faces` excludes ghosts.
     """
 
     kinds: tuple[tuple[Shape, RGB | None, bool], ...]
@@ -61,7 +55,6 @@ class ThingMeshes:
 
     @staticmethod
     def of(kinds: tuple[tuple[Shape, RGB | None, bool], ...]) -> "ThingMeshes":
-        """Those of things of these shapes and colours; the ghosts among them come last."""
         parts = _Parts()
         tyre = wheel()
         solid_faces = 0
@@ -79,7 +72,6 @@ class ThingMeshes:
     def seen(
         self, turns: Floats, shifts: Floats, lens: LensParts, size: tuple[int, int]
     ) -> tuple[object, ...]:
-        """The triangles in a picture, for parts that are turned and shifted like this."""
         made = self.triangles
         corners, normals = np.empty_like(made.corners), np.empty_like(made.normals)
         project(made.corners, made.normals, turns, shifts, self.owner, lens, size, corners, normals)
@@ -88,20 +80,16 @@ class ThingMeshes:
 
 @dataclass
 class _Parts:
-    """Meshes that are laid one after the other."""
-
     meshes: list[Mesh] = field(default_factory=list)
     things: list[int] = field(default_factory=list)
     faces_so_far: int = 0
 
     def add(self, mesh: Mesh, thing: int) -> None:
-        """Add a part of a thing."""
         self.meshes.append(mesh)
         self.things.append(thing)
         self.faces_so_far += len(mesh.faces)
 
     def joined(self, colors: Floats) -> tuple[Triangles, Ints]:
-        """Triangles of all parts in the colours of their things; which part each corner is of."""
         if not self.meshes:
             none = np.empty((0, 3))
             no = np.empty(0, np.int64)
@@ -124,7 +112,6 @@ class _Parts:
 
 
 def placed(things: Sequence[Thing]) -> tuple[Floats, Floats]:
-    """Axes and places of all parts, in the order of `ThingMeshes`."""
     turns: list[Floats] = []
     shifts: list[Floats] = []
     for thing in things:
@@ -145,7 +132,6 @@ def placed(things: Sequence[Thing]) -> tuple[Floats, Floats]:
 
 
 def _about(axis: int, angle_rad: float) -> Floats:
-    """A turn about an axis: 0 forward, 1 left, 2 up."""
     cos, sin = math.cos(angle_rad), math.sin(angle_rad)
     first, second = (axis + 1) % 3, (axis + 2) % 3
     turn = np.eye(3)

@@ -1,4 +1,4 @@
-"""Gymnasium's render modes: what a car sees, the track around it, and a window for them."""
+"""Gymnasium's render modes, and a window for them."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ _CAR = SHAPES["race_car"]
 
 
 class Viewer:
-    """Pictures of the cars of a simulation in one of the `VIEWS`."""
+    """Pictures of the cars of a simulation."""
 
     def __init__(self, simulation: Simulation, view: str) -> None:
         self._simulation = simulation
@@ -31,23 +31,18 @@ class Viewer:
         self._behind = FollowingCamera()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the painted world, which is large: a copy paints its own."""
+        """The painted world is large: a copy paints its own."""
         return {**self.__dict__, "_world": None}
 
     def cut(self) -> None:
-        """An episode begins: the camera behind the car looks along it at once."""
         self._behind.cut()
 
     def cut_to(self, car: int) -> Frame:
-        """The picture of one car among many, without swinging over from the car before."""
         self.cut()
         return self.picture(car)
 
     def picture(self, car: int) -> Frame:
-        """What the chosen view shows of a car, RGB.
-
-        The world is painted for the first one that is not the camera's, which takes about 1 s.
-        """
+        """The chosen view of a car. The first that is not the camera's takes about 1 s."""
         if self._view == "camera":
             return np.repeat(self._simulation.frames[car, 0, :, :, None], 3, axis=2)
         if self._world is None:
@@ -59,7 +54,6 @@ class Viewer:
         return self._world.frame(lens, things)
 
     def _things(self, car: int) -> list[Thing]:
-        """The car, then what it meets on the track."""
         x, y, yaw = self._simulation.poses[car].tolist()
         steering_rad, rolled_m = self._simulation.wheels[car].tolist()
         things = [Thing(_CAR, (x, y, yaw), steering_rad=steering_rad, rolled_m=rolled_m)]
@@ -73,10 +67,10 @@ class Viewer:
 
 
 class Window:
-    """A window that shows one picture after the other, in time with the simulation."""
+    """A window, in time with the simulation."""
 
     def __init__(self) -> None:
-        """Open it; DependencyNotInstalled where the package pygame is missing."""
+        """DependencyNotInstalled where the package pygame is missing."""
         try:
             import pygame
         except ImportError:
@@ -92,7 +86,7 @@ class Window:
         self._clock: Any = pygame.time.Clock()
 
     def show(self, picture: Frame) -> None:
-        """Show a picture of any size, and wait until 1/15 s has passed since the last one."""
+        """Waits until 1/15 s has passed since the last one."""
         columns_first = np.ascontiguousarray(picture.swapaxes(0, 1))
         surface = self._pygame.surfarray.make_surface(columns_first)
         self._pygame.transform.scale(surface, self._screen.get_size(), self._screen)
@@ -101,7 +95,6 @@ class Window:
         self._clock.tick(CONTROL_HZ)
 
     def close(self) -> None:
-        """Close the window."""
         self._pygame.display.quit()
 
 

@@ -1,4 +1,4 @@
-"""Computes the light that shadows leave on the ground in the view of the world."""
+"""The light that shadows leave on the ground."""
 
 import math
 
@@ -8,14 +8,11 @@ from drsim.arrays import Floats, Singles
 from drsim.jit import kernel
 
 _SHADE = 0.56
-"""How much of the light a shadow takes."""
-
 _FURTHEST_M = 60.0
-"""Depth up to which there are shadows."""
+"""Depth of shadows."""
 
 SHADOW_X, SHADOW_Y, SHADOW_COS, SHADOW_SIN, SHADOW_LENGTH, SHADOW_WIDTH, SHADOW_HEIGHT = range(7)
-"""Columns of the shadows: middle, direction, half length and half width of what casts one, and its
-height, in metres."""
+"""Columns: middle, direction, half length and width, height, metres."""
 
 
 @kernel
@@ -27,16 +24,7 @@ def shade(
     row_parts: tuple[Floats, Floats, Floats],
     light: Singles,
 ) -> None:
-    """Find the light on the ground in some rows of a picture.
-
-    Args:
-        shadows: What casts shadows. Shape (k, 7).
-        leaning: How far a shadow falls for each metre of height, in x and y.
-        pos: Of the lens.
-        step: Change of the direction in x and y from pixel to pixel.
-        row_parts: The first three parts of `PixelRows`.
-        light: Part of the light that reaches each pixel. Shape (n, columns).
-    """
+    """The light on the ground in rows of a picture; `leaning` is per metre of height."""
     directions, depths, below = row_parts
     for row in range(len(light)):
         light[row] = np.float32(1.0)
@@ -58,7 +46,6 @@ def _shade_row(
     at: tuple[tuple[float, float], tuple[float, float]],
     light: Singles,
 ) -> None:
-    """Take the light that a thing keeps from a row of pixels."""
     middle_x, middle_y, cos, sin = shadows[k, 0], shadows[k, 1], shadows[k, 2], shadows[k, 3]
     half_length, half_width, height = shadows[k, 4], shadows[k, 5], shadows[k, 6]
     reach = half_length + half_width + 1.3 * height + 0.1

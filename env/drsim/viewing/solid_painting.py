@@ -1,8 +1,4 @@
-"""The inner loops that draw triangles over a picture: cars and boxes with light and patterns.
-
-Each pixel is divided into a grid of samples. First the nearest triangle of each sample is found,
-then the samples that any triangle covers get their colour.
-"""
+"""Draws triangles over a picture: cars and boxes with light and patterns."""
 
 import math
 from typing import Any, NamedTuple
@@ -23,14 +19,9 @@ class Triangles(NamedTuple):
     """The triangles of all things in a picture.
 
     Attributes:
-        corners: In a picture: column and row in pixels, and one over the depth, 0 behind the lens.
-            Before: in the frame of their part, metres. Shape (v, 3).
-        normals: Of a picture: in the world. Before: in the frame of their part. Shape (v, 3).
-        places: Where each corner lies on its surface. Shape (v, 2).
-        faces: Shape (f, 3).
-        materials: Of each triangle. Shape (f,).
-        things: Which thing each triangle belongs to. Shape (f,).
-        colors: Of each thing, red, green and blue, 0 to 1. Shape (t, 3).
+        corners: Column, row, and one over the depth, 0 behind the lens; before, metres. Shape (v,
+            3).
+        colors: Of things, 0 to 1. Shape (t, 3).
     """
 
     corners: Floats
@@ -54,18 +45,9 @@ def project(
     seen: Floats,
     turned: Floats,
 ) -> None:
-    """Move corners and normals of things into the world, and corners on into the picture.
+    """Move corners and normals into the world, and corners on into the picture.
 
-    Args:
-        corners: In the frame of their part. Shape (v, 3).
-        normals: Likewise.
-        turns: Axes of each part in the world. Shape (p, 3, 3).
-        shifts: Its place. Shape (p, 3).
-        owner: Which part each corner belongs to. Shape (v,).
-        lens_parts: Position, forward, left, up and focal length in pixels.
-        size: Rows and columns of the picture.
-        seen: Column, row, one over the depth; written. Shape (v, 3).
-        turned: Normals in the world; written. Shape (v, 3).
+    Written: `seen`, as `Triangles.corners`, and `turned`.
     """
     pos, forward, left, up, focal_px = lens_parts
     rows, columns = size
@@ -102,16 +84,7 @@ def draw(
 ) -> None:
     """Draw triangles over some rows of a picture.
 
-    Args:
-        parts: Of the `Triangles`.
-        lens_parts: As in `project`.
-        to_sun: Direction to the sun.
-        opaque: How many triangles, from the first on, hide what is behind them, and how many there
-            are; the rest are ghosts.
-        opacity: Of ghosts, 0 to 1.
-        size: Rows and columns of the whole picture, and the first row here.
-        fine: Samples along each side of a pixel.
-        out: The rows. Shape (n, columns, 3).
+    `opaque`: how many are solid, and how many there are; `size`: rows, columns and first row.
     """
     triangles = Triangles(*parts)
     _, columns, first = size
@@ -137,7 +110,6 @@ def draw(
 def _window(
     triangles: Triangles, count: int, first: int, high: int, columns: int
 ) -> tuple[int, int, int, int]:
-    """First and past the last row of these, then column, that any triangle can touch."""
     corners, faces = triangles.corners, triangles.faces
     top, bottom, left, right = 1e9, -1e9, 1e9, -1e9
     for f in range(count):
@@ -163,7 +135,6 @@ def _find(
     face: NDArray[np.int32],
     inside: NDArray[np.float32],
 ) -> None:
-    """Note a triangle in the samples where it is the nearest so far."""
     faces, corners = triangles.faces, triangles.corners
     a, b, c = corners[faces[f, 0]], corners[faces[f, 1]], corners[faces[f, 2]]
     if a[2] <= 0.0 or b[2] <= 0.0 or c[2] <= 0.0:
@@ -211,7 +182,6 @@ def _colour(
     opacity: float,
     out: Picture,
 ) -> None:
-    """Colour the samples that have a triangle, and lay their mean over each pixel."""
     _, forward, to_left, to_up, focal_px = lens_parts
     rows, columns, first = size
     top, bottom, begin, end = window
@@ -273,7 +243,6 @@ def _has_pattern(material: int) -> bool:
 def _shaded(
     material: int, paint: Rgb, u: float, v: float, normal: Rgb, ray: Rgb, to_sun: Rgb
 ) -> Rgb:
-    """The colour of a point of a triangle, each channel 0 to 1."""
     nx, ny, nz = normal
     long = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz + 1e-12)
     nx, ny, nz = nx * long, ny * long, nz * long
@@ -310,10 +279,7 @@ def _shaded(
 
 @kernel
 def _surface(material: int, paint: Rgb, u: float, v: float, upward: float) -> tuple[Rgb, float]:
-    """Colour and gloss of a place on a surface; the gloss is negative where it shines by itself.
-
-    The materials are those of `drsim.viewing.meshes`.
-    """
+    """Colour and gloss, which is negative where it shines by itself."""
     if material == 0:
         return paint, 1.0
     if material == 1:
@@ -355,7 +321,6 @@ def _surface(material: int, paint: Rgb, u: float, v: float, upward: float) -> tu
 
 @kernel
 def _rim(u: float, v: float) -> tuple[Rgb, float]:
-    """Five spokes of light metal before a dark drum."""
     away = math.hypot(u, v)
     turn = math.atan2(v, u) * 5.0 / (2.0 * math.pi)
     part = abs(turn - math.floor(turn) - 0.5)

@@ -14,23 +14,16 @@ Picture = NDArray[np.uint8]
 RGB = tuple[int, int, int]
 
 _DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
-"""Bits of the dots of a braille letter, four rows of two."""
-
 _BRAILLE = 0x2800
 _ARROWS = "→↗↑↖←↙↓↘"
 _ARROWS_AT = (0.125, 0.375, 0.625, 0.875)
 _LETTER_ASPECT = 2.0
-"""Height of a terminal's letter over its width."""
-
 _FIELD, _ROAD, _LINE, _START = (226, 232, 220), (52, 60, 70), (240, 150, 20), (255, 255, 255)
 _MARGIN_M = 0.4
 
 
 def text_map(track: Track, columns: int = 78, rows: int = 16) -> list[str]:
-    """A map of braille dots: S is the start, arrows show the driving direction.
-
-    At most `rows` lines, the first at the top, of `columns` letters; it keeps its proportions.
-    """
+    """A map of braille dots: S is the start, arrows show the driving direction."""
     low_x, low_y, high_x, high_y = track.bounds
     width_m, height_m = high_x - low_x, high_y - low_y
     letter_m = max(width_m / columns, height_m / rows / _LETTER_ASPECT, 1e-9)
@@ -55,12 +48,9 @@ def text_map(track: Track, columns: int = 78, rows: int = 16) -> list[str]:
 
 
 def picture_map(track: Track, width_px: int = 800, line: Floats | None = None) -> Picture:
-    """A picture: road, dashed centre line, the start as a white bar, the direction as arrow heads.
+    """Road, dashed centre line, the start as a white bar, the direction as arrow heads.
 
-    A `line` is drawn over them, red where it is slow and green where it is fast: x, y and speed of
-    points in driving order, shape (n, 3).
-
-    Very high tracks get one narrower than `width_px`. RGB, shape (rows, columns, 3).
+    A `line` of x, y and speed, (n, 3), goes from red (slow) to green. RGB.
     """
     low_x, low_y, high_x, high_y = track.bounds
     width_m, height_m = high_x - low_x + 2 * _MARGIN_M, high_y - low_y + 2 * _MARGIN_M
@@ -106,19 +96,17 @@ def picture_map(track: Track, width_px: int = 800, line: Floats | None = None) -
 
 
 def _paint(share: float) -> RGB:
-    """Red at 0, yellow in the middle, green at 1."""
     return (round(230 * min(1.0, 2.0 - 2.0 * share)), round(210 * min(1.0, 2.0 * share)), 40)
 
 
 def png_bytes(picture: Picture) -> bytes:
-    """A picture, grey (rows, columns) or RGB (rows, columns, 3), as the content of a PNG file."""
+    """Of a grey (rows, columns) or RGB (rows, columns, 3) picture."""
     file = io.BytesIO()
     Image.fromarray(picture).save(file, "PNG", optimize=True)
     return file.getvalue()
 
 
 def _arrow(track: Track, fraction: float, size_m: float) -> Floats:
-    """Points of an arrow head that looks along the track. Shape (k, 2)."""
     x, y, yaw_rad = track.pose_at(np.array([fraction * track.length_m]))[0]
     side = np.linspace(-1.0, 1.0, 41)
     along, across = -np.abs(side) * size_m, side * size_m

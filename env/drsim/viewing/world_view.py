@@ -1,8 +1,4 @@
-"""Coloured pictures of a track and what stands on it, from any place: poses in, a frame out.
-
-No OpenGL is needed. The ground has sharp lines at every size, cars have shells with gloss, and
-there is a landscape around. What the cameras of cars see is in `drsim.sensing`.
-"""
+"""Coloured pictures of a track and what stands on it, from any place, without OpenGL."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -31,26 +27,14 @@ Frame = NDArray[np.uint8]
 GHOST_OPACITY = 0.42
 
 BARRIER_M = 0.22
-"""Height of the barriers in the place of the walls of a world, so that one looks over them."""
-
 BEND_KERB_M = 0.07
-"""Width of the kerbs at bends of worlds that have none themselves."""
-
 _BANDS = 12
-"""Parts of a picture that the threads take in turn."""
-
 _BARRIER_LIGHT: RGB = (232.0, 236.0, 238.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """Where a camera is and how it looks.
-
-    Attributes:
-        pos: Its place, metres. Shape (3,).
-        mat: Its axes, columns forward, left, up. Shape (3, 3).
-        field_of_view_rad: Horizontal opening angle.
-    """
+    """Where a camera is; columns of `mat` are forward, left, up; the angle is horizontal."""
 
     pos: Floats
     mat: Floats
@@ -58,9 +42,9 @@ class Lens:
 
 
 class WorldView:
-    """Makes frames of one track. Shape (rows, columns, 3), uint8, red, green and blue.
+    """Makes frames of one track. Shape (rows, columns, 3), uint8.
 
-    Not for two threads at a time: it divides each frame among threads of its own.
+    Not for two threads at a time: it has threads of its own.
     """
 
     def __init__(
@@ -72,10 +56,7 @@ class WorldView:
         look: Look | None = None,
         threads: int = 2,
     ) -> None:
-        """Measure and paint the world: 0.5 to 1 s, up to 70 MB.
-
-        Without `look` the track gets the appearance of the world of the same name.
-        """
+        """Measure and paint the world: 0.5 to 1 s, up to 70 MB."""
         look = look or look_of(track.name)
         self.size = (rows, columns)
         everywhere = look.kerb_width_m > 0.0
@@ -99,7 +80,6 @@ class WorldView:
         self._meshes: ThingMeshes | None = None
 
     def frame(self, lens: Lens, things: Sequence[Thing]) -> Frame:
-        """The picture that a lens takes of some things on the track."""
         rows, columns = self.size
         solid = [thing for thing in things if not thing.ghost]
         ordered = [*solid, *(thing for thing in things if thing.ghost)]
@@ -142,7 +122,6 @@ class WorldView:
         return out
 
     def _paint(self, lens: LensParts, seen: PixelRows, shadows: Floats, out: Frame) -> None:
-        """Paint some rows of the world without the things on it."""
         pos, _, _, _, focal_px = lens
         directions, depths, below, step = seen
         mixed = np.empty(out.shape, np.float32)
@@ -155,7 +134,6 @@ class WorldView:
         out[:] = np.minimum(mixed + np.float32(0.5), np.float32(255.0))
 
     def close(self) -> None:
-        """Stop the threads."""
         if self._pool is not None:
             self._pool.shutdown()
 
@@ -164,7 +142,6 @@ _LEANING = (-TO_SUN[0] / TO_SUN[2], -TO_SUN[1] / TO_SUN[2])
 
 
 def _shadows(things: Sequence[Thing]) -> Floats:
-    """What the things cast shadows with. Shape (k, 7)."""
     rows = []
     for thing in things:
         if not thing.shape.boxes:
@@ -182,7 +159,6 @@ def _shadows(things: Sequence[Thing]) -> Floats:
 
 
 def _marks(track: Track, look: Look) -> tuple[object, ...]:
-    """What is painted on the ground, as `ground_painting.Marks`."""
     line = (-look.border_width_m, 0.0) if look.border_side == "out" else (0.0, look.border_width_m)
     inner, outer = track.inner[0], track.outer[0]
     if track.reverse:
@@ -204,14 +180,12 @@ def _marks(track: Track, look: Look) -> tuple[object, ...]:
 
 
 def _palette(look: Look) -> tuple[RGB, ...]:
-    """Colours, as `ground_painting.Palette`."""
     light = look.kerb_light or look.kerb
     marks = (look.road, look.line, look.dash, look.kerb, light, look.field, look.chequer)
     return tuple(_vector(color) for color in (*(paint.rgb for paint in marks), HAZE))
 
 
 def _barrier_colors(look: Look) -> tuple[RGB, RGB, RGB]:
-    """Colours, as in `backdrop_painting.Surroundings`."""
     grey = 3.4 * sum(look.walls.greys) / len(look.walls.greys)
     red, green, blue = (min(255.0, grey * tint) for tint in look.walls.tint)
     return _vector((red, green, blue)), _vector(_BARRIER_LIGHT), _vector(HAZE)
