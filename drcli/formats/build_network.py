@@ -1,4 +1,4 @@
-"""Builds the network of a model from model_metadata.json and hyperparameters.json."""
+"""Builds the network of a model from its parameter files."""
 
 from collections.abc import Mapping
 
@@ -21,14 +21,11 @@ STATE_DIMS, TEACHER_DIMS = 22, 70
 loading the simulator for them would cost the trainer 33 MB of memory."""
 
 TEACHER = "teacher."
-"""The names of a teacher's weights begin with it."""
-
 _OF_CRITIC = (TEACHER, "value_head.", "returns.")
-"""How the names begin of what a training needs and driving does not."""
+"""Of what a training needs and driving does not."""
 
 
 def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicySpec:
-    """The network that model_metadata.json and hyperparameters.json ask for."""
     space = metadata.action_space
     return PolicySpec(
         num_actions=space.num_actions,
@@ -47,18 +44,14 @@ def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicyS
 
 
 def build_policy(metadata: ModelMetadata, parameters: Hyperparameters) -> ActorCritic | SACAgent:
-    """A network to drive with, which gets its weights from a checkpoint."""
+    """A network to drive with, still without weights."""
     spec = policy_spec(metadata, parameters)
     model = SACAgent(spec) if metadata.training_algorithm == "sac" else ActorCritic(spec)
     return model.eval()
 
 
 def load_weights(model: nn.Module, data: bytes, name: str) -> None:
-    """Load the weights of a checkpoint, a safetensors file, into a network.
-
-    Raises:
-        SettingsError: The parameter files describe another network.
-    """
+    """Load a safetensors file into a network; SettingsError if it describes another network."""
     try:
         model.load_state_dict(_with_own_critic(model, load_tensors(data)))
     except (RuntimeError, SafetensorError) as error:
@@ -72,7 +65,7 @@ def load_weights(model: nn.Module, data: bytes, name: str) -> None:
 
 
 def _with_own_critic(model: nn.Module, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The same with teacher and critic of the model, if those of the checkpoint do not fit it."""
+    """With the model's teacher and critic, if those of the checkpoint do not fit."""
     if not _has_other_critic(model, tensors):
         return tensors
     own = model.state_dict()
@@ -83,7 +76,7 @@ def _with_own_critic(model: nn.Module, tensors: dict[str, Tensor]) -> dict[str, 
 def has_own_critic(model: nn.Module, data: bytes) -> bool:
     """Whether `load_weights` leaves the model its own critic.
 
-    So it is where only one of both has a teacher, or teachers that see other things.
+    So it is where only one has a teacher, or teachers see other things.
     """
     return _has_other_critic(model, load_tensors(data))
 
@@ -99,7 +92,7 @@ def _has_other_critic(model: nn.Module, tensors: Mapping[str, Tensor]) -> bool:
 
 
 def weights_of(model: nn.Module) -> dict[str, NDArray[np.float32]]:
-    """Copies of all weights of a network by their names, as float32 arrays on the CPU."""
+    """Copies of all weights by name, as float32 arrays on the CPU."""
     return {
         name: tensor.detach().to("cpu", torch.float32).contiguous().numpy().copy()
         for name, tensor in model.state_dict().items()
@@ -107,6 +100,6 @@ def weights_of(model: nn.Module) -> dict[str, NDArray[np.float32]]:
 
 
 def load_arrays(model: nn.Module, weights: Mapping[str, NDArray[np.float32]]) -> None:
-    """Load weights of these names; those that are not named keep what they are."""
+    """Load weights of these names; others keep what they are."""
     tensors = {name: torch.from_numpy(np.array(array)) for name, array in weights.items()}
     model.load_state_dict(model.state_dict() | tensors)

@@ -1,4 +1,4 @@
-"""Converts frozen graphs with the libraries of other engines."""
+"""Converts frozen graphs with other libraries."""
 
 import os
 import tempfile
@@ -14,14 +14,9 @@ _REMEDY = "Export the model in another form."
 
 
 def openvino_of(data: bytes, origin: str, *, fp16: bool = False) -> tuple[bytes, bytes]:
-    """OpenVINO's two files, `.xml` and `.bin`, of a frozen graph.
+    """OpenVINO's `.xml` and `.bin` of a frozen graph, `fp16`: with weights in half precision.
 
-    `openvino.convert_model` would do the same, but reports to its makers that it was used.
-
-    Args:
-        data: The file of the graph.
-        origin: Its name in messages.
-        fp16: Whether weights are stored in half precision.
+    `openvino.convert_model` would do the same, but reports its use to its makers.
 
     Raises:
         NotAvailable: The package `openvino` is missing.
@@ -42,7 +37,7 @@ def openvino_of(data: bytes, origin: str, *, fp16: bool = False) -> tuple[bytes,
 def tflite_of(data: bytes, origin: str) -> bytes:
     """The TensorFlow Lite file of a frozen graph, with the settings of the car's optimizer.
 
-    These are weights in half precision and built-in operations only.
+    Weights in half precision, built-in operations only.
 
     Raises:
         NotAvailable: TensorFlow is missing.

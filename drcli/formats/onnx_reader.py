@@ -1,7 +1,7 @@
 """Reads the ONNX file of a policy as the nodes of a frozen graph.
 
-What `encode_onnx` wrote from our own graphs comes back node for node and bit for bit. Files of
-others may have pictures with their channels first or last, and `Gemm` for dense layers.
+Our own files come back node for node and bit for bit. Others may have channels first or last, and
+`Gemm` for dense layers.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +17,7 @@ from drcli.formats.tensorflow.graph import Array, Attr, Node, Shape
 from drcli.formats.tensorflow.messages import DataType
 
 _LARGEST = 1 << 29
-"""Most bytes of one weight, as in frozen graphs."""
+"""Bytes of a weight."""
 
 _REMEDY = (
     "Use a file that `dr-export onnx` wrote; `dr-evaluate --model FILE` drives any policy in ONNX."
@@ -25,11 +25,11 @@ _REMEDY = (
 
 
 def read_onnx(data: bytes, origin: str) -> tuple[Node, ...]:
-    """The graph in an ONNX file that messages call `origin`.
+    """The graph in an ONNX file.
 
     Raises:
         NotAvailable: The package `onnx` is missing.
-        SettingsError: The file is damaged, or has an operation that no policy needs.
+        SettingsError: It is damaged, or has an operation that no policy needs.
     """
     return _Reader(parse_onnx(data, origin), origin).nodes()
 
@@ -60,10 +60,10 @@ def parse_onnx(data: bytes, origin: str) -> Any:
 
 
 class _Reader:
-    """The nodes of a frozen graph, added when they are first needed.
+    """Adds nodes when they are first needed.
 
     Attributes:
-        first: Tensors with their channels first; their nodes have the channels last.
+        first: Tensors with their channels first; their nodes have them last.
         roots: Square roots, and what they are taken from.
     """
 
@@ -87,7 +87,6 @@ class _Reader:
         }
 
     def nodes(self) -> tuple[Node, ...]:
-        """The whole graph."""
         for node in self._graph.node:
             if node.op_type == "Constant":
                 found = [a.t for a in node.attribute if a.name == "value"]
@@ -104,12 +103,10 @@ class _Reader:
         return tuple(self._nodes)
 
     def attrs(self, node: Any) -> dict[str, Any]:
-        """The attributes of a node as Python values."""
         onnx = library("onnx")
         return {a.name: onnx.helper.get_attribute_value(a) for a in node.attribute}
 
     def add(self, name: str, op: str, *inputs: str, attrs: Mapping[str, Attr] | None = None) -> str:
-        """Add a node with the names of its inputs; returns its name."""
         kinds: dict[str, Attr] = {"T": DataType.FLOAT, **(attrs or {})}
         self._nodes.append(Node(name, op, inputs, kinds))
         return name
@@ -121,7 +118,6 @@ class _Reader:
             self.first.add(tensor)
 
     def plain(self, tensor: str) -> str:
-        """The node of a tensor as it is."""
         if tensor not in self.first:
             return self.any(tensor)
         name = f"{tensor}/channels_first"
@@ -130,7 +126,7 @@ class _Reader:
         return name
 
     def last(self, tensor: str) -> str:
-        """The node of a picture, with its channels last."""
+        """A picture with its channels last."""
         if tensor in self.first:
             return self._node_of[tensor]
         name = f"{tensor}/channels_last"
@@ -139,7 +135,7 @@ class _Reader:
         return name
 
     def any(self, tensor: str) -> str:
-        """The node of a tensor, whatever its layout."""
+        """Whatever its layout."""
         if tensor in self._node_of:
             return self._node_of[tensor]
         if tensor in self._inputs:
@@ -154,7 +150,7 @@ class _Reader:
         return self._node_of[tensor]
 
     def constant(self, name: str, value: Array) -> str:
-        """Add a constant; a weight gets the node that reads it, as in the reference's graphs."""
+        """Add a constant; a weight gets a node that reads it, as in the reference's graphs."""
         if value.dtype == np.int64:
             value = value.astype(np.int32)
         self._nodes.append(Node(name, "Const", value=np.asarray(value, order="C")))
@@ -170,11 +166,9 @@ class _Reader:
         return self._constants[name]
 
     def is_constant(self, tensor: str) -> bool:
-        """Whether a tensor is stored in the file."""
         return tensor in self._constants
 
     def refuse(self, node: Any, why: str) -> NoReturn:
-        """Raise the error for a node that cannot be read."""
         self._fail(f"cannot be read: {node.op_type} of {shown(node.output[0])}: {why}")
 
     def _turn(self, name: str, node: str, perm: Sequence[int]) -> None:
@@ -348,4 +342,4 @@ _READERS: Mapping[str, Callable[[_Reader, Any, Mapping[str, Any]], None]] = {
     "Tanh": _each_value("Tanh"),
     "Transpose": _transpose,
 }
-"""How each operation is read; the others are refused."""
+"""Other operations are refused."""

@@ -1,19 +1,16 @@
-"""Names and shapes of the variables in a PPO checkpoint of the reference, written down as data.
+"""Names and shapes of the variables in a PPO checkpoint of the reference.
 
-This list is independent of our networks and of the code that names variables for an export: an
-export is compared with it, because the reference skips variables that do not match without a word.
+Independent of our networks and of the export, which is compared with it: the reference silently
+skips variables that do not match.
 
-Sources: a checkpoint of the console (continuous, shallow) has exactly these names; for the other
-networks, heads and sensors, TensorFlow 2.12 gives these names to layers that are built below the
-same scopes as in the reference, with `tf.layers` (the consoles) and with `tf.keras.layers`
-(release 6). Layers are numbered together with the activations between them: 0, 2, 4 ...
+Sources: a checkpoint of the console (continuous, shallow) has exactly these names; for others,
+TensorFlow 2.12 gives them to layers below the reference's scopes, with `tf.layers` (the consoles)
+and `tf.keras.layers` (release 6). Layers are numbered with the activations between them: 0, 2, 4 ...
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 
 SCOPE = "main_level/agent/main/online/"
-"""Before every name."""
-
 Shape = tuple[int, ...]
 
 _SHALLOW = "DEEP_CONVOLUTIONAL_NETWORK_SHALLOW"
@@ -21,8 +18,6 @@ _MIDDLE = "DEEP_CONVOLUTIONAL_NETWORK"
 _DEEP = "DEEP_CONVOLUTIONAL_NETWORK_DEEP"
 
 NETWORKS = (_SHALLOW, _MIDDLE, _DEEP)
-"""The reference's networks."""
-
 _STEREO: dict[str, Shape] = {
     "Conv2d_0": (3, 3, 2, 32),
     "Conv2d_2": (3, 3, 32, 64),
@@ -60,8 +55,9 @@ _CAMERA: dict[tuple[str, int], dict[str, Shape]] = {
     },
     (_DEEP, 2): _STEREO,
 }
-"""Kernels of the camera's embedder, by network and number of cameras. Shapes of convolutions are
-(rows, columns, channels, filters), of dense layers (inputs, outputs)."""
+"""Kernels by network and number of cameras: (rows, columns, channels, filters) of convolutions,
+(inputs, outputs) of dense layers.
+"""
 
 _FEATURES = {
     (_SHALLOW, 1): 11_264,
@@ -71,14 +67,14 @@ _FEATURES = {
     (_DEEP, 1): 9_216,
     (_DEEP, 2): 112_000,
 }
-"""Values that come out of the camera's embedder."""
+"""Of the camera's embedder."""
 
 _MIDDLEWARE: dict[str, tuple[tuple[str, int], ...]] = {
     _SHALLOW: (("Dense_0", 512),),
     _MIDDLE: (("Dense_0", 512),),
     _DEEP: (("Dense_0", 256), ("Dense_2", 128)),
 }
-"""Dense layers on all features, with their widths."""
+"""Dense layers on all features, with widths."""
 
 _LIDAR_WIDTHS = (("Dense_0", 256), ("Dense_2", 256))
 
@@ -96,14 +92,9 @@ def reference_layout(
     num_actions: int,
     continuous: bool,
 ) -> dict[str, Shape]:
-    """Shapes of all variables of a PPO checkpoint by name, without `SCOPE`.
+    """Shapes of all variables by name, without `SCOPE`.
 
-    Args:
-        network: One of `NETWORKS`.
-        sensors: Names of one camera and at most one lidar.
-        scan_dims: Values of the lidar; 0 without one.
-        num_actions: Length of a discrete action list; 2 for continuous actions.
-        continuous: Whether the policy is a Gaussian.
+    `sensors` are one camera and at most one lidar; continuous actions count 2.
     """
     found: dict[str, Shape] = {}
     for body in BODIES:
@@ -128,7 +119,7 @@ def reference_layout(
 
 
 def differences(found: Mapping[str, Shape], wanted: Mapping[str, Shape]) -> list[str]:
-    """What distinguishes variables from those of a layout, in words; empty if nothing does."""
+    """Differences from a layout, in words."""
     missing = [f"{name} is missing" for name in wanted if name not in found]
     extra = [f"{name} is not known" for name in found if name not in wanted]
     other = [
@@ -140,7 +131,6 @@ def differences(found: Mapping[str, Shape], wanted: Mapping[str, Shape]) -> list
 
 
 def _dense(width: int, layers: Iterable[tuple[str, int]]) -> dict[str, Shape]:
-    """Kernels of dense layers that follow each other."""
     kernels: dict[str, Shape] = {}
     for name, after in layers:
         kernels[name] = (width, after)
@@ -149,7 +139,6 @@ def _dense(width: int, layers: Iterable[tuple[str, int]]) -> dict[str, Shape]:
 
 
 def _variables(scope: str, kernels: Mapping[str, Shape]) -> dict[str, Shape]:
-    """Kernels and biases of layers."""
     found: dict[str, Shape] = {}
     for name, shape in kernels.items():
         found[f"{scope}{name}/kernel"] = shape

@@ -1,4 +1,4 @@
-"""Turns a checkpoint of ours into the files of the reference's: variables, graph, frozen graph."""
+"""Turns a checkpoint of ours into the files of the reference's."""
 
 from dataclasses import dataclass
 
@@ -23,9 +23,9 @@ class TrainingCheckpoint:
     """A checkpoint as the reference's trainer has it.
 
     Attributes:
-        parts: The `.index`, `.data-00000-of-00001` and `.meta` file by the end of their names.
-        graph: The frozen graph, `model_<N>.pb`.
-        variables: Number of variables.
+        parts: `.index`, `.data-00000-of-00001` and `.meta` file by their ends.
+        graph: `model_<N>.pb`.
+        variables: Their number.
         notes: What a racer should know, in sentences.
     """
 
@@ -38,13 +38,7 @@ class TrainingCheckpoint:
 def encode_training_checkpoint(
     weights: bytes, origin: str, metadata: ModelMetadata, parameters: Hyperparameters
 ) -> TrainingCheckpoint:
-    """Write a checkpoint for the reference.
-
-    Args:
-        weights: A safetensors file of ours.
-        origin: What messages call it.
-        metadata: Of the model.
-        parameters: Of the model.
+    """Write a checkpoint, a safetensors file, for the reference.
 
     Raises:
         SettingsError: The reference has no such network, or the weights do not fit the files.

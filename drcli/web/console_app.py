@@ -40,7 +40,7 @@ from drcli.web.socket_route import SocketRoute
 from drcli.web.tasks import Tasks
 
 MOST_READING = 32
-"""Threads that read for topics and requests; they are started as needed."""
+"""Threads for topics and requests."""
 
 PARTS: tuple[Callable[[ServedFolder], Sequence[BaseRoute]], ...] = (
     machine_topic.routes,
@@ -61,17 +61,11 @@ PARTS: tuple[Callable[[ServedFolder], Sequence[BaseRoute]], ...] = (
     start_routes.routes,
     episode_routes.routes,
 )
-"""Each subject declares its topics with the hub, and returns its routes below /api."""
+"""Each declares its topics with the hub, and returns its routes below /api."""
 
 
 def build_app(directory: Path, token: str | None, *, here_only: bool = False) -> ASGIApp:
-    """The application for a working folder.
-
-    Args:
-        directory: The working folder.
-        token: As for `Guard`.
-        here_only: As for `Guard`.
-    """
+    """The application for a working folder; `token` and `here_only` as for `Guard`."""
     hub = Hub()
     tasks = Tasks(hub.publish, directory / "data" / "viewer" / "tasks.json")
     folder = ServedFolder(directory, hub, tasks)

@@ -1,7 +1,7 @@
 """Distributes the values of topics to the clients of the WebSocket.
 
-A topic has a source while somebody watches it, and costs nothing otherwise. A client keeps a set of
-topics with news, not a queue: a slow reader misses values in between and never delays others.
+A topic has a source only while somebody watches it. A client keeps a set of topics with news, not
+a queue: a slow reader misses values in between and never delays others.
 """
 
 import asyncio
@@ -12,7 +12,7 @@ from typing import Protocol
 from drcli.web.topics import Marker, Message, Snapshot, Value, text_message
 
 MOST_TOPICS = 64
-"""Topics that one client may watch."""
+"""Of one client."""
 
 _UNKNOWN = {
     "message": "There is no such topic, or this page watches too many.",
@@ -22,7 +22,7 @@ _UNKNOWN = {
 
 
 class Source(Protocol):
-    """Produces the values of a topic while somebody watches it."""
+    """Produces the values of a topic."""
 
     def start(self) -> None:
         """Begin; called in the event loop."""
@@ -32,14 +32,10 @@ class Source(Protocol):
 
 
 Publish = Callable[[Value], None]
-"""Publishes a value; any thread may call it."""
+"""Any thread may call it."""
 
 OpenSource = Callable[[str, Publish], Source]
-"""Makes the source of a topic.
-
-Raises:
-    ValueError: There is no such topic.
-"""
+"""Makes the source of a topic; ValueError if there is no such topic."""
 
 
 @dataclass(eq=False)
@@ -47,9 +43,8 @@ class Client:
     """One connection.
 
     Attributes:
-        topics: What it watches.
-        news: Topics with a value that it may not have, the longest waiting first: a topic that
-            changes all the time must not keep others from being sent.
+        news: Topics with a value that it may not have, the longest waiting first, so that one that
+            always changes does not hold up others.
         markers: What it has got of each topic.
         replies: Messages for it alone.
     """
@@ -61,7 +56,6 @@ class Client:
     wake: asyncio.Event = field(default_factory=asyncio.Event)
 
     def tell(self, topic: str) -> None:
-        """Note that there is news of a topic."""
         self.news.setdefault(topic)
         self.wake.set()
 
@@ -81,36 +75,29 @@ class Hub:
         self._kinds[kind] = open_source
 
     def run_in(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Use the event loop of the server."""
         self._loop = loop
 
     @property
     def watched(self) -> Set[str]:
-        """Topics that somebody watches."""
         return self._sources.keys()
 
     def publish(self, topic: str, value: Value) -> None:
-        """Give the newest value of a topic to its clients; any thread may call it."""
+        """Any thread may call it."""
         loop = self._loop
         if loop is not None and not loop.is_closed():
             loop.call_soon_threadsafe(self._accept, topic, value)
 
     def connect(self) -> Client:
-        """A new client, which watches nothing yet."""
         client = Client()
         self._clients.add(client)
         return client
 
     def disconnect(self, client: Client) -> None:
-        """Forget a client."""
         self.watch(client, set())
         self._clients.discard(client)
 
     def watch(self, client: Client, topics: set[str]) -> None:
-        """Let a client watch these topics instead of those that it watched.
-
-        It is told which of them do not exist, or are too many.
-        """
+        """Replace what a client watches, and tell it which topics do not exist or are too many."""
         refused = []
         wanted = sorted(topics)
         for topic in client.topics - set(wanted[:MOST_TOPICS]):
@@ -133,7 +120,6 @@ class Hub:
             client.wake.set()
 
     async def next_message(self, client: Client) -> Message:
-        """Wait for something new for a client."""
         while True:
             if client.replies:
                 return client.replies.pop()
@@ -151,13 +137,11 @@ class Hub:
             await client.wake.wait()
 
     def close(self) -> None:
-        """Stop all sources."""
         for source in self._sources.values():
             source.stop()
         self._sources.clear()
 
     def _open(self, topic: str) -> bool:
-        """Start the source of a topic if it has none; whether there is such a topic."""
         if topic in self._sources:
             return True
         open_source = self._kinds.get(topic.partition(":")[0])
@@ -189,32 +173,22 @@ class Hub:
 
 
 class Stored:
-    """A source of values that something else publishes, such as the list of tasks.
-
-    Args:
-        publish: Publishes a value.
-        newest: The value for a new topic.
-    """
+    """A source of values that something else publishes, such as the list of tasks."""
 
     def __init__(self, publish: Publish, newest: Callable[[], Value]) -> None:
         self._publish, self._newest = publish, newest
 
     def start(self) -> None:
-        """Publish what is known."""
         self._publish(self._newest())
 
     def stop(self) -> None:
-        """Nothing to stop."""
+        """Nothing."""
 
 
 class Polled:
-    """A source that reads in a thread, again and again, and publishes what it finds.
+    """A source that reads in a thread every `period_s`, and publishes what it finds.
 
-    Args:
-        topic: For the log.
-        publish: Publishes a value.
-        read: Reads; may wait for a disk or a bucket. Its errors are published as `{"error": …}`.
-        period_s: Time between the end of a reading and the next one.
+    `read` may wait for a disk or a bucket. Its errors are published as `{"error": …}`.
     """
 
     def __init__(
@@ -225,11 +199,10 @@ class Polled:
         self._task: asyncio.Task[None] | None = None
 
     def start(self) -> None:
-        """Begin to read."""
         self._task = asyncio.get_running_loop().create_task(self._poll())
 
     def stop(self) -> None:
-        """Read no more; a reading under way ends by itself, and its value is dropped."""
+        """Read no more; the value of a reading under way is dropped."""
         if self._task is not None:
             self._task.cancel()
             self._task = None

@@ -1,6 +1,6 @@
 """Topics `log:RUN:NAME`: the newest lines of a log of a run, as they are written.
 
-NAME is `supervisor`, `trainer`, `sim-0`, `reward-0` (what the reward function prints in sim-0) or
+NAME is `supervisor`, `trainer`, `sim-0`, `reward-0` (prints of the reward function in sim-0) or
 `evaluation`.
 """
 
@@ -20,15 +20,13 @@ from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Marker, Message, Value, text_message
 
 LOG_S = 0.7
-"""Time between two looks at a file."""
-
 KEPT_LINES = 300
 
 MOST_BYTES = 1 << 16
-"""Read at a time; of more, only the end is read."""
+"""Read at a time; of more, only the end."""
 
 LONGEST_LINE = 1_000
-"""Characters; the rest is cut off."""
+"""Characters."""
 
 _TOPIC = re.compile(r"log:(\d{1,2}):(supervisor|trainer|evaluation|(?:sim|reward)-\d{1,3})")
 
@@ -38,11 +36,9 @@ class LogLines:
     """The newest lines of a log.
 
     Attributes:
-        topic: Its topic.
-        file: Which file it is: another number when the log began anew.
+        file: Another number when the log began anew.
         total: Lines that were read of it so far.
-        lines: The newest of them.
-        note: A sentence where there is no log; empty otherwise.
+        note: Why there is no log; empty otherwise.
     """
 
     topic: str
@@ -65,12 +61,6 @@ class LogLines:
 
 
 class LogReader:
-    """Reads what is added to a log.
-
-    Args:
-        topic: Of its values.
-    """
-
     def __init__(self, topic: str) -> None:
         self._topic = topic
         self._path: Path | None = None
@@ -80,12 +70,7 @@ class LogReader:
         self._lines: deque[str] = deque(maxlen=KEPT_LINES)
 
     def read(self, path: Path | None, missing: str) -> LogLines:
-        """The lines so far.
-
-        Args:
-            path: The log; None if it is not known which.
-            missing: What is said if it does not exist.
-        """
+        """The lines so far, or `missing` as the note."""
         note = ""
         try:
             if path is None:
@@ -127,8 +112,6 @@ class LogReader:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """Declare the topics; there is no route."""
-
     def open_log(topic: str, publish: Publish) -> Polled:
         found = _TOPIC.fullmatch(topic)
         if found is None:

@@ -1,4 +1,4 @@
-"""Actions on a model, each a task that does what a command does."""
+"""Actions on a model: tasks that do what commands do."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -36,10 +36,10 @@ EVALUATION_FIELDS = {
     "video": "DR_EVAL_SAVE_MP4",
     "opponent": "DR_EVAL_OPP_S3_MODEL_PREFIX",
 }
-"""What the page can choose for an evaluation, and the setting of each."""
+"""Choices of the page, and the setting of each."""
 
 MOST_ANALYSES = 50
-"""Verdicts that are remembered until the console ends."""
+"""Verdicts that are remembered."""
 
 _EPISODES = ("best", "all")
 
@@ -47,12 +47,9 @@ _EPISODES = ("best", "all")
 def action_routes(
     reader: ModelReader, downloads: DownloadFolder, analyses: dict[str, Any]
 ) -> Sequence[BaseRoute]:
-    """Routes below /api/model; each takes the model as `prefix`, and answers with its task.
+    """Routes below /api/model; each takes `prefix` and answers with its task.
 
-    Args:
-        reader: Reads models.
-        downloads: Gets files that tasks make.
-        analyses: Gets the newest analysis of each model, by prefix.
+    `analyses` gets the newest analysis of each model, by prefix.
     """
     folder, tasks = reader.folder, reader.folder.tasks
     directory = folder.directory
@@ -206,18 +203,13 @@ def action_routes(
 
 
 def _existing(reader: ModelReader, body: dict[str, Any]) -> str:
-    """The model of a request, which exists."""
     prefix = checked(body.get("prefix"))
     reader.open(prefix)
     return prefix
 
 
 def choice_of(body: dict[str, Any], default: str = "best") -> CheckpointChoice:
-    """The checkpoint of a request: a number, or a word such as best.
-
-    Raises:
-        BadRequest: It is none.
-    """
+    """The checkpoint of a request, a number or a word such as best; else BadRequest."""
     try:
         return parse_checkpoint(text_of(body, "checkpoint", default))
     except BadValue as error:
@@ -225,11 +217,7 @@ def choice_of(body: dict[str, Any], default: str = "best") -> CheckpointChoice:
 
 
 def film_wish(body: dict[str, Any]) -> dict[str, Any]:
-    """How a film should be.
-
-    Raises:
-        BadRequest: It cannot be so.
-    """
+    """How a film should be; BadRequest if it cannot."""
     episode = text_of(body, "episode", "best")
     if episode not in _EPISODES and not (episode.isdecimal() and len(episode) < 7):
         raise BadRequest("The episode is best, all or a number.")
@@ -248,11 +236,7 @@ def film_wish(body: dict[str, Any]) -> dict[str, Any]:
 
 
 def evaluation_flags(body: dict[str, Any]) -> dict[str, str]:
-    """Settings of an evaluation that a request changes; their values are checked as settings.
-
-    Raises:
-        BadRequest: A value is no text, number or truth value.
-    """
+    """Settings of an evaluation that a request changes, not yet checked as settings."""
     flags = {}
     for field, name in EVALUATION_FIELDS.items():
         value = body.get(field)
@@ -321,7 +305,7 @@ def clone_model(
     choice: CheckpointChoice,
     description: str | None,
 ) -> Increment:
-    """Make the next training start a new model from this one, as dr-increment-training.
+    """Make the next training start from this model, as dr-increment-training.
 
     Raises:
         SettingsError: It cannot be done; nothing was changed.
@@ -336,12 +320,6 @@ def clone_model(
 
 
 def _driven(reader: ModelReader, prefix: str, began: dict[str, Any]) -> dict[str, Any]:
-    """Wait for the end of an evaluation.
-
-    Raises:
-        WorkerDied: It has no results.
-        StorageError: The bucket does not answer, so that is unknown.
-    """
     closing = reader.folder.tasks.closing
     while is_alive(began["pid"], began["pid_started"]):
         if closing.wait(0.5):

@@ -1,4 +1,4 @@
-"""Models that the racer drops on the page: files are stored in a folder, then imported."""
+"""Models that the racer drops on the page."""
 
 import re
 import secrets
@@ -24,13 +24,13 @@ LARGEST_UPLOAD = 2 << 30
 """Bytes of one file; consoles refuse models of more than 1 GB."""
 
 LEAST_FREE = 512 << 20
-"""Bytes of the disk that an upload leaves free, for a training that may be running."""
+"""Bytes of the disk that an upload leaves, for a training."""
 
 MOST_FILES = 8
-"""Files of one import: a graph, its metadata, a reward function, hyperparameters."""
+"""Of one import: graph, metadata, reward function, hyperparameters."""
 
 KEPT_S = 3600.0
-"""How long files are kept that nobody imports."""
+"""Of files that nobody imports."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}")
 _ID = re.compile(r"[0-9a-f]{24}")
@@ -83,18 +83,13 @@ def import_routes(reader: ModelReader) -> Sequence[BaseRoute]:
 
 
 def _main_file(files: Sequence[Path]) -> Path:
-    """The file that holds the policy: what lies beside it is found by its name."""
+    """The file that holds the policy."""
     others = {".json", ".py", ".yaml", ".yml", ".md", ".txt"}
     found = [path for path in files if path.suffix.lower() not in others]
     return found[0] if len(found) == 1 else files[0].parent
 
 
 def _target(place: Path, request: Request) -> tuple[str, Path]:
-    """The folder of an import and the file to write in it.
-
-    Raises:
-        BadRequest: The name or the number is wrong, or there are too many files.
-    """
     name = request.query_params.get("name", "")
     if _NAME.fullmatch(name) is None:
         raise BadRequest(
@@ -130,12 +125,7 @@ def _sweep(place: Path) -> None:
 
 
 async def _store(request: Request, path: Path) -> int:
-    """Write the body of a request to a file; nothing is left of one that is too large.
-
-    Raises:
-        BadRequest: It is too large, empty, or was cut off.
-        DiskFull: It would fill the disk.
-    """
+    """Write a body to a file; nothing is left of one that is too large."""
     announced = request.headers.get("content-length", "")
     size = int(announced) if announced.isdecimal() and len(announced) < 16 else 0
     room = min(LARGEST_UPLOAD, shutil.disk_usage(path.parent).free - LEAST_FREE)

@@ -1,4 +1,4 @@
-"""Reads races for all pages: one listing tells what is new, and only that is read."""
+"""Reads races once for all pages; only new ones of a listing are read."""
 
 import threading
 from collections.abc import Callable
@@ -30,12 +30,7 @@ T = TypeVar("T")
 
 
 class RaceReader:
-    """What the routes about races share.
-
-    Args:
-        folder: The working folder.
-        clock: Unix seconds.
-    """
+    """What the routes about races share; `clock` gives Unix seconds."""
 
     def __init__(self, folder: ServedFolder, clock: Callable[[], float]) -> None:
         self.folder = folder
@@ -45,24 +40,18 @@ class RaceReader:
         self._objects = RaceObjects()
 
     def open(self) -> tuple[Settings, Bucket]:
-        """The settings as they are now, and the bucket for reading and writing."""
+        """The settings now, and the bucket for reading and writing."""
         settings = self.folder.settings()
         return settings, self.folder.bucket(settings)
 
     def to_look_at(self, settings: Settings) -> Bucket | None:
-        """The bucket for reading, for which no server is started; None if there is none yet."""
+        """The bucket for reading; no server is started. None if there is none yet."""
         found = open_running_bucket(settings.storage)
         if found is None and settings.storage.cloud != "local":
             return self.folder.bucket(settings)
         return found
 
     def races(self) -> RaceList:
-        """All races.
-
-        Raises:
-            SettingsError: A setting is wrong.
-            StorageError: The bucket does not answer.
-        """
         settings = self.folder.settings()
         bucket = self.to_look_at(settings)
         if bucket is None:
@@ -70,21 +59,11 @@ class RaceReader:
         return list_races(bucket, objects=self._objects_of(settings), now_s=self.clock())
 
     def report(self, race: str) -> RaceReport:
-        """A race as `dr-race show` shows it.
-
-        Raises:
-            SettingsError: There is no such race.
-            StorageError: The bucket does not answer.
-        """
+        """A race as `dr-race show` has it; SettingsError if there is none."""
         return self._read(race)[0]
 
     def view(self, race: str) -> dict[str, Any]:
-        """A race as `dr-race show --json` prints it, and what else its page shows.
-
-        Raises:
-            SettingsError: There is no such race.
-            StorageError: The bucket does not answer.
-        """
+        """The same for its page, with what else that shows."""
         report, more = self._read(race)
         return keys_of(report) | more
 
@@ -113,7 +92,7 @@ class RaceReader:
         return report, more
 
     def _live(self, race: str) -> dict[str, Any] | None:
-        """The evaluation of this race that drives on this machine, as live topics name it."""
+        """The evaluation of this race on this machine, as live topics name it."""
         start = f"{race_keys.folder(race)}models/"
         for record in running_evaluations(self.folder.directory):
             if record.prefix.startswith(start):
@@ -128,7 +107,7 @@ class RaceReader:
 
 
 def words_of(report: RaceReport) -> dict[str, str]:
-    """The sentences about a race, the same as in the terminal."""
+    """The sentences of the terminal about a race."""
     return {
         "place": race_words.place(report),
         "standing": race_words.standing(report),
@@ -137,7 +116,6 @@ def words_of(report: RaceReport) -> dict[str, str]:
 
 
 def words_of_rules(rules: RaceRules) -> dict[str, str]:
-    """The sentences about rules."""
     return {
         "kind": race_words.kind(rules),
         "decides": race_words.decides(rules),

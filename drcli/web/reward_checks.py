@@ -1,4 +1,4 @@
-"""Checks of reward functions while they are typed: one at a time, and only the newest of a page."""
+"""Checks reward functions while they are typed: one at a time, only the newest of a page."""
 
 import itertools
 import json
@@ -15,26 +15,20 @@ from drcli.base.installation import installation_error
 from drcli.web.answers import BadRequest
 
 PATIENCE_S = 240.0
-"""Longest check, with the first compilation of the simulation on a busy machine."""
+"""Includes the first compilation of the simulation on a busy machine."""
 
 COOL_DOWN_S = 0.4
-"""Pause between two checks, so that typing does not take a core from a training."""
+"""Between two checks, so that typing does not take a core from a training."""
 
 IDLE_S = 120.0
-"""After which the process, and its memory, is given back."""
+"""Then the process ends and gives back its memory."""
 
 MOST_WAITING = 8
-"""Requests that wait for their turn."""
-
 MOST_PAGES = 64
 
 
 class RewardChecks:
-    """Hands reward functions to one process. Any thread may call it.
-
-    Args:
-        folder: The working folder.
-    """
+    """Hands reward functions to one process. Any thread may call it."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -52,7 +46,7 @@ class RewardChecks:
         """Check a reward function; waits for its turn.
 
         Args:
-            page: Name of the page that asks; its earlier requests no longer count.
+            page: Whose earlier requests no longer count.
             text: The function.
             known: Key of the course that the page has drawn.
 
@@ -92,7 +86,6 @@ class RewardChecks:
                 self._waiting -= 1
 
     def close(self) -> None:
-        """End the process, if it runs."""
         if self._idle is not None:
             self._idle.cancel()
         with self._lock:

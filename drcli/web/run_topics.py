@@ -1,4 +1,4 @@
-"""Topics of the run: `run:N` is its state, `iterations:N` its learning curve, N is DR_RUN_ID."""
+"""Topics `run:N` (state) and `iterations:N` (learning curve) of the run with DR_RUN_ID N."""
 
 import math
 import threading
@@ -22,10 +22,10 @@ from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Rows, Snapshot, Value
 
 RUN_S = 1.0
-"""Time between two looks at a run, as in the display of a terminal."""
+"""As in the display of a terminal."""
 
 NEW_S = 0.8
-"""Age below which a report need not be read again."""
+"""Age below which a report is not read again."""
 
 
 class RunReader:
@@ -39,11 +39,7 @@ class RunReader:
         self._read_s = -math.inf
 
     def report(self) -> RunReport:
-        """The state of the last second.
-
-        Raises:
-            SettingsError: A setting is wrong.
-        """
+        """The state of the last second."""
         with self._lock:
             if self._report is None or time.monotonic() - self._read_s > NEW_S:
                 settings = self._folder.settings()
@@ -54,11 +50,7 @@ class RunReader:
             return self._report
 
     def history(self) -> list[IterationRecord]:
-        """All iterations, also of a model that only another machine trains.
-
-        Raises:
-            DrError: A setting is wrong, or the bucket does not answer.
-        """
+        """All iterations, also of a model that only another machine trains."""
         report = self.report()
         if report.state != "none" or self._run_id is None:
             return report.history
@@ -68,17 +60,13 @@ class RunReader:
 
 
 def without_history(report: RunReport) -> dict[str, Any]:
-    """A report without its iterations, which have a topic of their own."""
+    """A report without its iterations, which have their own topic."""
     kept = [field.name for field in fields(report) if field.name != "history"]
     return {name: getattr(report, name) for name in kept} | {"dead": report.dead}
 
 
 def _run_id(topic: str) -> int | None:
-    """DR_RUN_ID of a topic such as `run:3`; None for that of run.env.
-
-    Raises:
-        ValueError: It is not a number.
-    """
+    """None for that of run.env; ValueError if it is not a number."""
     text = topic.partition(":")[2]
     number = int(text) if text else None
     if number is not None and not 0 <= number <= 99:
@@ -87,7 +75,6 @@ def _run_id(topic: str) -> int | None:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """The topics, and `GET /api/folder`."""
     readers: dict[int | None, RunReader] = {}
 
     def reader_of(topic: str) -> RunReader:

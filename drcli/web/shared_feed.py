@@ -1,7 +1,6 @@
 """One connection to each live worker for everything in the console that shows it.
 
-Workers are asked for the union of what is looked at, whoever looks, so five pages cost a worker as
-much as one.
+Workers are asked for the union of what is looked at, so five pages cost as much as one.
 """
 
 import threading
@@ -16,7 +15,7 @@ OnGone = Callable[[int, str], None]
 
 
 class Feed(Protocol):
-    """What is needed of `LiveFeed`."""
+    """Of `LiveFeed`."""
 
     def watch(
         self, run_id: int, worker: str, views: Iterable[LiveView], car: int | None = None
@@ -24,10 +23,10 @@ class Feed(Protocol):
         """Say what to watch."""
 
     def workers(self) -> list[LiveWorker]:
-        """The workers that can be watched."""
+        """The workers now."""
 
     def close(self) -> None:
-        """End all connections."""
+        """End connections."""
 
 
 OpenFeed = Callable[[Path, OnMessage, OnGone], Feed]
@@ -36,10 +35,7 @@ OpenFeed = Callable[[Path, OnMessage, OnGone], Feed]
 class SharedFeed:
     """The live workers of a working folder. Any thread may use it.
 
-    Args:
-        directory: The working folder.
-        open_feed: Makes the feed, for the first look; it stays until `close`, and costs nothing
-            while nobody watches.
+    `open_feed` is called at the first look; the feed stays until `close`.
     """
 
     def __init__(self, directory: Path, open_feed: OpenFeed = LiveFeed) -> None:
@@ -52,10 +48,10 @@ class SharedFeed:
     def part(
         self, on_message: OnMessage, on_gone: OnGone = lambda run_id, worker: None
     ) -> "FeedPart":
-        """A share of the feed for one purpose, with wishes of its own.
+        """A share of the feed for one purpose.
 
         Args:
-            on_message: Gets what any part watches, in a thread of the feed; see `LiveFeed`.
+            on_message: Gets what any part watches, in a thread of the feed.
             on_gone: Called when the connection to a worker has ended.
         """
         part = FeedPart(self, on_message, on_gone)
@@ -64,7 +60,6 @@ class SharedFeed:
         return part
 
     def workers(self) -> list[LiveWorker]:
-        """The workers that can be watched now, by run and name."""
         return self._opened().workers()
 
     def car(self, run_id: int, worker: str) -> int | None:
@@ -72,7 +67,7 @@ class SharedFeed:
         return self._cars.get((run_id, worker))
 
     def look_at(self, run_id: int, worker: str, car: int | None) -> None:
-        """Choose the car of a worker that all who look see; the last choice counts."""
+        """Choose the car of a worker for all who look."""
         with self._lock:
             if car is None:
                 self._cars.pop((run_id, worker), None)
@@ -81,7 +76,7 @@ class SharedFeed:
         self.ask((run_id, worker))
 
     def ask(self, key: WorkerKey) -> None:
-        """Tell the feed what is wanted of a worker by all parts together."""
+        """Tell the feed what all parts want of a worker."""
         # In one block: a wish must not overtake a later one. `watch` only sends some bytes.
         feed = self._opened()
         with self._lock:
@@ -89,7 +84,6 @@ class SharedFeed:
             feed.watch(*key, sorted(views), self._cars.get(key))
 
     def remove(self, part: "FeedPart") -> None:
-        """Forget a part and its wishes."""
         with self._lock:
             if part not in self._parts:
                 return
@@ -98,7 +92,6 @@ class SharedFeed:
             self.ask(key)
 
     def close(self) -> None:
-        """End all connections."""
         with self._lock:
             feed, self._feed = self._feed, None
             self._parts.clear()
@@ -131,14 +124,7 @@ class FeedPart:
     def watch(
         self, run_id: int, worker: str, views: Iterable[LiveView], car: int | None = None
     ) -> None:
-        """Say what this part watches of a worker from now on; nothing, if there is no view.
-
-        Args:
-            run_id: DR_RUN_ID.
-            worker: Its name.
-            views: What to show.
-            car: Not None to choose the car for all who look at the worker.
-        """
+        """Say what this part watches of a worker; `car` is chosen for all who look."""
         key, wanted = (run_id, worker), frozenset(views)
         if wanted:
             self._wanted[key] = wanted
@@ -150,13 +136,10 @@ class FeedPart:
             self._shared.ask(key)
 
     def wanted(self, key: WorkerKey) -> frozenset[LiveView]:
-        """What this part watches of a worker."""
         return self._wanted.get(key, frozenset())
 
     def watched(self) -> list[WorkerKey]:
-        """The workers that it watches."""
         return list(self._wanted)
 
     def close(self) -> None:
-        """Watch nothing any more."""
         self._shared.remove(self)

@@ -1,7 +1,7 @@
 """Pictures of a worker as MJPEG at `/stream`, for scripts written for DeepRacer-for-Cloud.
 
-The parameters are those of its viewer: topic, quality, width and height. `worker` chooses another
-simulation worker than the first. A stream stays open while no worker runs.
+The parameters are those of its viewer: topic, quality, width and height; `worker` chooses a
+simulation worker. A stream stays open while no worker runs.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ from drcli.web.listen import STREAM, TOPICS, USUAL_TOPIC
 from drcli.web.served_folder import ServedFolder
 
 MOST_STREAMS = 8
-"""At the same time; each may take time of a core to draw its pictures anew."""
+"""Each may take time of a core to draw pictures anew."""
 
 BOUNDARY = "picture"
 
@@ -33,13 +33,11 @@ LIMITS: Mapping[str, tuple[int, int]] = {
     "quality": (1, 95),
     "worker": (0, 999),
 }
-"""Least and greatest values of parameters."""
-
 USUAL_QUALITY = 75
 
 
 class Feed(Protocol):
-    """What is needed of `LiveFeed`."""
+    """Of `LiveFeed`."""
 
     def watch(
         self, run_id: int, worker: str, views: Sequence[LiveView], car: int | None = None
@@ -47,16 +45,16 @@ class Feed(Protocol):
         """Say what to watch."""
 
     def close(self) -> None:
-        """End all connections."""
+        """End connections."""
 
 
 Key = tuple[int, str, LiveView]
-"""DR_RUN_ID, worker, and what is seen of it."""
+"""DR_RUN_ID, worker, view."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a request asks for; sizes are None for those of the worker."""
+    """What a request asks for; None: the size of the worker."""
 
     key: Key
     width: int | None = None
@@ -65,11 +63,6 @@ class Wanted:
 
     @staticmethod
     def of(query: Mapping[str, str], run_id: int) -> "Wanted":
-        """Read the parameters.
-
-        Raises:
-            BadRequest: One is wrong.
-        """
         topic = query.get("topic", USUAL_TOPIC)
         view = TOPICS.get(topic)
         if view is None:
@@ -84,7 +77,6 @@ class Wanted:
         )
 
     def draw(self, message: LiveMessage) -> bytes:
-        """The JPEG picture in the size and quality that are wanted."""
         size = (self.width or message.width, self.height or message.height)
         if self.quality is None and size == (message.width, message.height):
             return message.data
@@ -117,11 +109,7 @@ class _Stream:
 
 
 class Streams:
-    """All streams that are open. Workers are only asked for what somebody looks at.
-
-    Args:
-        open_feed: Makes a feed, for the first stream; it ends with the last one.
-    """
+    """All open streams; the feed ends with the last one."""
 
     def __init__(self, open_feed: Callable[[Callable[[int, str, LiveMessage], None]], Feed]):
         self._open_feed = open_feed
@@ -130,11 +118,7 @@ class Streams:
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def open(self, key: Key) -> _Stream:
-        """Begin a stream.
-
-        Raises:
-            BadRequest: There are too many.
-        """
+        """Begin a stream; BadRequest if there are too many."""
         if len(self._streams) >= MOST_STREAMS:
             raise BadRequest(f"{MOST_STREAMS} streams are open already; close one.", 503)
         self._loop = asyncio.get_running_loop()
@@ -146,7 +130,6 @@ class Streams:
         return stream
 
     def close(self, stream: _Stream) -> None:
-        """End a stream."""
         self._streams.discard(stream)
         if self._feed is None:
             return
@@ -181,7 +164,7 @@ class Streams:
         self._feed.watch(run_id, worker, views)
 
     def _take(self, run_id: int, worker: str, message: LiveMessage) -> None:
-        """Give a message to its streams; called in a thread of the feed."""
+        """Called in a thread of the feed."""
         loop = self._loop
         if message.view in ("camera", "chase") and loop is not None and not loop.is_closed():
             loop.call_soon_threadsafe(self._give, (run_id, worker, message.view), message)
@@ -194,7 +177,7 @@ class Streams:
 
 
 class _Answer(StreamingResponse):
-    """The pictures of a stream, which is closed at the end however that comes."""
+    """Closes its stream at the end, however that comes."""
 
     def __init__(self, streams: Streams, stream: _Stream, wanted: Wanted) -> None:
         media_type = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
@@ -202,7 +185,6 @@ class _Answer(StreamingResponse):
         self._streams, self._stream = streams, stream
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send pictures until the other side has enough."""
         try:
             await super().__call__(scope, receive, send)
         finally:
@@ -210,7 +192,6 @@ class _Answer(StreamingResponse):
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """`GET /stream`."""
     streams = Streams(folder.live.part)
 
     async def stream(request: Request) -> Response:

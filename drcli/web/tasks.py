@@ -1,7 +1,7 @@
-"""What was started on the page and takes longer than an answer may: start, evaluate, export, film.
+"""What was started on the page and takes longer than an answer may.
 
-A task calls the same function as the command. The page shows the newest tasks with their sentences.
-Tasks that the end of a console cuts short are in its log, and in the list of the next console.
+A task calls the same function as the command. Tasks that the end of a console cuts short are in its
+log, and in the list of the next console.
 """
 
 import itertools
@@ -24,17 +24,15 @@ from drcli.web.topics import Snapshot
 _logger = get_logger(__name__)
 
 MOST_KEPT = 50
-"""Tasks in the list; the oldest that have ended are forgotten."""
+"""The oldest that have ended are forgotten."""
 
 MOST_AT_ONCE = 12
-"""Tasks that run at the same time; others wait. Most of them wait for another process."""
+"""Most wait for another process."""
 
 MOST_WAITING = 40
-"""More are refused: nobody waits for that many."""
+"""More are refused."""
 
 CLOSING_S = 1.0
-"""How long the end of the console waits for tasks."""
-
 _STOPPED = "The console was stopped before this was done."
 
 _GOES_ON = "The console was stopped while this was under way; it goes on without it."
@@ -42,7 +40,7 @@ _GOES_ON = "The console was stopped while this was under way; it goes on without
 TaskState = Literal["waiting", "running", "done", "failed"]
 
 Progress = Callable[[str], None]
-"""Shows a short sentence about what a task does."""
+"""Shows a short sentence."""
 
 
 @dataclass(frozen=True)
@@ -50,15 +48,15 @@ class Task:
     """One task.
 
     Attributes:
-        kind: What it does, such as "start-training".
-        subject: Prefix of the model that it is about; empty for none.
+        kind: Such as "start-training".
+        subject: Prefix of its model; empty for none.
         title: One line for people.
         text: What it does now, or how it ended.
-        result: What it made; null before its end.
+        result: Null before its end.
         error: As of an answer that failed; null otherwise.
         began: Unix seconds.
         ended: Unix seconds; null while it runs.
-        goes_on: Whether what has begun is completed even if the console ends.
+        goes_on: Whether it is completed even if the console ends.
     """
 
     id: int
@@ -76,8 +74,6 @@ class Task:
 
 @dataclass(frozen=True)
 class _CutShort:
-    """A task that the end of a console cut short, for the next one."""
-
     kind: str
     subject: str
     title: str
@@ -95,12 +91,7 @@ class Tasks:
     """The tasks of a console, in threads. Any thread may call its methods."""
 
     def __init__(self, publish: Callable[[str, Snapshot], None], kept: Path | None = None) -> None:
-        """Take over the tasks that the end of the console before has cut short.
-
-        Args:
-            publish: Gives the list to the page.
-            kept: File for the tasks that the end of the console cuts short; None for none.
-        """
+        """Take over the tasks in the file `kept`, which the last console's end cut short."""
         self._publish = publish
         self._kept = kept
         self.closing = threading.Event()
@@ -121,14 +112,9 @@ class Tasks:
         *,
         goes_on: bool = False,
     ) -> Task:
-        """Run a function in a thread.
+        """Run a function in a thread; `kind` and the others as in `Task`.
 
-        Args:
-            kind: What it does, such as "start-training".
-            subject: Prefix of the model that it is about; empty for none.
-            title: One line for people.
-            function: Its result is a dataclass or plain data; a `DrError` becomes the task's error.
-            goes_on: Whether what has begun is completed even if the console ends.
+        Its result is a dataclass or plain data; a `DrError` becomes the task's error.
 
         Raises:
             BadRequest: The same is under way, or too much is, or the console ends.
@@ -155,11 +141,6 @@ class Tasks:
         return task
 
     def find(self, number: int) -> Task:
-        """A task.
-
-        Raises:
-            BadRequest: There is none of this number.
-        """
         with self._lock:
             task = self._tasks.get(number)
         if task is None:

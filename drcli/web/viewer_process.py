@@ -1,4 +1,4 @@
-"""Starts and stops the console of a working folder as a process in the background."""
+"""Starts and stops the console of a working folder."""
 
 import http.client
 import os
@@ -24,12 +24,12 @@ from drcli.web.listen import ENTER, Listen
 from drcli.web.web_extra import require_web
 
 READY_S = 60.0
-"""How long it may take until it answers, on a machine whose cores are busy."""
+"""On a machine whose cores are busy."""
 
 STOPPING_S = 10.0
 
 PORT_S = 2.0
-"""How long the port of an earlier console is waited for; then another one is used."""
+"""For the port of an earlier console; then another one is used."""
 
 _LEAST_TOKEN = 16
 
@@ -72,12 +72,7 @@ class ViewerReport:
 
 
 def start_viewer(directory: Path, config: WebConfig, *, again: bool = False) -> ViewerReport:
-    """Start the console of a working folder, unless it runs already.
-
-    Args:
-        directory: The working folder.
-        config: Where it listens.
-        again: Whether one that runs is ended, and started with these settings.
+    """Start the console of a working folder; `again` ends one that runs, which is otherwise kept.
 
     Raises:
         NotAvailable: The extra `web` is not installed.
@@ -153,7 +148,7 @@ def _start(directory: Path, config: WebConfig, bound: socket.socket) -> ViewerRe
 
 
 def stop_viewer(directory: Path) -> ViewerRecord | None:
-    """Stop the console of a working folder; None if none runs.
+    """Stop the console; None if none runs.
 
     Raises:
         SettingsError: It does not end.
@@ -176,7 +171,6 @@ def stop_viewer(directory: Path) -> ViewerRecord | None:
 
 
 def running_viewer(directory: Path) -> ViewerRecord | None:
-    """The console of a working folder, if it runs."""
     record = load_record(ViewerRecord, _record_path(directory))
     if record is None or not is_alive(record.pid, record.began_s):
         return None
@@ -184,7 +178,6 @@ def running_viewer(directory: Path) -> ViewerRecord | None:
 
 
 def report_of(record: ViewerRecord, *, started: bool) -> ViewerReport:
-    """What a command prints about a console."""
     host = record.host if record.host not in ("0.0.0.0", "::") else _own_address()
     shown = f"[{host}]" if ":" in host else host
     path = f"{ENTER}?token={quote(record.token, safe='')}" if record.token else "/"
@@ -203,7 +196,6 @@ def _own_address() -> str:
 
 
 def log_path(directory: Path) -> Path:
-    """The log of the console."""
     return directory / "data" / "logs" / "viewer.log"
 
 
@@ -212,7 +204,7 @@ def _record_path(directory: Path) -> Path:
 
 
 def _own_token(directory: Path) -> str:
-    """The token of the folder; it stays the same, so that bookmarks and cookies do."""
+    """It stays the same, so that bookmarks and cookies do."""
     path = directory / "data" / "viewer" / "token.json"
     known = load_record(_Token, path)
     if known is not None and len(known.token) >= _LEAST_TOKEN:
@@ -226,9 +218,6 @@ def _bound(config: WebConfig, usual: int) -> socket.socket:
     """A socket at the port of the settings; if nobody chose one, at the usual or any other port.
 
     The console gets this socket, so no other program can take the port in between.
-
-    Raises:
-        SettingsError: The chosen one is taken, or the address is not one of this machine.
     """
     family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
     reason = ""

@@ -1,8 +1,7 @@
 """Checkpoint files of TensorFlow: named tensors in an `.index` file and `.data-*` files.
 
-The index is a sorted table: a header under the empty key, and for each tensor its type, shape,
-place in a data file and checksum. The data files have nothing but the values. Source:
-tensorflow/core/protobuf/tensor_bundle.proto.
+The index is a sorted table: a header under the empty key, and type, shape, place and checksum of
+each tensor. Source: tensorflow/core/protobuf/tensor_bundle.proto.
 """
 
 import math
@@ -24,8 +23,6 @@ Array = NDArray[Any]
 
 INDEX = ".index"
 DATA = ".data-00000-of-00001"
-"""Ends of the names of the two files, after the name of the checkpoint."""
-
 _VERSION = 1
 _BIG_ENDIAN = 1
 
@@ -45,7 +42,7 @@ _TYPE_NAMES = {
     22: "uint32",
     23: "uint64",
 }
-"""Types that no weight has, for messages. Source: TensorFlow's `types.proto`."""
+"""For messages. Source: TensorFlow's `types.proto`."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +52,7 @@ class Entry:
     Attributes:
         shape: None if its rank is not known.
         shard: Number of its data file.
-        slices: How many parts it is stored in; 0 if it is stored as a whole.
+        slices: 0 if it is stored as a whole.
     """
 
     name: str
@@ -70,13 +67,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Bundle:
-    """The index of a checkpoint.
-
-    Attributes:
-        origin: The checkpoint's name for messages, without `.index`.
-        shards: How many data files there are.
-        entries: All tensors by name.
-    """
+    """The index of a checkpoint, with `shards` data files."""
 
     origin: str
     shards: int
@@ -85,19 +76,13 @@ class Bundle:
 
     @property
     def data_names(self) -> list[str]:
-        """Names of the data files for messages and for reading them."""
         return data_names(self.origin, self.shards)
 
     def read(self, name: str, data: bytes | Sequence[bytes]) -> Array:
-        """The values of a tensor.
-
-        Args:
-            name: One of the entries.
-            data: The data file, or all of them in order.
+        """The values of a tensor, from all data files in order.
 
         Raises:
-            SettingsError: A file is missing, too short or altered, or the tensor has a type or a
-                form that is not read.
+            SettingsError: A file is missing, too short or altered, or the tensor's form is not read.
         """
         entry = self.entries[name]
         files = [data] if isinstance(data, bytes) else data
@@ -120,7 +105,7 @@ class Bundle:
         return values.astype(dtype, copy=False).reshape(shape)
 
     def _checked(self, entry: Entry) -> tuple[np.dtype[Any], tuple[int, ...]]:
-        """Type and shape of an entry, which fit its size."""
+        """Type and shape, which fit its size."""
         index, name = self.origin + INDEX, shown(entry.name)
         if entry.slices:
             raise SettingsError(
@@ -146,11 +131,7 @@ class Bundle:
 
 
 def open_bundle(index: bytes, origin: str) -> Bundle:
-    """Read the index of a checkpoint.
-
-    Args:
-        index: The `.index` file.
-        origin: What messages call the checkpoint, with or without `.index`.
+    """Read an index.
 
     Raises:
         SettingsError: It is not an index, or is damaged.
@@ -183,7 +164,6 @@ def open_bundle(index: bytes, origin: str) -> Bundle:
 
 
 def read_bundle(index: bytes, data: bytes | Sequence[bytes], origin: str) -> dict[str, Array]:
-    """Read all tensors of a checkpoint; see `open_bundle` and `Bundle.read`."""
     bundle = open_bundle(index, origin)
     left = sum(map(len, [data] if isinstance(data, bytes) else data))
     found = {}
@@ -196,12 +176,10 @@ def read_bundle(index: bytes, data: bytes | Sequence[bytes], origin: str) -> dic
 
 
 def write_bundle(tensors: Mapping[str, Array]) -> tuple[bytes, bytes]:
-    """The `.index` and the `.data-00000-of-00001` file of a checkpoint.
-
-    Both have the bytes that TensorFlow writes for the same tensors.
+    """The `.index` and data file, with the bytes that TensorFlow writes for the same tensors.
 
     Raises:
-        ValueError: A tensor has a type that is not written, or a name is empty.
+        ValueError: A type cannot be written, or a name is empty.
     """
     header = BundleHeaderMessage(num_shards=1)
     header.version.producer = _VERSION
@@ -223,7 +201,6 @@ def write_bundle(tensors: Mapping[str, Array]) -> tuple[bytes, bytes]:
 
 
 def data_names(checkpoint: str, shards: int = 1) -> list[str]:
-    """Names of a checkpoint's data files."""
     return [f"{checkpoint}.data-{number:05d}-of-{shards:05d}" for number in range(shards)]
 
 

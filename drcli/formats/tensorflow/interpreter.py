@@ -1,4 +1,4 @@
-"""Runs frozen graphs with NumPy, operation by operation as TensorFlow defines them.
+"""Runs frozen graphs with NumPy.
 
 It knows the operations of the reference's policies and of ours, and refuses all others.
 """
@@ -14,27 +14,26 @@ from drcli.base.problems import shown
 from drcli.formats.tensorflow.graph import REMEDY, Array, Node, Shape
 
 _MOST_BYTES = 1 << 29
-"""Most memory of one result. The largest kernel of the reference's takes 229 MB, and 100 frames in
-its widest layer 240 MB."""
+"""Of one result. The reference's largest kernel takes 229 MB, 100 frames in its widest layer 240 MB."""
 
 _UNFIT = (ValueError, TypeError, IndexError, KeyError, NotImplementedError, MemoryError)
 """What NumPy raises when shapes or settings do not fit."""
 
 
 class Graph:
-    """A graph whose nodes are in an order in which they can run.
+    """A graph in an order in which it can run.
 
     Attributes:
-        nodes: The nodes that the output needs, each after those that it takes.
-        inputs: Name and shape of each `Placeholder`, in the order of the file.
-        output: The node that no other node takes.
+        nodes: Those that the output needs.
+        inputs: Each `Placeholder`, in the order of the file.
+        output: The node that no other takes.
     """
 
     def __init__(self, nodes: Sequence[Node], origin: str) -> None:
-        """Check a graph that messages call by the name `origin`.
+        """Check a graph.
 
         Raises:
-            SettingsError: It has an unknown operation, no single output, or is not a graph at all.
+            SettingsError: It has an unknown operation, no single output, or is not a graph.
         """
         self.origin = origin
         by_name = {node.name: node for node in nodes}
@@ -62,13 +61,10 @@ class Graph:
         }
 
     def run(self, inputs: Mapping[str, Array]) -> Array:
-        """Compute the output.
-
-        Args:
-            inputs: An array for each name in `self.inputs`. All begin with the number of samples.
+        """Compute the output for arrays that all begin with the number of samples.
 
         Raises:
-            SettingsError: The shapes of two operations do not fit each other.
+            SettingsError: Shapes do not fit each other.
         """
         results: dict[str, Array] = {}
         for number, node in enumerate(self.nodes):
@@ -90,7 +86,7 @@ class Graph:
         return results[self.output.name]
 
     def _in_order(self, by_name: Mapping[str, Node]) -> tuple[Node, ...]:
-        """The nodes that the output needs, inputs first; without recursion, for long graphs."""
+        """Inputs first; without recursion, for long graphs."""
         order: list[Node] = []
         done: set[str] = set()
         open_: set[str] = set()
@@ -181,7 +177,7 @@ def _pack(node: Node, *parts: Array) -> Array:
 
 
 def _require(node: Node, **wanted: object) -> None:
-    """Refuse settings of an operation that no policy has."""
+    """Refuse settings that no policy has."""
     for name, value in wanted.items():
         if node.attrs.get(name, value) != value:
             raise NotImplementedError(f"{name} is {node.attrs[name]}, not {value}")
@@ -211,4 +207,4 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "Tanh": lambda node, a: np.tanh(a),
     "Transpose": lambda node, a, order: a.transpose(order.tolist()),
 }
-"""The operations of the reference's policies and of ours; each gets its node and its inputs."""
+"""Each gets its node and its inputs."""
