@@ -1,4 +1,4 @@
-"""Answers of the console: reports as JSON, errors as a sentence with a remedy."""
+"""Answers of the console: reports as JSON, errors with a remedy."""
 
 import dataclasses
 import functools
@@ -26,11 +26,7 @@ from drcli.base.problems import Problem, ProblemsError
 from drcli.config.editing import FilesChanged
 
 MOST_BYTES = 1 << 20
-"""Of a JSON request."""
-
 MOST_DEPTH = 20
-"""Of nested lists and objects."""
-
 _STATUS: dict[type[DrError], int] = {
     FilesChanged: 409,
     SettingsError: 422,
@@ -45,8 +41,6 @@ _logger = get_logger(__name__)
 
 
 class BadRequest(Exception):
-    """A request that the page would not send."""
-
     def __init__(self, message: str, status: int = 400) -> None:
         super().__init__(message)
         self.status = status
@@ -60,7 +54,7 @@ def report(value: Any, status: int = 200) -> Response:
 
 
 def error_of(error: Exception) -> dict[str, Any]:
-    """What the page shows about an error; an unexpected one is logged."""
+    """An unexpected error is logged."""
     if isinstance(error, DrError):
         found: dict[str, Any] = {
             "message": str(error),
@@ -100,9 +94,9 @@ Handler = Callable[[Request], Awaitable[Response]]
 
 
 def answers(function: Callable[[Request], Any]) -> Handler:
-    """A route that reads: runs a blocking function in a thread, and answers with its report.
+    """A route that reads: runs a function in a thread, and answers with its report.
 
-    The function returns a dataclass, plain data, or a `Response`.
+    That is a dataclass, plain data, or a `Response`.
     """
 
     @functools.wraps(function)
@@ -132,7 +126,7 @@ def accepts(function: Callable[[Request, dict[str, Any]], Any]) -> Handler:
 
 
 async def json_object(request: Request) -> dict[str, Any]:
-    """The JSON object of a request; BadRequest if it is too large or too deep."""
+    """BadRequest if it is too large or too deep."""
     data = b""
     async for chunk in request.stream():
         data += chunk
@@ -161,7 +155,7 @@ def _is_deeper(value: Any, most: int) -> bool:
 
 
 def text_of(body: dict[str, Any], key: str, default: str | None = None) -> str:
-    """A text of a request; BadRequest if it is none, or missing without a default."""
+    """A text; BadRequest if it is none, or missing without a default."""
     value = body.get(key, default)
     if not isinstance(value, str) or "\0" in value:
         raise BadRequest(f"The request needs a text {key}.")

@@ -1,7 +1,7 @@
-"""Runs heavy work of a task in a process of its own, so that the console stays quick and small.
+"""Runs heavy work of a task in a process of its own.
 
-Libraries for learning, films and tables take seconds and hundreds of megabytes; the process
-ends with the work. Its priority is low, because a training may be running.
+Libraries for learning, films and tables take seconds and hundreds of megabytes; the process ends
+with the work. Its priority is low, because a training may be running.
 """
 
 import multiprocessing
@@ -19,25 +19,21 @@ from drcli.config import secret_environment
 from drcli.web.tasks import Progress
 
 MOST_HEAVY = 2
-"""Processes of low priority at a time."""
-
 _heavy = threading.Semaphore(MOST_HEAVY)
 
 _heavy_ones: set[SpawnProcess] = set()
 Work = Callable[..., Any]
-"""A function of a module with a `Progress` first; other arguments can be pickled."""
+"""Takes a `Progress` first, then what can be pickled."""
 
 
 class WorkFailed(DrError):
-    """An error of the other process."""
-
     def __init__(self, message: str, *, remedy: str, code: int) -> None:
         super().__init__(message, remedy=remedy)
         self.code = code  # type: ignore[misc]  # that of the first error
 
 
 def run_apart(progress: Progress, work: Work, *arguments: Any, heavy: bool = True) -> Any:
-    """Run a function in another process; its result is plain data, its error is raised here.
+    """Run a function in another process, and return its plain data or raise its error.
 
     A `heavy` one gets a low priority and ends with the console; a training that it starts would
     inherit that.
@@ -47,7 +43,7 @@ def run_apart(progress: Progress, work: Work, *arguments: Any, heavy: bool = Tru
 
 
 def end_heavy() -> None:
-    """End the processes that compute, because the console ends.
+    """End the processes that compute.
 
     The others go on: what they start or delete must not stay half.
     """

@@ -1,7 +1,4 @@
-"""Ends connections that stand still, for which uvicorn waits without an end.
-
-Half a request, a body that stops, or a reader that never reads.
-"""
+"""Ends connections that stand still; uvicorn waits without an end."""
 
 import asyncio
 from contextlib import suppress
@@ -14,17 +11,17 @@ MOST_CONNECTIONS = 256
 """For a further one, the oldest that has asked for nothing yet is ended."""
 
 REQUEST_S = 10.0
-"""For the lines of a request, from the moment of the connection."""
+"""From the moment of the connection."""
 
 STALLED_S = 20.0
-"""How long a request or an answer may make no progress."""
+"""Without progress of a request or an answer."""
 
 LOOK_S = 2.0
 WAITING_BYTES = 4 << 20
-"""Of a WebSocket: answers to pings that somebody never reads."""
+"""Answers to pings of a WebSocket that somebody never reads."""
 
 FAREWELL_S = 2.0
-"""For the last bytes of a WebSocket; then it is cut."""
+"""For the last bytes of a WebSocket."""
 
 
 class TimedHttp(H11Protocol):
@@ -88,14 +85,11 @@ class TimedHttp(H11Protocol):
 
 
 def _idle_one(connections: Any, newest: TimedHttp) -> TimedHttp:
-    """The oldest connection that has asked for nothing; the newest one if all have."""
     idle = [each for each in connections if isinstance(each, TimedHttp) and not each._asked]
     return min(idle, key=lambda each: each._began_s, default=newest)
 
 
 class TimedWebSocket(WebSocketsSansIOProtocol):
-    """Cut if its last bytes are not read, or if too many wait."""
-
     def data_received(self, data: bytes) -> None:
         if self.transport.get_write_buffer_size() > WAITING_BYTES:
             self.transport.abort()

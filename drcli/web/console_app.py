@@ -40,8 +40,6 @@ from drcli.web.socket_route import SocketRoute
 from drcli.web.tasks import Tasks
 
 MOST_READING = 32
-"""Threads for topics and requests."""
-
 PARTS: tuple[Callable[[ServedFolder], Sequence[BaseRoute]], ...] = (
     machine_topic.routes,
     run_topics.routes,
@@ -65,7 +63,7 @@ PARTS: tuple[Callable[[ServedFolder], Sequence[BaseRoute]], ...] = (
 
 
 def build_app(directory: Path, token: str | None, *, here_only: bool = False) -> ASGIApp:
-    """The application for a working folder; `token` and `here_only` as for `Guard`."""
+    """`token` and `here_only`: as for `Guard`."""
     hub = Hub()
     tasks = Tasks(hub.publish, directory / "data" / "viewer" / "tasks.json")
     folder = ServedFolder(directory, hub, tasks)

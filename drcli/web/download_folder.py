@@ -48,7 +48,7 @@ class DownloadFolder:
         return Download(f"/api/download/{name}", path.name, path.stat().st_size, report)
 
     def answer(self, name: str) -> FileResponse:
-        """The file, as an attachment; BadRequest once it is gone."""
+        """BadRequest once it is gone."""
         with self._lock:
             path = self._known.get(name)
         if path is None or not path.is_file():

@@ -1,4 +1,4 @@
-"""Answers about stored episodes, made by the episode player."""
+"""Answers of the episode player about stored episodes."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,13 +14,11 @@ from drcli.web.answers import BadRequest, answers
 from drcli.web.served_folder import ServedFolder
 
 PACKED = "application/octet-stream"
-"""See `drcli.playback.packed_answer`."""
-
 _NUMBER_LIMIT = 10**9
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
-    """`GET /api/play/…`; the first request starts the process of the player."""
+    """The first request starts the player's process."""
     player = PlayerHandle(folder.directory)
     folder.at_end.append(player.close)
 

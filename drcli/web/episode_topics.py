@@ -1,8 +1,7 @@
 """Topics of what was driven, from the bucket.
 
-`episodes:RUN` has a row for each episode, `laps:RUN:WORKER` the lines that the cars of a worker
-drove in the last iteration, `elsewhere:RUN` who trains the model on another machine. RUN is
-DR_RUN_ID, WORKER a number.
+`episodes:RUN` has a row for each episode, `laps:RUN:WORKER` the lines of a worker's last iteration,
+`elsewhere:RUN` who trains the model on another machine. RUN is DR_RUN_ID, WORKER a number.
 """
 
 import re
@@ -44,8 +43,6 @@ def _away(run: SeenRun) -> StorageError:
 
 
 class EpisodeRows:
-    """Reads the episodes of a run; `look` finds the run."""
-
     def __init__(self, topic: str, look: Callable[[], SeenRun]) -> None:
         self._look = look
         self._reader = MetricsReader()
@@ -61,15 +58,13 @@ class EpisodeRows:
 
 
 class LapReader:
-    """Reads the lines of a worker when an iteration has been finished."""
-
     def __init__(self, topic: str, look: Callable[[], SeenRun], worker: int) -> None:
         self._topic, self._look, self._worker = topic, look, worker
         self._history = HistoryReader()
         self._read: tuple[str, int] | None = None
 
     def read(self) -> Value | None:
-        """The newest lines; None if they were read before."""
+        """None if they were read before."""
         run = self._look()
         if run.model is None:
             self._read = None

@@ -1,7 +1,7 @@
 """Distributes the values of topics to the clients of the WebSocket.
 
-A topic has a source only while somebody watches it. A client keeps a set of topics with news, not
-a queue: a slow reader misses values in between and never delays others.
+A topic has a source only while somebody watches it. A client keeps a set of topics with news, not a
+queue: a slow reader misses values and never delays others.
 """
 
 import asyncio
@@ -12,8 +12,6 @@ from typing import Protocol
 from drcli.web.topics import Marker, Message, Snapshot, Value, text_message
 
 MOST_TOPICS = 64
-"""Of one client."""
-
 _UNKNOWN = {
     "message": "There is no such topic, or this page watches too many.",
     "remedy": "Load the page again.",
@@ -22,20 +20,18 @@ _UNKNOWN = {
 
 
 class Source(Protocol):
-    """Produces the values of a topic."""
-
     def start(self) -> None:
-        """Begin; called in the event loop."""
+        """Called in the event loop."""
 
     def stop(self) -> None:
-        """End; called in the event loop. No value is published after it."""
+        """No value is published after it."""
 
 
 Publish = Callable[[Value], None]
 """Any thread may call it."""
 
 OpenSource = Callable[[str, Publish], Source]
-"""Makes the source of a topic; ValueError if there is no such topic."""
+"""ValueError: there is no such topic."""
 
 
 @dataclass(eq=False)
@@ -61,7 +57,7 @@ class Client:
 
 
 class Hub:
-    """All topics and clients. Its methods run in the event loop, except `publish`."""
+    """Runs in the event loop, except `publish`."""
 
     def __init__(self) -> None:
         self._kinds: dict[str, OpenSource] = {}
@@ -71,7 +67,7 @@ class Hub:
         self._clients: set[Client] = set()
 
     def add_kind(self, kind: str, open_source: OpenSource) -> None:
-        """Declare topics: those that are `kind`, or begin with it and a colon."""
+        """Declare topics that are `kind`, or begin with it and a colon."""
         self._kinds[kind] = open_source
 
     def run_in(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -173,7 +169,7 @@ class Hub:
 
 
 class Stored:
-    """A source of values that something else publishes, such as the list of tasks."""
+    """A source of values that something else publishes."""
 
     def __init__(self, publish: Publish, newest: Callable[[], Value]) -> None:
         self._publish, self._newest = publish, newest
@@ -186,10 +182,7 @@ class Stored:
 
 
 class Polled:
-    """A source that reads in a thread every `period_s`, and publishes what it finds.
-
-    `read` may wait for a disk or a bucket. Its errors are published as `{"error": …}`.
-    """
+    """A source that reads in a thread, and publishes what it finds, errors as `{"error": …}`."""
 
     def __init__(
         self, topic: str, publish: Publish, read: Callable[[], Value | None], period_s: float
@@ -202,7 +195,7 @@ class Polled:
         self._task = asyncio.get_running_loop().create_task(self._poll())
 
     def stop(self) -> None:
-        """Read no more; the value of a reading under way is dropped."""
+        """A reading under way ends; its value is dropped."""
         if self._task is not None:
             self._task.cancel()
             self._task = None

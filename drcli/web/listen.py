@@ -8,8 +8,6 @@ from typing import Literal
 from drcli.base.json_record import from_json
 
 ENTER = "/enter"
-"""Takes a token and gives the cookie for it."""
-
 STREAM = "/stream"
 USUAL_TOPIC = "/racecar/deepracer/kvs_stream"
 
@@ -18,7 +16,7 @@ TOPICS: Mapping[str, Literal["camera", "chase"]] = {
     "/racecar/main_camera/zed/rgb/image_rect_color": "chase",
     "/racecar/camera/zed/rgb/image_rect_color": "camera",
 }
-"""Topics of the viewer of DeepRacer-for-Cloud."""
+"""Of the viewer of DeepRacer-for-Cloud."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +26,7 @@ class Listen:
     Attributes:
         descriptor: A bound socket.
         token: Without one, every user of this machine may use the console.
-        secrets: Of the environment of the command, such as keys to the bucket.
+        secrets: Of the command's environment, such as keys to the bucket.
     """
 
     descriptor: int
@@ -40,9 +38,5 @@ class Listen:
 
     @staticmethod
     def of_line(line: bytes) -> "Listen":
-        """Read it.
-
-        Raises:
-            RecordError: It is not such a line.
-        """
+        """Read it, or raise RecordError."""
         return from_json(Listen, json.loads(line))

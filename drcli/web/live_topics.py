@@ -1,9 +1,8 @@
 """Topics of what workers show: `workers`, and `live:RUN:WORKER:VIEW`.
 
-RUN is DR_RUN_ID, WORKER a name as in the topic `workers`, VIEW one of `camera`, `chase` (pictures),
-`scene` and `state` (JSON). A topic may be watched before its worker runs. All pages look at the
-same car of a worker: the last `POST /api/live/car` with `run_id`, `worker` and `car` (null for the
-one that has come furthest) counts.
+RUN is DR_RUN_ID, WORKER a name as in `workers`, VIEW `camera`, `chase` (pictures), `scene` or
+`state` (JSON). A topic may be watched before its worker runs. All pages look at one car of a
+worker: the last `POST /api/live/car` with `run_id`, `worker` and `car` (null: the furthest) counts.
 """
 
 import json
@@ -33,13 +32,11 @@ _TOPIC = re.compile(rf"live:(\d{{1,2}}):({WORKER_NAME.pattern}):({'|'.join(LIVE_
 
 @dataclass(frozen=True, eq=False)
 class LiveText:
-    """A scene or a state, as the worker wrote it."""
-
     text: str
 
     @staticmethod
     def of(topic: str, message: LiveMessage) -> "LiveText":
-        """The value of a message; ValueError if it is not JSON."""
+        """ValueError if it is not JSON."""
         data = {
             "step_s": message.step_s,
             "car": message.car,
@@ -53,15 +50,13 @@ class LiveText:
 
 
 class LiveViews:
-    """The topics `live:…` of all workers."""
-
     def __init__(self, shared: SharedFeed) -> None:
         self._shared = shared
         self._part = shared.part(self._take, self._gone)
         self._open: dict[tuple[int, str, LiveView], tuple[str, Publish]] = {}
 
     def open(self, topic: str, publish: Publish) -> "_LiveSource":
-        """The source of a topic; ValueError if there is no such topic."""
+        """ValueError if there is no such topic."""
         found = _TOPIC.fullmatch(topic)
         if found is None:
             raise ValueError(topic)
@@ -80,7 +75,6 @@ class LiveViews:
         self._part.watch(*worker, [view for run, name, view in self._open if (run, name) == worker])
 
     def _take(self, run_id: int, worker: str, message: LiveMessage) -> None:
-        """Called in a thread of the feed."""
         opened = self._open.get((run_id, worker, message.view))
         if opened is None:
             return
@@ -114,7 +108,6 @@ class _LiveSource:
 
 
 def present(folder: ServedFolder) -> dict[str, Any]:
-    """Runs of the folder, and the workers that can be watched."""
     runs = []
     for path in sorted((folder.directory / "data" / "runs").glob("*/run.json")):
         record = RunRecord.read(path.parent)

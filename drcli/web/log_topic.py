@@ -1,4 +1,4 @@
-"""Topics `log:RUN:NAME`: the newest lines of a log of a run, as they are written.
+"""Topics `log:RUN:NAME`: the newest lines of a log of a run.
 
 NAME is `supervisor`, `trainer`, `sim-0`, `reward-0` (prints of the reward function in sim-0) or
 `evaluation`.
@@ -23,11 +23,7 @@ LOG_S = 0.7
 KEPT_LINES = 300
 
 MOST_BYTES = 1 << 16
-"""Read at a time; of more, only the end."""
-
 LONGEST_LINE = 1_000
-"""Characters."""
-
 _TOPIC = re.compile(r"log:(\d{1,2}):(supervisor|trainer|evaluation|(?:sim|reward)-\d{1,3})")
 
 
@@ -37,8 +33,8 @@ class LogLines:
 
     Attributes:
         file: Another number when the log began anew.
-        total: Lines that were read of it so far.
-        note: Why there is no log; empty otherwise.
+        total: Lines that were read of it.
+        note: Why there is no log.
     """
 
     topic: str
@@ -48,7 +44,7 @@ class LogLines:
     note: str = ""
 
     def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
-        """`{"anew", "lines", "note"}`: lines to add, or to show instead of all before."""
+        """`{"anew", "lines", "note"}`: lines to add, or to show instead."""
         marker = (self.file, self.total, self.note)
         if since == marker:
             return None, marker
@@ -70,7 +66,6 @@ class LogReader:
         self._lines: deque[str] = deque(maxlen=KEPT_LINES)
 
     def read(self, path: Path | None, missing: str) -> LogLines:
-        """The lines so far, or `missing` as the note."""
         note = ""
         try:
             if path is None:

@@ -21,13 +21,10 @@ from drcli.web.topics import Snapshot
 
 MACHINE_S = 2.0
 NVIDIA_S = 5.0
-"""For nvidia-smi."""
 
 
 @dataclass(frozen=True)
 class Gpu:
-    """One NVIDIA GPU; null where unknown."""
-
     name: str
     percent: float | None
     memory_bytes: float | None
@@ -36,14 +33,13 @@ class Gpu:
 
 @dataclass(frozen=True)
 class Machine:
-    """What a machine has, and what of it is used.
+    """What a machine has and uses.
 
     Attributes:
-        name: Of the processor; empty if unknown.
         processor_percent: Of all cores, since the last look.
-        load: Mean number of processes that run or wait, over a minute; null where unknown.
+        load: Mean number of processes that run or wait, over a minute.
         memory_bytes: RAM, or the limit of the container.
-        disk_bytes: Of the disk of the working folder.
+        disk_bytes: Of the working folder's disk.
     """
 
     name: str
@@ -60,8 +56,7 @@ class Machine:
 class ProcessorMeter:
     """How busy all cores were since the last look, whichever thread looks.
 
-    psutil.cpu_percent remembers its last look for each thread: in a pool of threads it gives 0, or
-    the mean of a long time.
+    psutil.cpu_percent looks per thread: in a pool it gives 0, or the mean of a long time.
     """
 
     def __init__(self) -> None:
@@ -75,7 +70,7 @@ class ProcessorMeter:
 
 
 def _processor_times() -> tuple[float, float]:
-    """Seconds of all cores since the start of the machine, and those without work."""
+    """Seconds of all cores since the start, and idle ones."""
     times = psutil.cpu_times()
     # Linux counts guests in user and nice already.
     counted = {name: s for name, s in times._asdict().items() if not name.startswith("guest")}
@@ -83,7 +78,6 @@ def _processor_times() -> tuple[float, float]:
 
 
 def look(directory: Path, processor: ProcessorMeter) -> Machine:
-    """The machine now."""
     memory, disk = read_memory(), psutil.disk_usage(str(directory))
     return Machine(
         name=_processor(),
@@ -133,7 +127,6 @@ def _gpus() -> list[Gpu]:
 
 
 def _number(text: str, factor: float = 1.0) -> float | None:
-    """A number of nvidia-smi; None for "[N/A]"."""
     try:
         return float(text) * factor
     except ValueError:

@@ -36,21 +36,14 @@ EVALUATION_FIELDS = {
     "video": "DR_EVAL_SAVE_MP4",
     "opponent": "DR_EVAL_OPP_S3_MODEL_PREFIX",
 }
-"""Choices of the page, and the setting of each."""
-
 MOST_ANALYSES = 50
-"""Verdicts that are remembered."""
-
 _EPISODES = ("best", "all")
 
 
 def action_routes(
     reader: ModelReader, downloads: DownloadFolder, analyses: dict[str, Any]
 ) -> Sequence[BaseRoute]:
-    """Routes below /api/model; each takes `prefix` and answers with its task.
-
-    `analyses` gets the newest analysis of each model, by prefix.
-    """
+    """Routes below /api/model; each answers with its task."""
     folder, tasks = reader.folder, reader.folder.tasks
     directory = folder.directory
 
@@ -209,7 +202,7 @@ def _existing(reader: ModelReader, body: dict[str, Any]) -> str:
 
 
 def choice_of(body: dict[str, Any], default: str = "best") -> CheckpointChoice:
-    """The checkpoint of a request, a number or a word such as best; else BadRequest."""
+    """A number, or a word such as best; else BadRequest."""
     try:
         return parse_checkpoint(text_of(body, "checkpoint", default))
     except BadValue as error:
@@ -217,7 +210,7 @@ def choice_of(body: dict[str, Any], default: str = "best") -> CheckpointChoice:
 
 
 def film_wish(body: dict[str, Any]) -> dict[str, Any]:
-    """How a film should be; BadRequest if it cannot."""
+    """BadRequest if it cannot be so."""
     episode = text_of(body, "episode", "best")
     if episode not in _EPISODES and not (episode.isdecimal() and len(episode) < 7):
         raise BadRequest("The episode is best, all or a number.")
@@ -236,7 +229,7 @@ def film_wish(body: dict[str, Any]) -> dict[str, Any]:
 
 
 def evaluation_flags(body: dict[str, Any]) -> dict[str, str]:
-    """Settings of an evaluation that a request changes, not yet checked as settings."""
+    """Settings that a request changes, not yet checked."""
     flags = {}
     for field, name in EVALUATION_FIELDS.items():
         value = body.get(field)
@@ -249,7 +242,7 @@ def evaluation_flags(body: dict[str, Any]) -> dict[str, str]:
 
 
 def evaluation_choices(reader: ModelReader, prefix: str) -> dict[str, Any]:
-    """What an evaluation of a model can be, and what the settings say."""
+    """What an evaluation can be, and what the settings say."""
     from drcli.config.settings import catalogue
     from drcli.config.track_names import built_in, own
 
@@ -271,10 +264,10 @@ def evaluation_choices(reader: ModelReader, prefix: str) -> dict[str, Any]:
 
 
 def stop_training_of(reader: ModelReader, prefix: str) -> Any:
-    """Stop the training of a model, as dr-stop-training with its DR_RUN_ID.
+    """Stop a training as dr-stop-training does.
 
     Raises:
-        SettingsError: It is not trained on this machine.
+        SettingsError: It is not on this machine.
         WorkerDied: It is still stopping.
     """
     settings = reader.folder.settings()
@@ -308,7 +301,7 @@ def clone_model(
     """Make the next training start from this model, as dr-increment-training.
 
     Raises:
-        SettingsError: It cannot be done; nothing was changed.
+        SettingsError: Nothing was changed.
     """
     settings = reader.folder.settings()
     if prefix != settings.model_prefix:

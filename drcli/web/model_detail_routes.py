@@ -21,8 +21,6 @@ from drcli.web.model_reader import ModelReader, checked, prefix_of
 
 
 def detail_routes(reader: ModelReader) -> Sequence[BaseRoute]:
-    """Routes below /api/model; each has the model as `?prefix=`."""
-
     def overview(request: Request) -> Any:
         prefix = prefix_of(request)
         settings, bucket = reader.open(prefix)

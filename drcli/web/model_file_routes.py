@@ -21,8 +21,8 @@ REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; img-src data:; script-src 'unsafe-inline'; "
     "style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""For the report, whose own policy allows its scripts by their hashes. The sandbox has no origin, so
-a script that got into it could neither read nor ask anything of the console.
+"""The report's own policy allows its scripts by hash. The sandbox has no origin, so a script in it
+could neither read nor ask anything of the console.
 """
 
 
@@ -69,7 +69,7 @@ def file_routes(
 
 
 def _report(directory: Path, prefix: str) -> Path | None:
-    """The report of a model; a link out of the folder of reports is none."""
+    """A link out of the folder is none."""
     path = report_file(directory, prefix)
     inside = path.resolve().is_relative_to(report_folder(directory).resolve())
     return path if inside and path.is_file() else None

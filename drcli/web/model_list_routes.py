@@ -34,7 +34,7 @@ _GROUPS = {
     "logs/": "",
     "training-simtrace/": "",
 }
-"""Beginnings of names below a model, and the part of the page that shows them; the first counts."""
+"""Beginnings of names, and the part of the page that shows them; the first counts."""
 
 
 def list_routes(reader: ModelReader) -> Sequence[BaseRoute]:
@@ -62,7 +62,6 @@ def list_routes(reader: ModelReader) -> Sequence[BaseRoute]:
 
 
 def all_models(reader: ModelReader) -> dict[str, Any]:
-    """All models with their newest training, and what drives now."""
     listed, known = reader.models()
     newest: dict[str, TrainingEntry] = {}
     laps: dict[str, int] = {}

@@ -22,13 +22,13 @@ from drcli.web.answers import BadRequest
 from drcli.web.served_folder import ServedFolder
 
 NEW_S, OLD_S = 0.8, 15.0
-"""Age below which a list need not be read again, and above which it always is."""
+"""Age below which a list is not read again, and above which it always is."""
 
 LIST_SHARE = 30.0
-"""Between them: this many times as long as reading it took."""
+"""Between them: times as long as reading took."""
 
 KNOWN_SHARE = 100.0
-"""For trainings: this many times as long as reading them took."""
+"""The same for trainings."""
 
 MODEL = "DR_LOCAL_S3_MODEL_PREFIX"
 METRICS = "DR_LOCAL_S3_METRICS_PREFIX"
@@ -37,8 +37,6 @@ DESCRIPTION = "DR_MODEL_DESCRIPTION"
 
 
 class ModelReader:
-    """What the routes about models share."""
-
     def __init__(self, folder: ServedFolder) -> None:
         self.folder = folder
         self._lock = threading.Lock()
@@ -51,11 +49,10 @@ class ModelReader:
         self._known_s, self._known_took_s = -math.inf, 0.0
 
     def bucket(self, settings: Settings) -> Bucket:
-        """The bucket for reading."""
         return bucket_to_look_at(settings.transfer, upload=False)
 
     def models(self) -> tuple[ModelList, KnownTrainings]:
-        """All models and trainings, at most a moment old."""
+        """At most a moment old."""
         with self._lock:
             settings = self.folder.settings()
             bucket = self.bucket(settings)
@@ -81,7 +78,6 @@ class ModelReader:
         return self.models()[1]
 
     def _read_known(self, bucket: Bucket, listed: Listing) -> None:
-        """Read the trainings again if something has changed, and not too often."""
         # What processes do at the moment is below runs/, and changes every second.
         about = [info for info in listed if not info.key.startswith(("rollouts/", "runs/"))]
         signature = signature_of(about)
@@ -95,11 +91,14 @@ class ModelReader:
         self._known_took_s = self._known_s - now
 
     def settings_of(self, prefix: str, flags: Mapping[str, str] | None = None) -> Settings:
-        """The settings for a model, which need not be that of run.env; `flags` as options of a command."""
+        """The settings for a model, which need not be that of run.env.
+
+        `flags` count as options of a command.
+        """
         return settings_for(self.folder.directory, prefix, flags)
 
     def open(self, prefix: str) -> tuple[Settings, Bucket]:
-        """Settings and bucket of a model; BadRequest if it does not exist."""
+        """BadRequest if the model does not exist."""
         settings = self.folder.settings()
         bucket = self.bucket(settings)
         if prefix not in models_in(bucket.list(keys.folder(prefix))):
@@ -114,7 +113,6 @@ class ModelReader:
 
 
 def settings_for(directory: Path, prefix: str, flags: Mapping[str, str] | None = None) -> Settings:
-    """See `ModelReader.settings_of`."""
     plain = load_settings(directory)
     changed = dict(flags or {})
     if prefix != plain.model_prefix:
@@ -130,12 +128,11 @@ def no_model(bucket: str, prefix: str) -> BadRequest:
 
 
 def prefix_of(request: Request) -> str:
-    """`?prefix=`; BadRequest without it."""
     return checked(request.query_params.get("prefix"))
 
 
 def checked(prefix: object, what: str = "prefix") -> str:
-    """A name that a model may have; else BadRequest."""
+    """A name for a model; else BadRequest."""
     if not isinstance(prefix, str) or not keys.is_valid_prefix(prefix) or len(prefix) > 500:
         raise BadRequest(
             f"The {what} is not the name of a model: use letters, digits and . _ - and / between "

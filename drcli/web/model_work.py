@@ -1,4 +1,4 @@
-"""What tasks about models do in a process of their own: the functions of the commands."""
+"""What tasks about models do in their own process."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ from drcli.web.model_reader import settings_for
 from drcli.web.tasks import Progress
 
 DownloadKind = Literal["car", "onnx", "logs", "model", "everything"]
-"""`car`: the archive; `onnx`: a policy; `model`: without traces and videos."""
+"""`onnx`: a policy; `model`: without traces and videos."""
 
 
 def make_download(
@@ -24,7 +24,7 @@ def make_download(
     choice: CheckpointChoice,
     folder: Path,
 ) -> dict[str, Any]:
-    """Make a file; returns its path and the report of the command."""
+    """Returns the path and the report of the command."""
     settings = settings_for(directory, prefix)
     name = safe_name(prefix)
     if kind == "car":
@@ -55,7 +55,7 @@ def make_download(
 def _onnx(
     progress: Progress, settings: Any, prefix: str, choice: CheckpointChoice, folder: Path
 ) -> dict[str, Any]:
-    """A policy and its metadata, which other programs need, in one ZIP archive."""
+    """With its metadata, which other programs need."""
     import zipfile
 
     from drcli.models.export_forms import export_form, plan_form
@@ -137,9 +137,9 @@ def make_lap_video(
     wish: dict[str, Any],
     path: Path | None,
 ) -> dict[str, Any]:
-    """Film a stored evaluation as dr-video does, and put the film beside its trace.
+    """Film an evaluation as dr-video does, and put the film beside its trace.
 
-    `wish` has fields of `drcli.video.make_video.Wish`; `path` is for a film to download instead.
+    `wish` has fields of `drcli.video.make_video.Wish`; `path`: a film to download instead.
     """
     import tempfile
 

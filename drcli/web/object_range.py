@@ -1,4 +1,4 @@
-"""Answers with an object of the bucket part by part, as a browser asks for a video."""
+"""Answers with parts of an object, as a browser asks for a video."""
 
 import hashlib
 import shutil
@@ -12,11 +12,10 @@ from drcli.store.bucket import Bucket, ObjectInfo
 from drcli.web.answers import BadRequest
 
 MOST_COPIES = 8
-"""On the disk; a browser asks for parts of one again and again."""
 
 
 class ObjectCopies:
-    """Copies of objects in a folder, where those of an earlier console are deleted."""
+    """Copies of objects; those of an earlier console are deleted."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -26,9 +25,9 @@ class ObjectCopies:
     def answer(
         self, bucket: Bucket, key: str, *, media_type: str, filename: str = ""
     ) -> FileResponse:
-        """The object, or the range that the request names; a `filename` makes it a download.
+        """The object, or a range of it; `filename` makes it a download.
 
-        The caller checks `key`: every object of the bucket can be read with it.
+        The caller checks `key`: every object can be read with it.
 
         Raises:
             BadRequest: There is no such object.

@@ -35,7 +35,6 @@ class OwnFile:
 
     @property
     def text(self) -> str:
-        """What is not UTF-8 is replaced."""
         return self.data.decode("utf-8", "replace")
 
     @property
@@ -47,11 +46,7 @@ class OwnFile:
 
 
 def own_file(settings: Settings, name: str) -> OwnFile:
-    """A file that a start would take; the shipped one where it would refuse.
-
-    Raises:
-        ProblemsError: It cannot be read.
-    """
+    """The file that a start would take, or the shipped one; ProblemsError if unreadable."""
     folder = settings.custom_files_dir
     shown = display_name(folder / name, settings.directory)
     local = local_file(folder, name)
@@ -64,7 +59,6 @@ def own_file(settings: Settings, name: str) -> OwnFile:
 
 
 def values_of(file: OwnFile, rule: str) -> dict[str, Any] | None:
-    """The JSON object in a file; None where there is none."""
     try:
         return dict(read_json_object(file.data, file.shown, rule).values)
     except ProblemsError:
@@ -72,17 +66,17 @@ def values_of(file: OwnFile, rule: str) -> dict[str, Any] | None:
 
 
 def base_of(file: OwnFile, body: dict[str, Any]) -> OwnFile:
-    """The file to change: the shipped one, if the page begins again with it."""
+    """The shipped file, if the page begins again with it."""
     if body.get("shipped") is not True:
         return file
     return replace(file, data=model_file(file.name).read_bytes())
 
 
 def save_own_file(settings: Settings, name: str, data: bytes, seen: str) -> dict[str, Any]:
-    """Save a file; the old one is kept as NAME.bak. Returns its facts and what else was written.
+    """Save a file and keep the old one as NAME.bak; returns its facts and what else was written.
 
-    A training takes the shipped files only if there is none of the racer's, so the other two are
-    saved as well if they were shipped ones.
+    A training takes the shipped files only if there is none of the racer's, so the others are saved
+    as well if they were shipped ones.
 
     Raises:
         FilesChanged: The file is no longer the version `seen`.
@@ -121,7 +115,6 @@ def _elsewhere(settings: Settings) -> dict[str, InputFile]:
 
 
 def new_text(body: dict[str, Any], key: str = "text") -> bytes:
-    """The new content in a request; BadRequest without it."""
     text = body.get(key)
     if not isinstance(text, str):
         raise BadRequest(f"The request needs a text {key}.")

@@ -27,7 +27,7 @@ def _collect(folder: Traversable, at: str) -> dict[str, Traversable]:
 
 
 def page_routes() -> list[Route]:
-    """Only files that the package has, whatever the path says."""
+    """Only for files of the package, whatever the path says."""
     known = _collect(files("drcli.web") / "pages", "/")
     shared = files("drcli.analysis.report") / "assets"
     known.update({f"/{name}": shared / name for name in ("colors.css", "graph_parts.js")})

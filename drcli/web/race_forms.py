@@ -12,7 +12,7 @@ MOST_SENSORS = 20
 
 
 def wish_of_form(body: dict[str, Any], now_s: float) -> RaceWish:
-    """The race that a form describes; null or missing: the usual value.
+    """Null or missing: the usual value.
 
     Raises:
         BadRequest: The page would not send it.
@@ -53,7 +53,6 @@ def one_of_texts(body: dict[str, Any], key: str, known: tuple[str, ...], usual: 
 
 
 def number(body: dict[str, Any], key: str) -> float | None:
-    """None if it is null or missing."""
     value = body.get(key)
     if value is None:
         return None
@@ -65,7 +64,6 @@ def number(body: dict[str, Any], key: str) -> float | None:
 
 
 def whole_number(body: dict[str, Any], key: str) -> int | None:
-    """A number without a fraction; None if it is null or missing."""
     value = number(body, key)
     if value is not None and value != int(value):
         raise BadRequest(f"The {key} is not a whole number.")
@@ -73,7 +71,6 @@ def whole_number(body: dict[str, Any], key: str) -> int | None:
 
 
 def flag(body: dict[str, Any], key: str) -> bool:
-    """False if it is missing."""
     value = body.get(key, False)
     if not isinstance(value, bool):
         raise BadRequest(f"The {key} is true or false.")
@@ -81,7 +78,6 @@ def flag(body: dict[str, Any], key: str) -> bool:
 
 
 def texts(body: dict[str, Any], key: str) -> list[str]:
-    """Empty if it is missing."""
     value = body.get(key, [])
     if (
         not isinstance(value, list)

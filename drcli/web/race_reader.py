@@ -1,4 +1,4 @@
-"""Reads races once for all pages; only new ones of a listing are read."""
+"""Reads races once for all pages."""
 
 import threading
 from collections.abc import Callable
@@ -30,8 +30,6 @@ T = TypeVar("T")
 
 
 class RaceReader:
-    """What the routes about races share; `clock` gives Unix seconds."""
-
     def __init__(self, folder: ServedFolder, clock: Callable[[], float]) -> None:
         self.folder = folder
         self.clock = clock
@@ -40,12 +38,11 @@ class RaceReader:
         self._objects = RaceObjects()
 
     def open(self) -> tuple[Settings, Bucket]:
-        """The settings now, and the bucket for reading and writing."""
         settings = self.folder.settings()
         return settings, self.folder.bucket(settings)
 
     def to_look_at(self, settings: Settings) -> Bucket | None:
-        """The bucket for reading; no server is started. None if there is none yet."""
+        """For reading; starts no server. None if there is none yet."""
         found = open_running_bucket(settings.storage)
         if found is None and settings.storage.cloud != "local":
             return self.folder.bucket(settings)
@@ -59,11 +56,10 @@ class RaceReader:
         return list_races(bucket, objects=self._objects_of(settings), now_s=self.clock())
 
     def report(self, race: str) -> RaceReport:
-        """A race as `dr-race show` has it; SettingsError if there is none."""
+        """SettingsError if there is no such race."""
         return self._read(race)[0]
 
     def view(self, race: str) -> dict[str, Any]:
-        """The same for its page, with what else that shows."""
         report, more = self._read(race)
         return keys_of(report) | more
 
@@ -107,7 +103,7 @@ class RaceReader:
 
 
 def words_of(report: RaceReport) -> dict[str, str]:
-    """The sentences of the terminal about a race."""
+    """The terminal's sentences about a race."""
     return {
         "place": race_words.place(report),
         "standing": race_words.standing(report),

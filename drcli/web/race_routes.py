@@ -37,7 +37,6 @@ LOG_BYTES = 20_000
 
 
 def routes(folder: ServedFolder, clock: Callable[[], float] = time.time) -> Sequence[BaseRoute]:
-    """The topics and routes; `clock` gives Unix seconds."""
     reader = RaceReader(folder, clock)
 
     def open_races(topic: str, publish: Publish) -> Polled:
@@ -118,8 +117,6 @@ def _list_routes(reader: RaceReader) -> Sequence[BaseRoute]:
 
 
 def _race_routes(reader: RaceReader) -> Sequence[BaseRoute]:
-    """Each answers with the race as it is afterwards."""
-
     def submit(request: Request, body: dict[str, Any]) -> Any:
         settings, bucket = reader.open()
         taken = submissions.submit(
@@ -294,7 +291,6 @@ def _bucket_of(reader: RaceReader) -> Any:
 
 
 def race_of(request: Request) -> str:
-    """The id in a path; BadRequest if nothing is called so."""
     race = request.path_params["race"]
     if not is_race_id(race):
         raise BadRequest("This is not the id of a race.", 404)

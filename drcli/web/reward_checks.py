@@ -15,20 +15,20 @@ from drcli.base.installation import installation_error
 from drcli.web.answers import BadRequest
 
 PATIENCE_S = 240.0
-"""Includes the first compilation of the simulation on a busy machine."""
+"""Includes compiling the simulation on a busy machine."""
 
 COOL_DOWN_S = 0.4
-"""Between two checks, so that typing does not take a core from a training."""
+"""So that typing does not take a core from a training."""
 
 IDLE_S = 120.0
-"""Then the process ends and gives back its memory."""
+"""Then the process ends."""
 
 MOST_WAITING = 8
 MOST_PAGES = 64
 
 
 class RewardChecks:
-    """Hands reward functions to one process. Any thread may call it."""
+    """Uses one process. Any thread may call it."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -46,9 +46,9 @@ class RewardChecks:
         """Check a reward function; waits for its turn.
 
         Args:
-            page: Whose earlier requests no longer count.
+            page: Its earlier requests no longer count.
             text: The function.
-            known: Key of the course that the page has drawn.
+            known: Key of the course that the page has.
 
         Returns:
             A `LiveReport` or an error as JSON, or `{"superseded": true}`.

@@ -1,7 +1,7 @@
 """The process that checks reward functions: `python -m drcli.web.reward_process`.
 
-It reads and writes JSON lines, and ends with its input, so it never outlives the console. It keeps
-the simulation out of the console's own process.
+It reads and writes JSON lines, and ends with its input, so never outlives the console. It keeps the
+simulation out of the console.
 """
 
 import json
@@ -18,8 +18,6 @@ from drcli.web.answers import error_of, placed
 
 
 class _Requests(threading.Thread):
-    """Reads requests, and gives up the one under way when told to."""
-
     def __init__(self) -> None:
         super().__init__(daemon=True)
         self.waiting: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()

@@ -19,7 +19,6 @@ from drcli.web.served_folder import ServedFolder
 
 
 def _templates() -> list[dict[str, str]]:
-    """Shipped reward functions, each once."""
     top = model_file(REWARD_FUNCTION_FILE)
     paths = [("middle", top)]
     folder = model_file("rewards")
@@ -34,7 +33,6 @@ def _templates() -> list[dict[str, str]]:
 
 
 def _about(text: str) -> str:
-    """The first sentence of its docstring."""
     tree = ast.parse(text)
     functions = [each for each in tree.body if isinstance(each, ast.FunctionDef)]
     documents = [ast.get_docstring(tree), *map(ast.get_docstring, reversed(functions))]

@@ -1,4 +1,4 @@
-"""Topics `run:N` (state) and `iterations:N` (learning curve) of the run with DR_RUN_ID N."""
+"""Topics `run:N` (state) and `iterations:N` (learning curve); N is DR_RUN_ID."""
 
 import math
 import threading
@@ -22,10 +22,7 @@ from drcli.web.served_folder import ServedFolder
 from drcli.web.topics import Rows, Snapshot, Value
 
 RUN_S = 1.0
-"""As in the display of a terminal."""
-
 NEW_S = 0.8
-"""Age below which a report is not read again."""
 
 
 class RunReader:
@@ -39,7 +36,6 @@ class RunReader:
         self._read_s = -math.inf
 
     def report(self) -> RunReport:
-        """The state of the last second."""
         with self._lock:
             if self._report is None or time.monotonic() - self._read_s > NEW_S:
                 settings = self._folder.settings()
@@ -50,7 +46,7 @@ class RunReader:
             return self._report
 
     def history(self) -> list[IterationRecord]:
-        """All iterations, also of a model that only another machine trains."""
+        """Also of a model that only another machine trains."""
         report = self.report()
         if report.state != "none" or self._run_id is None:
             return report.history
@@ -60,13 +56,13 @@ class RunReader:
 
 
 def without_history(report: RunReport) -> dict[str, Any]:
-    """A report without its iterations, which have their own topic."""
+    """Iterations have their own topic."""
     kept = [field.name for field in fields(report) if field.name != "history"]
     return {name: getattr(report, name) for name in kept} | {"dead": report.dead}
 
 
 def _run_id(topic: str) -> int | None:
-    """None for that of run.env; ValueError if it is not a number."""
+    """None for that of run.env."""
     text = topic.partition(":")[2]
     number = int(text) if text else None
     if number is not None and not 0 <= number <= 99:

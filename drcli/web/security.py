@@ -1,8 +1,8 @@
 """Checks Host, Origin and token of every request before anything else.
 
 Against pages of other sites that send requests here (CSRF, also over a WebSocket): their Origin is
-not ours. Against a name of an attacker that suddenly leads to this machine (DNS rebinding): its Host
-is not ours and has no cookie of ours.
+not ours. Against names of an attacker that suddenly lead to this machine (DNS rebinding): their
+Host is not ours and has no cookie.
 """
 
 import asyncio
@@ -22,13 +22,13 @@ from drcli.web.enter_page import GET_LINK, STYLE, enter_page
 from drcli.web.listen import ENTER, STREAM
 
 LOOPBACK = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]{1,5})?")
-"""Names that only this machine can use. Any port: ssh may forward it."""
+"""Only this machine can use them. Any port: ssh may forward it."""
 
 MOST_TRIES = 10
-"""Wrong tokens of an address in a minute; then it waits."""
+"""Per minute and address."""
 
 KEPT_S = 365 * 86_400
-"""Of the token. Browsers keep no cookie longer than 400 days."""
+"""Browsers keep no cookie longer than 400 days."""
 
 MOST_ADDRESSES = 1000
 POLICY = "; ".join(
@@ -68,11 +68,11 @@ _REMEDY = "Start it again with `dr-start-viewer`, then repeat what you did."
 
 
 class Guard:
-    """ASGI middleware that refuses requests of strangers.
+    """ASGI middleware that refuses strangers.
 
     Args:
         token: None: every user of this machine may use the console.
-        here_only: Only this machine can reach it, as without a token. It then answers only to names
+        here_only: Only this machine can reach it, as without a token. Then it answers only to names
             of this machine, and nobody who guesses must wait: all users share one address.
     """
 
@@ -112,7 +112,6 @@ class Guard:
                 await JSONResponse({"error": found}, 503)(scope, receive, send_guarded)
 
     def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str] | None:
-        """Status and sentence; None if the request may pass."""
         hosts = headers.getlist("host")
         host = hosts[0].lower() if len(hosts) == 1 else ""
         if not host or (self._here_only and not LOOPBACK.fullmatch(host)):
@@ -131,7 +130,7 @@ class Guard:
         return 401, NEEDS_TOKEN
 
     def _is_admitted(self, scope: Scope, headers: Headers) -> bool:
-        """Whether the token is in its cookie or, as players have none, its address."""
+        """Players have no cookie, but an address."""
         if self._token is None or self._knows(self._given(headers)):
             return True
         given = _token_in(scope) if scope["path"] == STREAM else ""
@@ -150,7 +149,6 @@ class Guard:
         )
 
     async def _enter(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Give the cookie for the right token, or ask for it."""
         given = _token_in(scope)
         response: Response
         if not given:

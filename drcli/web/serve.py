@@ -20,10 +20,9 @@ from drcli.web.viewer_process import log_path
 LOG_BYTES = 4 << 20
 
 IDLE_S = 15
-"""Then an idle connection is closed, and a WebSocket is pinged."""
+"""Then a connection is closed, or a WebSocket pinged."""
 
 GRACE_S = 0.8
-"""For requests when the console is stopped."""
 
 
 def main() -> None:
@@ -45,7 +44,7 @@ def main() -> None:
 
 
 class ConsoleServer(uvicorn.Server):
-    """Ends requests itself: uvicorn reports those that it cancels as errors."""
+    """Ends requests itself: uvicorn reports cancelled ones as errors."""
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         cancelling = asyncio.get_running_loop().call_later(GRACE_S, self._cancel_requests)
@@ -67,7 +66,7 @@ class ConsoleServer(uvicorn.Server):
 
 
 def server_of(app: ASGIApp) -> uvicorn.Server:
-    """A server with the limits of the console, for a bound socket."""
+    """For a bound socket."""
     return ConsoleServer(
         uvicorn.Config(
             app,

@@ -14,15 +14,14 @@ from drcli.web.shared_feed import SharedFeed
 from drcli.web.tasks import Tasks
 
 PATIENCE_S = 5.0
-"""For a bucket that does not answer."""
 
 
 @dataclass(eq=False)
 class ServedFolder:
-    """What the routes of the console use.
+    """What the routes share.
 
     Attributes:
-        live: What the workers on this machine show.
+        live: What workers here show.
         at_end: Called when the console ends.
     """
 
@@ -37,9 +36,8 @@ class ServedFolder:
         self.live = SharedFeed(self.directory)
 
     def settings(self) -> Settings:
-        """The settings as the files are now."""
         return load_settings(self.directory)
 
     def bucket(self, settings: Settings) -> Bucket:
-        """The bucket; the embedded server is started if it does not run."""
+        """Starts the embedded server if needed."""
         return open_bucket(settings.storage, patience_s=PATIENCE_S)

@@ -22,11 +22,11 @@ SYSTEM = "system.env"
 
 @dataclass(frozen=True)
 class FolderFiles:
-    """The settings files of a working folder now.
+    """The settings files of a working folder.
 
     Attributes:
         run_file: The active run.env, below the folder.
-        versions: By name; empty for a file that does not exist.
+        versions: By name; empty for a missing file.
         entries: By file and name.
     """
 
@@ -36,11 +36,7 @@ class FolderFiles:
 
     @staticmethod
     def read(directory: Path) -> "FolderFiles":
-        """Read both files without wrong lines.
-
-        Raises:
-            ProblemsError: There is no run.env, or no such experiment.
-        """
+        """Leaves out wrong lines; ProblemsError if there is no run.env or experiment."""
         directory = directory.absolute()
         run_file = active_run_file(directory)
         files = SettingsFiles(directory)
@@ -88,7 +84,7 @@ def shown_problems(problems: tuple[Problem, ...]) -> list[Problem]:
 
 
 def is_secret(name: str, text: str) -> bool:
-    """Whether a value may be replaced, but not shown."""
+    """May be replaced, but not shown."""
     return hidden(name, "x") == HIDDEN or hidden(name, text) != text
 
 
@@ -125,7 +121,7 @@ def _field(
 
 
 def written_values(directory: Path, names: list[str]) -> dict[str, str | None]:
-    """What the files have, with secrets hidden."""
+    """Secrets are hidden."""
     files = FolderFiles.read(directory)
     found: dict[str, str | None] = {}
     for name in names:

@@ -38,7 +38,7 @@ def _texts(body: Mapping[str, Any], key: str) -> dict[str, str]:
 
 
 def _wanted(body: Mapping[str, Any]) -> dict[str, str]:
-    """New values by name; only settings, because a shell may run other lines."""
+    """Only settings, because a shell may run other lines."""
     values = _texts(body, "values")
     for name, value in values.items():
         if name not in catalogue() or "\0" in value:
@@ -91,7 +91,6 @@ def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
         return {**plain(edit), "versions": FolderFiles.read(folder.directory).versions}
 
     def _known(seen: dict[str, str]) -> dict[str, str]:
-        """Versions of files that a change may touch."""
         files = FolderFiles.read(folder.directory)
         return {name: version for name, version in seen.items() if name in files.versions}
 

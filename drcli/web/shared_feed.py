@@ -1,4 +1,4 @@
-"""One connection to each live worker for everything in the console that shows it.
+"""One connection to each live worker for everything in the console.
 
 Workers are asked for the union of what is looked at, so five pages cost as much as one.
 """
@@ -15,28 +15,23 @@ OnGone = Callable[[int, str], None]
 
 
 class Feed(Protocol):
-    """Of `LiveFeed`."""
-
     def watch(
         self, run_id: int, worker: str, views: Iterable[LiveView], car: int | None = None
     ) -> None:
-        """Say what to watch."""
+        """See `LiveFeed`."""
 
     def workers(self) -> list[LiveWorker]:
-        """The workers now."""
+        """See `LiveFeed`."""
 
     def close(self) -> None:
-        """End connections."""
+        """See `LiveFeed`."""
 
 
 OpenFeed = Callable[[Path, OnMessage, OnGone], Feed]
 
 
 class SharedFeed:
-    """The live workers of a working folder. Any thread may use it.
-
-    `open_feed` is called at the first look; the feed stays until `close`.
-    """
+    """The live workers of a folder; thread-safe. The feed opens at the first look."""
 
     def __init__(self, directory: Path, open_feed: OpenFeed = LiveFeed) -> None:
         self._directory, self._open_feed = directory, open_feed
@@ -52,7 +47,7 @@ class SharedFeed:
 
         Args:
             on_message: Gets what any part watches, in a thread of the feed.
-            on_gone: Called when the connection to a worker has ended.
+            on_gone: Called when a worker's connection has ended.
         """
         part = FeedPart(self, on_message, on_gone)
         with self._lock:
@@ -63,11 +58,11 @@ class SharedFeed:
         return self._opened().workers()
 
     def car(self, run_id: int, worker: str) -> int | None:
-        """The car that was chosen; None for the one that has come furthest."""
+        """None for the one that has come furthest."""
         return self._cars.get((run_id, worker))
 
     def look_at(self, run_id: int, worker: str, car: int | None) -> None:
-        """Choose the car of a worker for all who look."""
+        """For all who look."""
         with self._lock:
             if car is None:
                 self._cars.pop((run_id, worker), None)
@@ -76,7 +71,6 @@ class SharedFeed:
         self.ask((run_id, worker))
 
     def ask(self, key: WorkerKey) -> None:
-        """Tell the feed what all parts want of a worker."""
         # In one block: a wish must not overtake a later one. `watch` only sends some bytes.
         feed = self._opened()
         with self._lock:
@@ -114,7 +108,7 @@ class SharedFeed:
 
 
 class FeedPart:
-    """A share of a `SharedFeed`, used like a `LiveFeed`."""
+    """Used like a `LiveFeed`."""
 
     def __init__(self, shared: SharedFeed, on_message: OnMessage, on_gone: OnGone) -> None:
         self.on_message, self.on_gone = on_message, on_gone
@@ -124,7 +118,7 @@ class FeedPart:
     def watch(
         self, run_id: int, worker: str, views: Iterable[LiveView], car: int | None = None
     ) -> None:
-        """Say what this part watches of a worker; `car` is chosen for all who look."""
+        """Replace what it watches of a worker; `car` is chosen for all who look."""
         key, wanted = (run_id, worker), frozenset(views)
         if wanted:
             self._wanted[key] = wanted

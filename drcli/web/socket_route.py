@@ -12,22 +12,16 @@ from drcli.web.topics import Message, text_message
 
 MOST_CLIENTS = 64
 LONGEST_REQUEST = 16_384
-"""Characters."""
-
 LONGEST_TOPIC = 200
-"""Characters; some have a model's name."""
-
 SEND_S = 20.0
-"""For one message; then the connection is closed, and the page opens another."""
+"""Then the connection is closed, and the page opens another."""
 
 QUIET_S = 15.0
 """Then the page is told that the connection lives."""
 
 PAUSE_S = 0.05
-"""Between two messages of a page."""
-
 _TRY_LATER, _BAD_DATA = 1013, 1007
-"""Codes of RFC 6455."""
+"""RFC 6455."""
 
 
 class SocketRoute:
@@ -83,7 +77,6 @@ _ALIVE = text_message("alive", None)
 
 
 def _topics_of(text: Any) -> set[str] | None:
-    """None if the message is wrong."""
     if not isinstance(text, str) or len(text) > LONGEST_REQUEST:
         return None
     try:

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 LONGEST_MINUTES = 10_000_000
 LONGEST_LAP_S = 10_000.0
-"""As for `dr-start-training --max-minutes`."""
-
 MOST_LAPS = 100_000
 
 LARGEST_SEED = 2**32 - 1
@@ -50,7 +48,7 @@ def _whole(body: dict[str, Any], key: str, low: int, high: int) -> int | None:
 
 
 def _options(body: dict[str, Any], settings: Settings) -> "StartOptions":
-    """Deleting or continuing a model must be confirmed with its name."""
+    """Deleting or continuing a model needs its name as confirmation."""
     from drcli.runs.plan import StartOptions
 
     how = body.get("how", "new")

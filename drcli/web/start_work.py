@@ -14,10 +14,7 @@ if TYPE_CHECKING:
 def start_training(
     progress: Progress, settings: Settings, options: "StartOptions", fetches: bool
 ) -> dict[str, Any]:
-    """Check everything and start a training, as `dr-start-training -q` does.
-
-    `fetches` lets missing community tracks be fetched.
-    """
+    """As `dr-start-training -q`; `fetches` missing community tracks."""
     from drcli.runs import plan, training
     from drcli.runs.track_fetch import fetch, missing_tracks
 

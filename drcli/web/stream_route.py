@@ -1,7 +1,7 @@
 """Pictures of a worker as MJPEG at `/stream`, for scripts written for DeepRacer-for-Cloud.
 
-The parameters are those of its viewer: topic, quality, width and height; `worker` chooses a
-simulation worker. A stream stays open while no worker runs.
+Its viewer's parameters: topic, quality, width and height; `worker` chooses another. A stream stays
+open while no worker runs.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ from drcli.web.listen import STREAM, TOPICS, USUAL_TOPIC
 from drcli.web.served_folder import ServedFolder
 
 MOST_STREAMS = 8
-"""Each may take time of a core to draw pictures anew."""
+"""Each may use a core to draw pictures."""
 
 BOUNDARY = "picture"
 
@@ -37,24 +37,21 @@ USUAL_QUALITY = 75
 
 
 class Feed(Protocol):
-    """Of `LiveFeed`."""
-
     def watch(
         self, run_id: int, worker: str, views: Sequence[LiveView], car: int | None = None
     ) -> None:
-        """Say what to watch."""
+        """See `LiveFeed`."""
 
     def close(self) -> None:
-        """End connections."""
+        """See `LiveFeed`."""
 
 
 Key = tuple[int, str, LiveView]
-"""DR_RUN_ID, worker, view."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a request asks for; None: the size of the worker."""
+    """None: the size of the worker."""
 
     key: Key
     width: int | None = None
@@ -109,7 +106,7 @@ class _Stream:
 
 
 class Streams:
-    """All open streams; the feed ends with the last one."""
+    """The feed ends with the last one."""
 
     def __init__(self, open_feed: Callable[[Callable[[int, str, LiveMessage], None]], Feed]):
         self._open_feed = open_feed
@@ -118,7 +115,7 @@ class Streams:
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def open(self, key: Key) -> _Stream:
-        """Begin a stream; BadRequest if there are too many."""
+        """BadRequest if there are too many."""
         if len(self._streams) >= MOST_STREAMS:
             raise BadRequest(f"{MOST_STREAMS} streams are open already; close one.", 503)
         self._loop = asyncio.get_running_loop()
@@ -140,7 +137,7 @@ class Streams:
             self._feed = None
 
     async def pictures(self, stream: _Stream, wanted: Wanted) -> AsyncIterator[bytes]:
-        """Parts of the answer: the newest picture whenever the last one has been taken."""
+        """The newest picture whenever the last one has been taken."""
         while True:
             await stream.wake.wait()
             stream.wake.clear()
@@ -164,7 +161,6 @@ class Streams:
         self._feed.watch(run_id, worker, views)
 
     def _take(self, run_id: int, worker: str, message: LiveMessage) -> None:
-        """Called in a thread of the feed."""
         loop = self._loop
         if message.view in ("camera", "chase") and loop is not None and not loop.is_closed():
             loop.call_soon_threadsafe(self._give, (run_id, worker, message.view), message)
@@ -177,8 +173,6 @@ class Streams:
 
 
 class _Answer(StreamingResponse):
-    """Closes its stream at the end, however that comes."""
-
     def __init__(self, streams: Streams, stream: _Stream, wanted: Wanted) -> None:
         media_type = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
         super().__init__(streams.pictures(stream, wanted), media_type=media_type)

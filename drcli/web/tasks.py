@@ -1,7 +1,7 @@
 """What was started on the page and takes longer than an answer may.
 
-A task calls the same function as the command. Tasks that the end of a console cuts short are in its
-log, and in the list of the next console.
+Tasks call the functions of commands. Those that the end of a console cuts short are in its log, and
+in the next console's list.
 """
 
 import itertools
@@ -24,14 +24,8 @@ from drcli.web.topics import Snapshot
 _logger = get_logger(__name__)
 
 MOST_KEPT = 50
-"""The oldest that have ended are forgotten."""
-
 MOST_AT_ONCE = 12
-"""Most wait for another process."""
-
 MOST_WAITING = 40
-"""More are refused."""
-
 CLOSING_S = 1.0
 _STOPPED = "The console was stopped before this was done."
 
@@ -40,7 +34,7 @@ _GOES_ON = "The console was stopped while this was under way; it goes on without
 TaskState = Literal["waiting", "running", "done", "failed"]
 
 Progress = Callable[[str], None]
-"""Shows a short sentence."""
+"""Shows a sentence."""
 
 
 @dataclass(frozen=True)
@@ -49,13 +43,13 @@ class Task:
 
     Attributes:
         kind: Such as "start-training".
-        subject: Prefix of its model; empty for none.
+        subject: Prefix of its model, if any.
         title: One line for people.
-        text: What it does now, or how it ended.
+        text: What it does, or how it ended.
         result: Null before its end.
-        error: As of an answer that failed; null otherwise.
+        error: As of an answer that failed.
         began: Unix seconds.
-        ended: Unix seconds; null while it runs.
+        ended: Unix seconds.
         goes_on: Whether it is completed even if the console ends.
     """
 
@@ -88,10 +82,10 @@ class _AllCutShort:
 
 
 class Tasks:
-    """The tasks of a console, in threads. Any thread may call its methods."""
+    """Runs in threads. Any thread may call it."""
 
     def __init__(self, publish: Callable[[str, Snapshot], None], kept: Path | None = None) -> None:
-        """Take over the tasks in the file `kept`, which the last console's end cut short."""
+        """Take over tasks in `kept` that the last console's end cut short."""
         self._publish = publish
         self._kept = kept
         self.closing = threading.Event()
@@ -112,9 +106,9 @@ class Tasks:
         *,
         goes_on: bool = False,
     ) -> Task:
-        """Run a function in a thread; `kind` and the others as in `Task`.
+        """Run a function in a thread, as a `Task`.
 
-        Its result is a dataclass or plain data; a `DrError` becomes the task's error.
+        It returns a dataclass or plain data; a `DrError` becomes the task's error.
 
         Raises:
             BadRequest: The same is under way, or too much is, or the console ends.
@@ -148,15 +142,14 @@ class Tasks:
         return task
 
     def snapshot(self) -> Snapshot:
-        """All tasks, the newest first."""
         with self._lock:
             tasks = sorted(self._tasks.values(), key=lambda task: -task.id)
         return Snapshot.of("tasks", {"tasks": tasks})
 
     def close(self) -> None:
-        """Wait a moment for the tasks that run, and note those that are cut short.
+        """Wait a moment for tasks, and note those that are cut short.
 
-        Call it after setting `closing` and ending the processes of tasks.
+        Call it after setting `closing` and ending their processes.
         """
         with self._lock:
             self.closing.set()

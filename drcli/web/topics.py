@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from drcli.base.plain_json import plain
 
 Marker = Any
-"""What a client has already got; only the topic's value reads it."""
+"""What a client has got; only the topic's value reads it."""
 
 Message = str | bytes
 """JSON, or a picture with its header, see `Picture`."""
@@ -16,7 +16,7 @@ Message = str | bytes
 
 class Value(Protocol):
     def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
-        """What is new since a marker (None: all), or None; and the new marker."""
+        """What is new since a marker, or None; and the new marker."""
 
 
 def text_message(topic: str, data: Any) -> str:
@@ -25,7 +25,7 @@ def text_message(topic: str, data: Any) -> str:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A small value, sent as a whole when it has changed."""
+    """Sent as a whole when it has changed."""
 
     topic: str
     text: str
@@ -82,11 +82,7 @@ def _row_text(row: Any) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A JPEG picture: two bytes with the length of a JSON header, the header, the picture.
-
-    Attributes:
-        facts: For the header, such as the time of the step.
-    """
+    """A JPEG picture: two bytes with the length of a JSON header, the header, the picture."""
 
     topic: str
     jpeg: bytes

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 OUTLINE_POINTS = 90
-"""Of a border."""
 
 
 def _thinned(border: "NDArray[np.float64]") -> list[list[float]]:
@@ -29,7 +28,6 @@ def _thinned(border: "NDArray[np.float64]") -> list[list[float]]:
 
 
 def _outline(name: str, folder: Path) -> dict[str, Any] | None:
-    """None where its file cannot be read any more."""
     import numpy as np
 
     from drsim.errors import TrackError

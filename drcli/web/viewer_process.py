@@ -24,19 +24,17 @@ from drcli.web.listen import ENTER, Listen
 from drcli.web.web_extra import require_web
 
 READY_S = 60.0
-"""On a machine whose cores are busy."""
-
 STOPPING_S = 10.0
 
 PORT_S = 2.0
-"""For the port of an earlier console; then another one is used."""
+"""For an earlier console's port; then another is used."""
 
 _LEAST_TOKEN = 16
 
 
 @dataclass(frozen=True)
 class ViewerRecord:
-    """A console that was started: `began_s` as in `drcli.base.process_identity`."""
+    """`began_s` as in `drcli.base.process_identity`."""
 
     pid: int
     began_s: float
@@ -72,11 +70,11 @@ class ViewerReport:
 
 
 def start_viewer(directory: Path, config: WebConfig, *, again: bool = False) -> ViewerReport:
-    """Start the console of a working folder; `again` ends one that runs, which is otherwise kept.
+    """Start the console of a folder; `again` first ends one that runs.
 
     Raises:
         NotAvailable: The extra `web` is not installed.
-        SettingsError: The port is taken, or the console does not start.
+        SettingsError: The port is taken, or it does not start.
         OSError: The folder cannot be written.
     """
     require_web()
@@ -148,11 +146,7 @@ def _start(directory: Path, config: WebConfig, bound: socket.socket) -> ViewerRe
 
 
 def stop_viewer(directory: Path) -> ViewerRecord | None:
-    """Stop the console; None if none runs.
-
-    Raises:
-        SettingsError: It does not end.
-    """
+    """Stop the console, or raise SettingsError; None if none runs."""
     record = running_viewer(directory)
     if record is None:
         with suppress(OSError):  # a stale record is harmless
@@ -186,7 +180,6 @@ def report_of(record: ViewerRecord, *, started: bool) -> ViewerReport:
 
 
 def _own_address() -> str:
-    """The address under which other machines most likely reach this one."""
     with suppress(OSError), socket.socket(type=socket.SOCK_DGRAM) as probe:
         # Nothing is sent: this only asks which address would be used. Source: RFC 5737, an
         # address for documentation.
@@ -204,7 +197,7 @@ def _record_path(directory: Path) -> Path:
 
 
 def _own_token(directory: Path) -> str:
-    """It stays the same, so that bookmarks and cookies do."""
+    """Stays the same, so that bookmarks and cookies do."""
     path = directory / "data" / "viewer" / "token.json"
     known = load_record(_Token, path)
     if known is not None and len(known.token) >= _LEAST_TOKEN:
@@ -215,9 +208,9 @@ def _own_token(directory: Path) -> str:
 
 
 def _bound(config: WebConfig, usual: int) -> socket.socket:
-    """A socket at the port of the settings; if nobody chose one, at the usual or any other port.
+    """A socket at the chosen port; without a choice, at the usual or any other.
 
-    The console gets this socket, so no other program can take the port in between.
+    The console gets this socket, so nobody can take the port in between.
     """
     family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
     reason = ""
@@ -239,7 +232,7 @@ def _bound(config: WebConfig, usual: int) -> socket.socket:
 
 
 def _answers(host: str, port: int) -> bool:
-    """Whether the console answers, and not only the system for it."""
+    """The console itself, not only the system for it."""
     target = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
     connection = http.client.HTTPConnection(target, port, timeout=2.0)
     try:
