@@ -1,9 +1,9 @@
-"""Messages from packages below the command line: a command shows them, a worker logs them."""
+"""Messages from below the command line: a command shows them, a worker logs them."""
 
 from collections.abc import Callable
 
 QUIET_S = 1.0
-"""Shortest wait that is worth a message, seconds."""
+"""Shortest wait that is worth a message."""
 
 
 def _ignore(_text: str) -> None:
@@ -11,7 +11,6 @@ def _ignore(_text: str) -> None:
 
 
 show: Callable[[str], None] = _ignore
-"""Takes a sentence about what the program waits for."""
+"""Says what the program waits for."""
 
 warn: Callable[[str], None] = _ignore
-"""Takes a warning."""

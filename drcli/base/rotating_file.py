@@ -1,4 +1,4 @@
-"""A text file of limited size that its process writes line by line."""
+"""A text file of limited size."""
 
 import os
 import threading
@@ -9,14 +9,14 @@ from drcli.base import log_files
 from drcli.base.file_lock import leads_to
 
 LONGEST_LINE = 64 << 10
-"""Characters of an unfinished line that wait in memory for its end."""
+"""Of an unfinished line in memory."""
 
 
 class RotatingFile:
-    """Appends lines to a file; with its older parts it has `max_bytes`.
+    """Appends lines; with older parts it has `max_bytes`. Any thread may write.
 
-    The file appears with its first line. Several processes may append to it: each line is written
-    at once. On a full disk, lines are lost and nothing fails. Any thread may write.
+    Several processes may append: each line is written at once. On a full disk, lines are lost and
+    nothing fails.
     """
 
     def __init__(self, path: Path, max_bytes: int) -> None:
@@ -27,7 +27,7 @@ class RotatingFile:
         self._lock = threading.Lock()
 
     def write(self, text: str) -> None:
-        """Write a text; the part after its last line end waits for more."""
+        """The part after the last line end waits."""
         with self._lock:
             text = self._unfinished + text
             end = len(text) if len(text) > LONGEST_LINE else text.rfind("\n") + 1
@@ -36,7 +36,7 @@ class RotatingFile:
                 self._append(text[:end])
 
     def close(self) -> None:
-        """Write what waits, and close the file; the next text opens it again."""
+        """The next text opens it again."""
         with self._lock:
             if self._unfinished:
                 self._append(self._unfinished + "\n")

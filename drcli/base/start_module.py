@@ -1,6 +1,6 @@
 """Runs another module as a program: `python -P -m drcli.base.start_module MODULE ARGUMENTS`.
 
-Until that module calls `search_as_usual`, its imports take less time.
+Until that calls `search_as_usual`, imports are faster.
 """
 
 import runpy

@@ -1,4 +1,4 @@
-"""Lets SIGTERM and the end of the terminal end a piece of work with cleanup, as Ctrl-C does."""
+"""Lets SIGTERM and the end of the terminal end work with cleanup, as Ctrl-C does."""
 
 import signal
 from collections.abc import Callable, Iterator, Mapping
@@ -9,10 +9,9 @@ from typing import Any, ClassVar
 from drcli.base.errors import DrError
 
 STOPS = (signal.SIGTERM, signal.SIGHUP)
-"""Signals that ask a program to stop; the second comes when its terminal closes."""
+"""SIGHUP comes when the terminal closes."""
 
 Handlers = Mapping[signal.Signals, Any]
-"""What handles signals, as `signal.signal` takes it."""
 
 
 class Stopped(DrError):
@@ -23,39 +22,33 @@ class Stopped(DrError):
 
 
 class _Terminated(BaseException):
-    """A signal came. Not an Exception, so that `except Exception` does not catch it."""
+    """Not an Exception, so that `except Exception` does not catch it."""
 
 
 def handle(
     handler: Callable[[int, FrameType | None], object],
     numbers: tuple[signal.Signals, ...] = (signal.SIGINT, *STOPS),
 ) -> Handlers:
-    """Let a function handle Ctrl-C and what asks this program to stop; only in the main thread.
+    """Handle Ctrl-C and `STOPS`; only in the main thread.
 
-    An ignored SIGHUP stays ignored, because `nohup` has started a program that is to go on without
-    its terminal.
+    Returns what did so before, for `restore`.
 
-    Returns:
-        What handled these signals before, for `restore`.
+    An ignored SIGHUP stays ignored, because of `nohup`.
     """
     kept = {signal.SIGHUP} if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else set()
     return {each: signal.signal(each, handler) for each in numbers if each not in kept}
 
 
 def restore(before: Handlers) -> None:
-    """Let signals do what they did before."""
     for number, handler in before.items():
         signal.signal(number, handler)
 
 
 class NotedSignals:
-    """Notes these signals while its `with` block runs, for work that ends at its own pace.
-
-    Only in the main thread.
+    """Notes signals in its `with` block, for work that ends at its own pace; in the main thread.
 
     Attributes:
-        first: The first signal; None before one.
-        count: How many have come. SIGHUP counts as the first only: a shell repeats it.
+        count: SIGHUP counts as the first only: a shell repeats it.
     """
 
     def __init__(self) -> None:
@@ -63,12 +56,10 @@ class NotedSignals:
         self.count = 0
 
     def __enter__(self) -> "NotedSignals":
-        """Note signals from now on."""
         self._before = handle(self._note)
         return self
 
     def __exit__(self, *_error: object) -> None:
-        """Let signals do what they did before."""
         restore(self._before)
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
@@ -82,7 +73,7 @@ class NotedSignals:
 
         Raises:
             KeyboardInterrupt: Ctrl-C has.
-            Stopped: Another one has. It has this message and remedy.
+            Stopped: Another one has.
         """
         if self.first == signal.SIGINT:
             raise KeyboardInterrupt
@@ -92,11 +83,7 @@ class NotedSignals:
 
 @contextmanager
 def until_sigterm(message: str, remedy: str) -> Iterator[None]:
-    """Let SIGTERM or SIGHUP end the `with` block; only in the main thread.
-
-    Raises:
-        Stopped: One of them came. It has this message and remedy.
-    """
+    """Let SIGTERM or SIGHUP end the `with` block as Stopped; only in the main thread."""
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         for each in before:

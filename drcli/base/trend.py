@@ -1,44 +1,42 @@
-"""Tells steady growth of a quantity, such as the memory of a process, from ups and downs."""
+"""Tells steady growth, such as of memory, from ups and downs."""
 
 from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
 
 MOST_SAMPLES = 720
-"""After so many samples, every second one is dropped, and samples are taken half as often."""
+"""Then every second one is dropped, and sampling is half as frequent."""
 
 PARTS = 6
-"""A time is divided into so many parts, and the lowest value of each part must be higher than that
-of the part before. Noise does that in one of 720 times."""
+"""The lowest value of each part of a time must be higher than that of the one before. Noise does
+that in one of 720 times.
+"""
 
 LEAST_SAMPLES = 3 * PARTS
 
 
 @dataclass(frozen=True)
 class Growth:
-    """Steady growth: from one value to another within some seconds."""
-
     begin: float
     end: float
     seconds: float
 
     @property
     def per_s(self) -> float:
-        """Growth in one second."""
         return (self.end - self.begin) / self.seconds
 
 
 class Trend:
-    """Collects samples of one quantity for any time, in bounded memory."""
+    """Samples one quantity in bounded memory."""
 
     def __init__(self, least_s: float = 120.0) -> None:
-        """Begin; growth over less than `least_s` seconds is not looked at."""
+        """Growth over less than `least_s` does not count."""
         self._least_s = least_s
         self._samples: deque[tuple[float, float]] = deque()
         self._every_s = 0.0
 
     def add(self, now_s: float, value: float) -> None:
-        """Add a sample, unless the last one is too near."""
+        """Unless the last sample is too near."""
         samples = self._samples
         if samples and now_s - samples[-1][0] < self._every_s:
             return
@@ -49,17 +47,13 @@ class Trend:
 
     @property
     def seconds(self) -> float:
-        """Time from the first sample to the last."""
         return self._samples[-1][0] - self._samples[0][0] if self._samples else 0.0
 
     def growth(self, least: float, share: float = 0.0) -> Growth | None:
-        """The steady growth that goes on now; None if there is none.
+        """The steady growth that goes on now, or None.
 
-        The last half of the time is looked at, then the last quarter, and so on.
-
-        Args:
-            least: Least growth in that time.
-            share: Least growth as a share of the value at its begin.
+        Looks at the last half of the time, then the last quarter, and so on. `share` is of the
+        value at the begin.
         """
         span_s = self.seconds / 2.0
         while span_s >= self._least_s:

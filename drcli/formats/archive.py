@@ -1,7 +1,7 @@
-"""Reads ZIP and tar archives that anybody may have made, in memory: nothing is extracted to a folder.
+"""Reads ZIP and tar archives of anybody in memory; nothing is extracted.
 
-Python's `tarfile` takes a damaged header for the end of the archive, and reads headers of any size.
-This reader refuses what it does not expect; it knows ustar, GNU and pax.
+Python's `tarfile` takes a damaged header for the end, and reads headers of any size. This reader
+refuses what it does not expect; it knows ustar, GNU and pax.
 """
 
 import lzma
@@ -30,14 +30,12 @@ from drcli.formats.pickles import is_pickle, is_weight_file
 
 ENDINGS = (".tar.gz", ".tgz", ".tar", ".tar.bz2", ".tbz2", ".tar.xz", ".txz", ".zip")
 LARGEST_MEMBER_BYTES = 512 << 20
-"""The largest checkpoint of the reference has about 230 MB."""
+"""The reference's largest checkpoint has about 230 MB."""
 
 MOST_MEMBERS = 10_000
 
 _LONGEST_NAME = 1024
 _LARGEST_HEADER_BYTES = 1 << 20
-"""Of a header with a long name or other attributes."""
-
 _BLOCK = 512
 _REGULAR, _CONTIGUOUS, _FOLDER = b"0", b"7", b"5"
 _GNU_NAME, _GNU_LINK, _PAX, _PAX_GLOBAL = b"L", b"K", b"x", b"g"
@@ -59,22 +57,20 @@ _ZIP_DAMAGE = (
     *(zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, ValueError, struct.error),
     *(zlib.error, lzma.LZMAError, OSError),  # OSError: what is wrong with a bzip2 stream
 )
-"""What `zipfile` raises for a damaged archive."""
-
 _REMEDY = "Use another archive, or pack the model's files again with `tar czf NAME.tar.gz FILES`."
 
 
 def read_archive(path: Path) -> dict[str, bytes]:
-    """Read all files of an archive but those that programs leave behind, such as `agent/model.pb`.
+    """Read all files of an archive but those that programs leave behind.
 
     Raises:
-        SettingsError: It cannot be read, is damaged, or contains something that no model has.
+        SettingsError: It is unreadable, damaged, or contains something that no model has.
     """
     return unpack_archive(BytesIO(read_packed(path)), str(path))
 
 
 def read_packed(path: Path) -> bytes:
-    """The bytes of an archive; SettingsError if it is too large."""
+    """SettingsError if it is too large."""
     remedy = "Name an archive (.tar.gz, .tar or .zip) that you can read."
     try:
         found = path.stat()
@@ -92,7 +88,7 @@ def read_packed(path: Path) -> bytes:
 def unpack_archive(
     file: BinaryIO, origin: str, *, wanted: Callable[[str], bool] = lambda n: not is_left_behind(n)
 ) -> dict[str, bytes]:
-    """Read the wanted files of an archive, which messages call `origin`; see `read_archive`."""
+    """Read wanted files, see `read_archive`; messages call the archive `origin`."""
     found: dict[str, bytes] = {}
     folders: set[str] = set()
     try:
@@ -117,10 +113,10 @@ def unpack_archive(
 def unpack_readable(
     file: BinaryIO, wanted: Callable[[str], bool]
 ) -> tuple[dict[str, bytes], ArchiveFault | None]:
-    """Read wanted files of an archive as far as it can be read, and what ended the reading early.
+    """Read wanted files of an archive as far as possible, and what ended that early.
 
-    Nothing is executed or written, so links, doubles (the last one counts) and weights are no reason
-    to refuse it. The limits of `open_stream` hold.
+    Nothing is executed or written, so links, doubles (the last one counts) and weights do not
+    matter. The limits of `open_stream` hold.
     """
     found: dict[str, bytes] = {}
     try:
@@ -140,7 +136,7 @@ def _members(file: BinaryIO, wanted: Callable[[str], bool]) -> Iterator[tuple[st
 
 
 def _zip_members(file: BinaryIO, wanted: Callable[[str], bool]) -> Iterator[tuple[str, bytes]]:
-    """Counts the bytes, because the directory may state wrong sizes."""
+    """The directory may state wrong sizes."""
     budget = LARGEST_BYTES
     try:
         with zipfile.ZipFile(file) as archive:
@@ -204,7 +200,6 @@ def _tar_members(stream: Stream) -> Iterator[tuple[str, bytes]]:
 
 
 def _header(stream: Stream) -> bytes | None:
-    """None at the mark that ends an archive."""
     first = stream.position == 0
     header = stream.read(_BLOCK)
     if len(header) < _BLOCK:
@@ -222,7 +217,6 @@ def _header(stream: Stream) -> bytes | None:
 
 
 def _attributes(stream: Stream, kind: bytes, size: int, name: str) -> dict[str, str]:
-    """What a header says about the next member."""
     if size > _LARGEST_HEADER_BYTES:
         raise ArchiveFault(f"has a header of {size:,} bytes", name)
     content = _content(stream, size, name)
@@ -267,7 +261,7 @@ def _size(header: bytes, attributes: Mapping[str, str], name: str) -> int:
 
 
 def _number(field: bytes, name: str) -> int:
-    """Octal digits or, for large sizes, two's complement after a first bit."""
+    """Octal or, for large sizes, two's complement after a first bit."""
     size = int.from_bytes(field) - (0x80 << 88) if field[0] == 0x80 else _octal(field)
     if size is None or field[0] > 0x80:
         raise ArchiveFault("has a size that is not a number", name)
@@ -301,7 +295,7 @@ def _pax(content: bytes, name: str) -> dict[str, str]:
 
 
 def _plain(name: str) -> str:
-    """Without `./` and double slashes; empty for the folder that was packed."""
+    """Empty for the folder that was packed."""
     if len(name) > _LONGEST_NAME:
         raise ArchiveFault("has a name that is too long", name)
     if name.startswith("/") or (name[1:2] == ":" and name[:1].isalpha()):

@@ -1,4 +1,4 @@
-"""Builds the network of a model from its parameter files."""
+"""Builds a model's network from its parameter files."""
 
 from collections.abc import Mapping
 
@@ -17,12 +17,11 @@ from drcli.modelfiles.hyperparameters import Hyperparameters
 from drcli.modelfiles.model_metadata import ModelMetadata
 
 STATE_DIMS, TEACHER_DIMS = 22, 70
-"""Lengths of `Simulation.privileged` and `Simulation.teacher_state`. They are repeated here because
-loading the simulator for them would cost the trainer 33 MB of memory."""
+"""Repeated here because loading the simulator would cost the trainer 33 MB."""
 
 TEACHER = "teacher."
 _OF_CRITIC = (TEACHER, "value_head.", "returns.")
-"""Of what a training needs and driving does not."""
+"""Not needed for driving."""
 
 
 def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicySpec:
@@ -44,14 +43,14 @@ def policy_spec(metadata: ModelMetadata, parameters: Hyperparameters) -> PolicyS
 
 
 def build_policy(metadata: ModelMetadata, parameters: Hyperparameters) -> ActorCritic | SACAgent:
-    """A network to drive with, still without weights."""
+    """A network to drive with, without weights."""
     spec = policy_spec(metadata, parameters)
     model = SACAgent(spec) if metadata.training_algorithm == "sac" else ActorCritic(spec)
     return model.eval()
 
 
 def load_weights(model: nn.Module, data: bytes, name: str) -> None:
-    """Load a safetensors file into a network; SettingsError if it describes another network."""
+    """Load a safetensors file; SettingsError if it has another network."""
     try:
         model.load_state_dict(_with_own_critic(model, load_tensors(data)))
     except (RuntimeError, SafetensorError) as error:
@@ -65,7 +64,6 @@ def load_weights(model: nn.Module, data: bytes, name: str) -> None:
 
 
 def _with_own_critic(model: nn.Module, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """With the model's teacher and critic, if those of the checkpoint do not fit."""
     if not _has_other_critic(model, tensors):
         return tensors
     own = model.state_dict()
@@ -74,10 +72,7 @@ def _with_own_critic(model: nn.Module, tensors: dict[str, Tensor]) -> dict[str, 
 
 
 def has_own_critic(model: nn.Module, data: bytes) -> bool:
-    """Whether `load_weights` leaves the model its own critic.
-
-    So it is where only one has a teacher, or teachers see other things.
-    """
+    """Whether `load_weights` keeps the model's own critic, because teachers differ."""
     return _has_other_critic(model, load_tensors(data))
 
 
@@ -92,7 +87,7 @@ def _has_other_critic(model: nn.Module, tensors: Mapping[str, Tensor]) -> bool:
 
 
 def weights_of(model: nn.Module) -> dict[str, NDArray[np.float32]]:
-    """Copies of all weights by name, as float32 arrays on the CPU."""
+    """Copies of all weights by name, float32, on the CPU."""
     return {
         name: tensor.detach().to("cpu", torch.float32).contiguous().numpy().copy()
         for name, tensor in model.state_dict().items()
@@ -100,6 +95,6 @@ def weights_of(model: nn.Module) -> dict[str, NDArray[np.float32]]:
 
 
 def load_arrays(model: nn.Module, weights: Mapping[str, NDArray[np.float32]]) -> None:
-    """Load weights of these names; others keep what they are."""
+    """Weights that are not named stay."""
     tensors = {name: torch.from_numpy(np.array(array)) for name, array in weights.items()}
     model.load_state_dict(model.state_dict() | tensors)

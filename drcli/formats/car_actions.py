@@ -8,11 +8,9 @@ from drcli.base.problems import Problem, few
 from drcli.modelfiles.action_space import ActionSpace
 
 FULL_THROTTLE = 5 / 6
-"""Share of the top speed from which the car's throttle stays at 1."""
+"""Share of the top speed from which the throttle stays at 1."""
 
 _SPEED_STEPS = 5
-"""Rows for each end of a continuous steering range."""
-
 _NOTHING = 1e-9
 
 CAR_CAMERAS = ("observation", "FRONT_FACING_CAMERA", "LEFT_CAMERA", "STEREO_CAMERAS")
@@ -71,7 +69,7 @@ def car_actions(space: ActionSpace) -> list[CarAction]:
 
 
 def action_problems(space: ActionSpace, file: str) -> Iterator[Problem]:
-    """What the car does differently with the actions."""
+    """What the car does differently."""
     if space.low is not None and space.high is not None:
         yield from _range_problems(space.low, space.high, file)
         return
@@ -105,7 +103,7 @@ def action_problems(space: ActionSpace, file: str) -> Iterator[Problem]:
 
 
 def sensor_problems(sensors: Sequence[str], file: str) -> Iterator[Problem]:
-    """Sensors that the car refuses, or treats differently."""
+    """What the car refuses or treats differently."""
     for name in sensors:
         if name == "DISCRETIZED_SECTOR_LIDAR":
             what = f"sensor contains {name}, which the car does not know; it refuses the model."
@@ -136,7 +134,7 @@ def sensor_problems(sensors: Sequence[str], file: str) -> Iterator[Problem]:
 
 
 def stack_problems(stack_size: int, file: str) -> Iterator[Problem]:
-    """The car cannot show a network several frames at a time."""
+    """The car shows a network one frame at a time."""
     if stack_size > 1:
         what = (
             f"stack_size={stack_size}: the car shows a model one frame at a time and forgets it, "

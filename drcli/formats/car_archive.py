@@ -33,7 +33,7 @@ class CarCheck:
     """What the car makes of an archive.
 
     Attributes:
-        problems: What it refuses (error), does differently (warning), or should be known (note).
+        problems: What it refuses (error), does differently (warning), or a note.
         actions: Empty if it cannot read them.
     """
 
@@ -43,9 +43,9 @@ class CarCheck:
 
 
 def car_archive(graph: bytes, metadata: ModelMetadata) -> bytes:
-    """The `.tar.gz` that a car loads; equal arguments give equal bytes.
+    """The `.tar.gz` for a car; equal arguments give equal bytes.
 
-    `graph` is a frozen graph with the reference's node names.
+    `graph` is frozen, with the reference's node names.
     """
     packed = io.BytesIO()
     with (
@@ -60,10 +60,10 @@ def car_archive(graph: bytes, metadata: ModelMetadata) -> bytes:
 
 
 def car_metadata(metadata: ModelMetadata) -> bytes:
-    """model_metadata.json in the spelling that the car reads.
+    """model_metadata.json as the car reads it.
 
-    The car compares words letter by letter, reads the sensors whatever the version is, and refuses
-    a `lidar_config` with the simulator's keys.
+    It compares words letter by letter, reads sensors whatever the version, and refuses a
+    `lidar_config` with the simulator's keys.
     """
     values = {
         "action_space": json.loads(metadata.action_space_json),
@@ -81,7 +81,7 @@ def lint_car_archive(data: bytes, name: str) -> list[Problem]:
 
 
 def check_car_archive(data: bytes, name: str) -> CarCheck:
-    """Check any archive by the rules of the car, which sees the last part of `name`."""
+    """Check an archive by the rules of the car."""
     try:
         # The car looks at all of them, also at those that macOS adds.
         files = unpack_archive(io.BytesIO(data), name, wanted=lambda _: True)

@@ -19,17 +19,17 @@ _CONVERTED = frozenset(
         *("Reshape", "ConcatV2", "Shape", "StridedSlice", "Pack"),
     )
 )
-"""Operations that all engines of the car convert. Source: graphs that went through them."""
+"""By all engines of the car. Source: graphs that went through them."""
 
 _SHAPES: Mapping[str, tuple[int, ...]] = {
     "STEREO_CAMERAS": (FRAME_HEIGHT, FRAME_WIDTH, 2),
     "LIDAR": (64,),
     "SECTOR_LIDAR": (8,),
 }
-"""What the car hands over; a picture of one camera for other sensors."""
+"""Of the car; one camera's picture for other sensors."""
 
 _SAC_OUTPUT = "network_0/sac_policy_head_0/policy"
-"""Where the reference's SAC has its output; the car does not look there."""
+"""The reference's; the car does not look there."""
 
 _SMALL = 1024
 _REMEDY = "Export the model again, with `dr-export car`."
@@ -38,11 +38,7 @@ _REMEDY = "Export the model again, with `dr-export car`."
 def graph_problems(
     data: bytes, sensors: Sequence[str], algorithm: str, num_actions: int | None, file: str
 ) -> list[Problem]:
-    """What the car refuses in a graph.
-
-    Its metadata's `algorithm` decides where the car looks for inputs; `num_actions` is the length that
-    the metadata needs.
-    """
+    """What the car refuses in a graph; `algorithm` decides where it looks for inputs."""
     try:
         nodes = decode_graph(data, file)
     except SettingsError as error:
@@ -139,10 +135,9 @@ def _shape_problems(
     num_actions: int | None,
     file: str,
 ) -> Iterator[Problem]:
-    """Whether all shapes fit, found by running the graph on no picture at all.
+    """Whether shapes fit, found by running the graph on no picture at all.
 
-    That takes no time, whatever a stranger's graph would compute. Other graphs than those for any
-    number of pictures are made for a single one.
+    That takes no time, whatever a stranger's graph would compute.
     """
     try:
         graph = Graph(nodes, file)
@@ -164,7 +159,7 @@ def _shape_problems(
 
 
 def _computed_constant(graph: Graph) -> str | None:
-    """A node that depends on no input, and may be large; usually None."""
+    """A large node that depends on no input."""
     depends: set[str] = set()
     large = {n.name for n in graph.nodes if n.value is not None and n.value.size > _SMALL}
     for node in graph.nodes:
@@ -195,7 +190,6 @@ def _wrong_width(width: int, num_actions: int, file: str) -> Problem:
 
 
 def _width(by_name: Mapping[str, Node], output: str) -> int | None:
-    """Length of the output, from the last dense layer."""
     name = output
     for _ in range(len(by_name)):
         node = by_name.get(name)
@@ -210,7 +204,6 @@ def _width(by_name: Mapping[str, Node], output: str) -> int | None:
 
 
 def _constant(by_name: Mapping[str, Node], name: str) -> int | None:
-    """Length of the last axis of a constant, maybe read through other nodes."""
     for _ in range(len(by_name)):
         node = by_name.get(name)
         if node is None:

@@ -1,4 +1,4 @@
-"""The rules of the physical car for files and metadata of an archive; see docs/car.md.
+"""The physical car's rules for archives; see docs/car.md.
 
 Source: its model loader and web server.
 """
@@ -22,7 +22,7 @@ _FILE_NAME = re.compile(r"[A-Za-z0-9_-]+\.tar\.gz", re.ASCII)
 _RESERVED = ("AWS Sample", "AWS_Sample", "aws-golden-model-for-reinvent")
 
 _TAKEN_FOR_MODELS = ("", ".", ".p", ".b")
-"""The car looks for a name's end inside of `.pb`."""
+"""It looks for a name's end inside of `.pb`."""
 
 _LIDAR_KEYS = (
     "num_values",
@@ -34,7 +34,7 @@ _LIDAR_KEYS = (
     "num_sectors",
 )
 _LARGEST = 1e6
-"""Degrees or m/s; a larger number is a mistake."""
+"""Degrees or m/s."""
 
 ALGORITHMS = ("clipped_ppo", "sac")
 _TYPES = ("discrete", "continuous")
@@ -44,7 +44,7 @@ _FILES_REMEDY = "Pack only agent/model.pb and model_metadata.json, as `dr-export
 
 @dataclass(frozen=True)
 class CarMetadata:
-    """What the car reads from a metadata file, with its defaults; no `space`: it could not."""
+    """What the car reads, with its defaults; `space` is None if unreadable."""
 
     sensors: tuple[str, ...] = ("observation",)
     algorithm: str = "clipped_ppo"
@@ -53,7 +53,7 @@ class CarMetadata:
 
 
 def file_name_problems(name: str) -> Iterator[Problem]:
-    """Why the car's web page would refuse or change a name."""
+    """Why the car's page would refuse or change a name."""
     if name.removesuffix(END) in _RESERVED:
         what = f"{name}: the car has a model of that name itself."
         yield Problem("C-05", "error", name, None, what, "Rename the file.")
@@ -67,13 +67,13 @@ def file_name_problems(name: str) -> Iterator[Problem]:
 
 
 def car_file_name(name: str) -> str:
-    """A file name that the car takes, close to a model's name."""
+    """A name that the car takes, close to a model's."""
     plain = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-") or "model"
     return (f"{plain}-model" if plain in _RESERVED else plain) + END
 
 
 def member_problems(names: Collection[str], file: str) -> Iterator[Problem]:
-    """Rules about names, kinds and places."""
+    """About names, kinds and places."""
     graphs = sorted(name for name in names if _end(name) == ".pb")
     if len(graphs) != 1:
         what = f"it contains {len(graphs)} files that end in .pb, but the car wants exactly one"
@@ -91,7 +91,6 @@ def member_problems(names: Collection[str], file: str) -> Iterator[Problem]:
 
 
 def read_car_metadata(data: bytes, file: str) -> CarMetadata:
-    """Read a metadata file as the car does."""
     try:
         values = json.loads(data.decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
@@ -133,14 +132,14 @@ def read_car_metadata(data: bytes, file: str) -> CarMetadata:
 
 
 def _end(name: str) -> str:
-    """As Python splits it off: empty for `checkpoint` and `.ready`."""
+    """Empty for `checkpoint` and `.ready`."""
     last = name.rpartition("/")[2]
     stem = last.lstrip(".")
     return stem[stem.rindex(".") :] if "." in stem else ""
 
 
 def _space(written: Any, kind: str) -> ActionSpace | str:
-    """The actions; or what is wrong with them, to be read after the key."""
+    """The actions, or what is wrong with them."""
     if kind == "discrete":
         if not isinstance(written, list) or not written:
             return "is not a list of actions" if written is not None else "is missing"

@@ -14,12 +14,12 @@ _REMEDY = "Export the model in another form."
 
 
 def openvino_of(data: bytes, origin: str, *, fp16: bool = False) -> tuple[bytes, bytes]:
-    """OpenVINO's `.xml` and `.bin` of a frozen graph, `fp16`: with weights in half precision.
+    """OpenVINO's `.xml` and `.bin` of a frozen graph; `fp16`: of its weights.
 
-    `openvino.convert_model` would do the same, but reports its use to its makers.
+    `openvino.convert_model` would report its use to its makers.
 
     Raises:
-        NotAvailable: The package `openvino` is missing.
+        NotAvailable: `openvino` is missing.
         SettingsError: It does not convert the graph.
     """
     openvino, core = library("openvino"), openvino_core()
@@ -35,7 +35,7 @@ def openvino_of(data: bytes, origin: str, *, fp16: bool = False) -> tuple[bytes,
 
 
 def tflite_of(data: bytes, origin: str) -> bytes:
-    """The TensorFlow Lite file of a frozen graph, with the settings of the car's optimizer.
+    """The TensorFlow Lite file of a frozen graph, as of the car's optimizer.
 
     Weights in half precision, built-in operations only.
 

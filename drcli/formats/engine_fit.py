@@ -1,4 +1,4 @@
-"""Finds the inputs, layouts and output of any graph, and fits them to its metadata."""
+"""Fits inputs, layouts and output of any graph to its metadata."""
 
 import re
 from collections.abc import Sequence
@@ -20,17 +20,15 @@ Layout = Literal["NHWC", "NCHW", "NHW"]
 Meaning = Literal["probabilities", "logits", "index", "continuous"]
 
 HEIGHT, WIDTH = 120, 160
-"""Of a picture; repeated here because `drcli.learn.policy` loads torch, which takes a second."""
+"""Not from `drcli.learn.policy`, which loads torch: a second."""
 
 MOST_FRAMES = 16
-"""In a stack."""
-
 _PROBED = 3
 _SAMPLES = 4
-"""Of a run; the last is repeated where there are fewer. More take hardly less time per sample."""
+"""Of a run; more take hardly less time each."""
 
 _SUM_TOLERANCE = 0.02
-"""Of sums of probabilities; half precision makes errors of 0.001."""
+"""Half precision makes errors of 0.001."""
 
 _SENSORS = sorted((*CAMERAS, *LIDARS), key=len, reverse=True)
 """LIDAR is a part of other names."""
@@ -41,9 +39,8 @@ class Fit:
     """The inputs and the output of a graph.
 
     Attributes:
-        layout: NHW has no axis for channels.
+        layout: NHW has no channels.
         stack: Frames that it sees together.
-        output: Name of the output with the policy.
         meaning: The share of each action, any other number for each, the index of the likeliest
             one, or continuous actions.
         batch: Samples at a time; None for any number.
@@ -58,13 +55,7 @@ class Fit:
     batch: int | None
 
     def feeds(self, engine: Engine, frames: NDArray[np.uint8], scans: Floats) -> dict[str, Array]:
-        """The inputs of the graph.
-
-        Args:
-            engine: For the range of its pixels.
-            frames: Shape (n, stack * eyes, 120, 160).
-            scans: Shape (n, d).
-        """
+        """Inputs from frames (n, stack * eyes, 120, 160) and scans (n, d)."""
         pictures: Array = frames
         if self.layout == "NHWC":
             pictures = frames.transpose(0, 2, 3, 1)
@@ -78,9 +69,9 @@ class Fit:
         return fed
 
     def run(self, engine: Engine, frames: NDArray[np.uint8], scans: Floats) -> Floats:
-        """The output, shape (n, number of actions), or (n, 1) for an index, in runs of one size.
+        """The output, shape (n, actions), or (n, 1) for an index, in runs of one size.
 
-        So what a car does depends on no other car: most engines round samples of larger runs differently.
+        So a car depends on no other car: most engines round samples of larger runs differently.
         """
         size = self.batch or _SAMPLES
         parts = []
@@ -98,19 +89,19 @@ def fit(
     metadata_origin: str,
     stack: int | None = None,
 ) -> Fit:
-    """Find out how a graph is used, and try it; `stack`: frames that it must see together.
+    """Find out how a graph is used, and try it.
 
     Raises:
-        SettingsError: It does not fit the metadata, or cannot be computed.
+        SettingsError: It does not fit the metadata or `stack`, or cannot be computed.
     """
     return _Fitting(engine, metadata, origin, metadata_origin).fit(stack)
 
 
 def open_file(file: PolicyFile, runtime: Runtime, threads: int = 1) -> tuple[Engine, Fit]:
-    """Load a policy's file into an engine, and find out how it is used.
+    """Load a policy's file into an engine, and fit it.
 
     Raises:
-        SettingsError: It is damaged, does not fit its metadata, or that engine does not run it.
+        SettingsError: It is damaged, does not fit, or the engine does not run it.
         NotAvailable: The engine is not installed.
     """
     engine = open_engine(file.form, file.data, file.weights, runtime, file.origin, threads)
@@ -120,7 +111,7 @@ def open_file(file: PolicyFile, runtime: Runtime, threads: int = 1) -> tuple[Eng
 def check_file(file: PolicyFile, runtime: Runtime) -> None:
     """Check a file before it drives; see `open_file`.
 
-    A graph that must be converted is tried with our interpreter, which takes less time.
+    Our interpreter tries graphs that must be converted, which takes less time.
     """
     check_runtime(file.form, runtime, file.origin)
     open_file(file, "pb" if file.form == "pb" else runtime)
@@ -148,7 +139,7 @@ class _Fitting:
         return Fit(camera, layout, frames, lidar, output, meaning, batch)
 
     def _ports(self) -> tuple[Port, Port | None]:
-        """Camera and lidar, found by names or else by shapes."""
+        """By names, or else by shapes."""
         sensors = self._metadata.sensor
         wanted_lidar = next((name for name in sensors if name in LIDARS), None)
         wanted_camera = next(name for name in sensors if name in CAMERAS)
@@ -216,7 +207,6 @@ class _Fitting:
         return layout, frames
 
     def _output(self, found: Fit) -> tuple[str, Meaning]:
-        """Found by trying the graph."""
         rows = found.batch or _PROBED
         results = self._tried(found, rows)
         space = self._metadata.action_space
@@ -242,7 +232,6 @@ class _Fitting:
         return whole[0], "index"
 
     def _tried(self, found: Fit, rows: int) -> dict[str, Array]:
-        """On pictures of noise."""
         random = np.random.default_rng(0)
         channels = found.stack * self._metadata.eyes
         frames = random.integers(0, 256, (rows, channels, HEIGHT, WIDTH), np.uint8)
@@ -266,11 +255,9 @@ class _Fitting:
 
 
 _POLICY = r"(?i)policy|prob|logit|action"
-"""For the output of a policy, where several have its size."""
 
 
 def sensor_of(name: str) -> str | None:
-    """The sensor in the name of an input, or None."""
     return next((sensor for sensor in _SENSORS if sensor in name), None)
 
 

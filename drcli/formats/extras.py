@@ -18,7 +18,7 @@ _INSTALL = {
 
 
 def library(name: str, module: str = "") -> Any:
-    """A library or one of its modules; NotAvailable if it cannot be loaded."""
+    """NotAvailable if it cannot be loaded."""
     require(name)
     try:
         return importlib.import_module(module or name)
@@ -31,10 +31,10 @@ def library(name: str, module: str = "") -> Any:
 
 
 def openvino_core() -> Any:
-    """The one OpenVINO of this process, which stays.
+    """The one OpenVINO of this process.
 
-    On processors with AMX, each core gives the thread another stack for signals and takes it back when
-    freed. After several, the thread keeps a freed one, and the next signal kills the process.
+    With AMX, each core gives the thread another stack for signals and takes it back when freed.
+    After several, the thread keeps a freed one, and the next signal kills the process.
     """
     return _only_core(library("openvino"))
 
@@ -45,7 +45,7 @@ def _only_core(openvino: Any) -> Any:
 
 
 def require(*names: str) -> None:
-    """Raise NotAvailable if none of these is installed, without loading any."""
+    """NotAvailable if none is installed; loads nothing."""
     if not any(map(is_installed, names)):
         raise NotAvailable(
             f"This needs the package {names[0]}, which is not installed.",

@@ -22,24 +22,21 @@ from drcli.formats.tensorflow.messages import DataType
 from drcli.learn.policy import FRAME_HEIGHT, FRAME_WIDTH, PolicySpec
 
 Weights = Mapping[str, NDArray[np.float32]]
-"""By names in `ActorCritic` or `SACAgent`."""
-
 LIDAR_FEATURES = 256
 _NORM_EPSILON = 1e-5
-"""What torch's LayerNorm adds to the variance."""
+"""As in torch's LayerNorm."""
 
 
 def encode_policy(weights: Weights, spec: PolicySpec, sensors: Sequence[str]) -> bytes:
-    """The file of a policy's graph; `sensors` are those of model_metadata.json."""
     return encode_graph(policy_nodes(weights, spec, sensors))
 
 
 def policy_nodes(weights: Weights, spec: PolicySpec, sensors: Sequence[str]) -> list[Node]:
     """The graph of a policy.
 
-    Takes grey values from 0 to 255 of shape (n, 120, 160, cameras), and a lidar's values. Gives
-    probabilities of discrete actions, or continuous actions, nominally in [-1, 1], of shape
-    (n, num_actions). SAC's are squashed by tanh, because the car only clips them.
+    Takes grey values from 0 to 255 of shape (n, 120, 160, cameras), and a lidar's. Gives
+    probabilities, or continuous actions, nominally in [-1, 1], of shape (n, num_actions). SAC's are
+    squashed by tanh, because the car only clips them.
     """
     is_sac = "actor.1.0.weight" in weights
     graph = _Writer(weights, SAC_AGENT if is_sac else PPO_AGENT)
@@ -59,10 +56,7 @@ def policy_nodes(weights: Weights, spec: PolicySpec, sensors: Sequence[str]) -> 
 
 
 def first_dense_kernel(weights: Weights, order: Sequence[Embedder]) -> NDArray[np.float32]:
-    """The first dense layer's kernel in the reference's order of features. Shape (features, width).
-
-    Ours are the camera's before the lidar's.
-    """
+    """With rows in the reference's order of features. Shape (features, width)."""
     kernel = weights["body.dense.0.weight"].T
     if len(order) == 1 or not order[0].is_lidar:
         return kernel
@@ -76,7 +70,6 @@ class _Writer:
         self.nodes: list[Node] = []
 
     def add(self, name: str, op: str, *inputs: str, **attrs: Attr) -> str:
-        """Add a node by its name below the agent; returns the full name."""
         full = f"{self.agent}/{name}"
         kinds: dict[str, Attr] = {"T": DataType.FLOAT, **attrs}
         self.nodes.append(Node(full, op, inputs, kinds))
@@ -92,7 +85,7 @@ class _Writer:
         self.nodes.append(Node(full, "Placeholder", (), attrs))
 
     def variable(self, name: str, value: Array) -> str:
-        """Add a weight and, as in the reference's graphs, a node that reads it."""
+        """With a node that reads it, as in the reference's graphs."""
         return self.add(f"{name}/read", "Identity", self.constant(name, value))
 
     def bias_add(self, scope: str, values: str, bias: Array) -> str:
@@ -122,7 +115,6 @@ class _Writer:
         )
 
     def reshape(self, name: str, values: str, width: int) -> str:
-        """Flatten everything but the first axis."""
         shape = self.constant(f"{name}/shape", np.array([-1, width], np.int32))
         return self.add(name, "Reshape", values, shape, Tshape=DataType.INT32)
 
@@ -134,7 +126,6 @@ class _Writer:
         return self._activated(layer, product)
 
     def convolution(self, layer: Layer, values: str) -> str:
-        """A convolution, or a dense layer on every pixel."""
         weight = self.weights[f"{layer.ours}.weight"]
         scope = f"{POLICY_BODY}/{layer.scope}"
         if layer.stride is None:
@@ -186,8 +177,7 @@ def _embedded(graph: _Writer, embedder: Embedder, values: str) -> str:
 def _actor_mean(graph: _Writer, features: str, num_actions: int) -> str:
     """SAC's actor up to the mean before tanh.
 
-    Its layer norm subtracts a mean that is linear in the inputs, so it is subtracted from the kernel
-    beforehand.
+    Layer norm's mean is linear in the inputs, so it is subtracted from the kernel beforehand.
     """
     w, scope = graph.weights, f"{POLICY_BODY}/sac_head_0"
     weight, bias = w["actor.0.0.weight"].astype(np.float64), w["actor.0.0.bias"].astype(np.float64)

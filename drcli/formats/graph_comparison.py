@@ -1,4 +1,4 @@
-"""Compares a frozen graph with its network on the same observations."""
+"""Compares a frozen graph with its network."""
 
 from dataclasses import dataclass
 
@@ -15,11 +15,9 @@ from drcli.learn.sac_networks import SACAgent
 from drcli.modelfiles.model_metadata import LIDARS
 
 TOLERANCE = 1e-4
-"""Between equal outputs; rounding alone stays below 1e-5."""
+"""Rounding alone stays below 1e-5."""
 
 LEAST_SAME_ACTIONS = 0.999
-"""Share of frames with the same likeliest action."""
-
 _BATCH = 32
 """Keeps the interpreter's memory small."""
 
@@ -31,9 +29,8 @@ class GraphComparison:
     """How a graph and its network differ.
 
     Attributes:
-        same_actions: Frames with the same likeliest action, or with continuous actions that differ
-            by less than a ten thousandth.
-        greatest_difference: Of a probability, or of a continuous action from -1 to 1.
+        same_actions: Frames with the same likeliest action, or continuous actions within 1e-4.
+        greatest_difference: Of a probability, or of an action from -1 to 1.
     """
 
     frames: int
@@ -49,7 +46,7 @@ class GraphComparison:
 def compare_graph(
     data: bytes, model: ActorCritic | SACAgent, seen: Observation, origin: str
 ) -> GraphComparison:
-    """Run a graph and a network on the same observations; SettingsError if it cannot run."""
+    """SettingsError if the graph cannot run."""
     graph = Graph(decode_graph(data, origin), origin)
     steps = len(seen.frames)
     wanted, got = [], []
@@ -67,7 +64,7 @@ def compare_graph(
 
 
 def compare_outputs(expected: Floats, found: Floats, *, continuous: bool) -> GraphComparison:
-    """Compare outputs of shape (n, num_actions)."""
+    """Of shape (n, num_actions)."""
     if not np.isfinite(found).all():
         return GraphComparison(len(found), 0, float("inf"))
     differences = np.abs(expected.astype(np.float64) - found)
@@ -81,7 +78,7 @@ def compare_outputs(expected: Floats, found: Floats, *, continuous: bool) -> Gra
 
 
 def policy_output(model: ActorCritic | SACAgent, seen: Observation) -> Floats:
-    """What the graph has to compute. Shape (n, num_actions)."""
+    """Shape (n, num_actions)."""
     with torch.inference_mode():
         if isinstance(model, SACAgent):
             output = torch.tanh(model(model.features(seen))[0])
@@ -94,7 +91,7 @@ def policy_output(model: ActorCritic | SACAgent, seen: Observation) -> Floats:
 
 
 def graph_inputs(graph: Graph, seen: Observation) -> dict[str, Floats]:
-    """Pictures with their channels last, lidar values."""
+    """Pictures with channels last, lidar values."""
     frames = seen.frames.permute(0, 2, 3, 1).float().numpy()
     scan = seen.scan.float().numpy()
     return {name: scan if name.rpartition("/")[2] in LIDARS else frames for name in graph.inputs}

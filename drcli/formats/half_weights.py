@@ -7,11 +7,11 @@ from safetensors.numpy import load, save
 from drcli.base.errors import SettingsError
 
 LARGE = 256
-"""Numbers of a tensor that is rounded. Smaller ones, such as biases, stay exact."""
+"""Smaller tensors, such as biases, stay exact."""
 
 
 def halved(tensors: bytes) -> bytes:
-    """A safetensors file with its large float32 tensors in float16."""
+    """Large float32 tensors become float16."""
     found = load(tensors)
     return save(
         {
@@ -24,7 +24,7 @@ def halved(tensors: bytes) -> bytes:
 
 
 def restored(data: bytes, origin: str) -> bytes:
-    """The same in float32 again, which loses nothing; SettingsError if damaged."""
+    """Back to float32, which loses nothing; SettingsError if damaged."""
     try:
         found = load(data)
     except SafetensorError as error:

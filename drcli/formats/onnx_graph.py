@@ -1,8 +1,8 @@
 """Writes graphs of policies as ONNX.
 
-Inputs are those of the frozen graph, with shape (batch, 120, 160, cameras). ONNX has channels first,
-so a `Transpose` stands before the convolutions and one after them. Nodes and initializers have the
-names of the frozen graph, so `onnx_reader` finds it again.
+Inputs are those of the frozen graph, of shape (batch, 120, 160, cameras). ONNX has channels first,
+so a `Transpose` stands before and after the convolutions. Names are those of the frozen graph, so
+that `onnx_reader` finds it again.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,10 +17,10 @@ from drcli.formats.tensorflow.graph import Array, Node
 from drcli.formats.tensorflow.interpreter import Graph
 
 OPSET, IR_VERSION = 13, 8
-"""Old enough for engines of 2021, which cars use, and for all newer ones."""
+"""For engines of 2021, which cars use."""
 
 PIXEL_RANGE = "Image.NominalPixelRange"
-"""How pictures are scaled. Source: ONNX's list of metadata."""
+"""Source: ONNX's list of metadata."""
 RANGE_255 = "NominalRange_0_255"
 
 TO_NCHW, TO_NHWC = (0, 3, 1, 2), (0, 2, 3, 1)
@@ -31,8 +31,6 @@ _SAME_LAYOUT = {
     "StopGradient": "Identity",
     "Tanh": "Tanh",
 }
-"""Operations on each value alone."""
-
 _ARITHMETIC = {
     "Add": "Add",
     "AddV2": "Add",
@@ -44,11 +42,11 @@ _ARITHMETIC = {
 
 
 def encode_onnx(nodes: Sequence[Node], origin: str) -> bytes:
-    """The ONNX file of a policy's graph; equal graphs, equal bytes.
+    """Equal graphs give equal bytes.
 
     Raises:
-        NotAvailable: The package `onnx` is missing.
-        SettingsError: The graph cannot be written as ONNX.
+        NotAvailable: `onnx` is missing.
+        SettingsError: The graph cannot be written.
     """
     onnx = library("onnx")
     model = _Writer(onnx, Graph(nodes, origin)).model()
@@ -64,7 +62,7 @@ def encode_onnx(nodes: Sequence[Node], origin: str) -> bytes:
 
 
 class _Writer:
-    """A result of the frozen graph exists with its channels last, first, or both."""
+    """Results have their channels last, first, or both."""
 
     def __init__(self, onnx: Any, graph: Graph) -> None:
         self._onnx = onnx
@@ -115,7 +113,6 @@ class _Writer:
         return model
 
     def last(self, name: str) -> str:
-        """The tensor with its channels last, as the frozen graph has it."""
         if name in self._folded:
             return self.initializer(self._variable(name), self._folded[name])
         if name not in self._last:
@@ -124,7 +121,6 @@ class _Writer:
         return self._last[name]
 
     def first(self, name: str) -> str:
-        """The tensor with its channels first."""
         if name not in self._first:
             tensor = self.last(name)
             self._first[name] = self.add("Transpose", f"{name}/NCHW", tensor, perm=TO_NCHW)
@@ -134,7 +130,7 @@ class _Writer:
         return [self.last(name) for name in node.inputs]
 
     def initializer(self, name: str, array: Array) -> str:
-        """Store a constant; whole numbers become int64, as ONNX wants."""
+        """Whole numbers become int64, as ONNX wants."""
         if array.dtype == np.int32:
             array = array.astype(np.int64)
         if self._initializers.setdefault(name, array).shape != array.shape:
@@ -143,7 +139,6 @@ class _Writer:
         return name
 
     def add(self, op: str, result: str, *inputs: str, name: str = "", **attrs: Any) -> str:
-        """Add a node, called like its result if not named; returns the name of the result."""
         node = self._onnx.helper.make_node(op, inputs, [result], name=name or result, **attrs)
         self._nodes.append(node)
         return result
@@ -163,7 +158,6 @@ class _Writer:
             self.refuse(node, "ONNX has no such operation here")
 
     def _convolution(self, node: Node) -> None:
-        """Together with its bias."""
         values, kernel = node.inputs
         if kernel not in self._folded:
             self.refuse(node, "its kernel is not constant")
@@ -194,19 +188,16 @@ class _Writer:
         )
 
     def _variable(self, name: str) -> str:
-        """A weight's name without that of the node that reads it."""
         read = self._by_name[name]
         return read.inputs[0] if read.op == "Identity" else name
 
     def folded(self, node: Node, place: int) -> Array:
-        """The value of an input that must be constant."""
         name = node.inputs[place]
         if name not in self._folded:
             self.refuse(node, f"{shown(name)} is not constant")
         return self._folded[name]
 
     def _width(self) -> int:
-        """Computed on one sample."""
         feeds = {
             name: np.zeros([1, *(max(1, d) for d in shape[1:])], np.float32)
             for name, shape in self._graph.inputs.items()
@@ -226,7 +217,7 @@ class _Writer:
 
 
 def _constants(graph: Graph) -> dict[str, Array]:
-    """Results that do not depend on inputs; weights under all their names."""
+    """Weights under all their names."""
     found: dict[str, Array] = {}
     for node in graph.nodes:
         if node.value is not None:
@@ -267,7 +258,6 @@ def _pack(writer: _Writer, node: Node) -> str:
 
 
 def _strided_slice(writer: _Writer, node: Node) -> str:
-    """Only constant bounds without negative steps."""
     begin, end, step = (writer.folded(node, k).astype(np.int64) for k in (1, 2, 3))
     if node.attrs.get("ellipsis_mask") or node.attrs.get("new_axis_mask") or (step < 1).any():
         writer.refuse(node, "it is no simple slice")

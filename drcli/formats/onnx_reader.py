@@ -1,7 +1,7 @@
-"""Reads the ONNX file of a policy as the nodes of a frozen graph.
+"""Reads an ONNX file as the nodes of a frozen graph.
 
-Our own files come back node for node and bit for bit. Others may have channels first or last, and
-`Gemm` for dense layers.
+Our own files come back bit for bit. Others may have channels first or last, and `Gemm` for dense
+layers.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,25 +17,22 @@ from drcli.formats.tensorflow.graph import Array, Attr, Node, Shape
 from drcli.formats.tensorflow.messages import DataType
 
 _LARGEST = 1 << 29
-"""Bytes of a weight."""
-
 _REMEDY = (
     "Use a file that `dr-export onnx` wrote; `dr-evaluate --model FILE` drives any policy in ONNX."
 )
 
 
 def read_onnx(data: bytes, origin: str) -> tuple[Node, ...]:
-    """The graph in an ONNX file.
+    """The graph in a file.
 
     Raises:
-        NotAvailable: The package `onnx` is missing.
+        NotAvailable: `onnx` is missing.
         SettingsError: It is damaged, or has an operation that no policy needs.
     """
     return _Reader(parse_onnx(data, origin), origin).nodes()
 
 
 def parse_onnx(data: bytes, origin: str) -> Any:
-    """The message of an ONNX file, checked."""
     onnx = library("onnx")
     try:
         model = onnx.load_model_from_string(data)
@@ -60,7 +57,7 @@ def parse_onnx(data: bytes, origin: str) -> Any:
 
 
 class _Reader:
-    """Adds nodes when they are first needed.
+    """Adds nodes when needed.
 
     Attributes:
         first: Tensors with their channels first; their nodes have them last.
@@ -112,7 +109,6 @@ class _Reader:
         return name
 
     def give(self, tensor: str, node: str, *, first: bool = False) -> None:
-        """Say which node computes a tensor."""
         self._node_of[tensor] = node
         if first:
             self.first.add(tensor)
@@ -126,7 +122,6 @@ class _Reader:
         return name
 
     def last(self, tensor: str) -> str:
-        """A picture with its channels last."""
         if tensor in self.first:
             return self._node_of[tensor]
         name = f"{tensor}/channels_last"
@@ -135,7 +130,6 @@ class _Reader:
         return name
 
     def any(self, tensor: str) -> str:
-        """Whatever its layout."""
         if tensor in self._node_of:
             return self._node_of[tensor]
         if tensor in self._inputs:
@@ -150,7 +144,6 @@ class _Reader:
         return self._node_of[tensor]
 
     def constant(self, name: str, value: Array) -> str:
-        """Add a constant; a weight gets a node that reads it, as in the reference's graphs."""
         if value.dtype == np.int64:
             value = value.astype(np.int32)
         self._nodes.append(Node(name, "Const", value=np.asarray(value, order="C")))
@@ -159,7 +152,6 @@ class _Reader:
         return self.add(f"{name}/read", "Identity", name)
 
     def value(self, node: Any, place: int) -> Array:
-        """The value of an input that must be constant."""
         name = node.input[place] if place < len(node.input) else ""
         if name not in self._constants:
             self.refuse(node, f"its input {place + 1} is not constant")
@@ -342,4 +334,3 @@ _READERS: Mapping[str, Callable[[_Reader, Any, Mapping[str, Any]], None]] = {
     "Tanh": _each_value("Tanh"),
     "Transpose": _transpose,
 }
-"""Other operations are refused."""

@@ -1,4 +1,4 @@
-"""Recognises Python pickles; none is ever loaded, because that may run any program."""
+"""Recognises Python pickles; loading one may run any program."""
 
 import pickletools
 import re
@@ -13,7 +13,7 @@ _WEIGHT_FILE = re.compile(
 )
 
 _CERTAIN_AFTER = 200
-"""Operations; other data does not have so many in a row."""
+"""Other data does not have so many operations in a row."""
 
 _PICKLE_IN_ZIP = re.compile(r"(^|/)[^/]*\.(pkl|pickle)$|(^|/)data$", re.IGNORECASE)
 
@@ -23,7 +23,7 @@ def is_weight_file(name: str) -> bool:
 
 
 def is_pickle(data: bytes) -> bool:
-    """Also for a file of PyTorch or NumPy that contains one."""
+    """Also a file of PyTorch or NumPy that contains one."""
     if data.startswith(b"PK\x03\x04"):
         try:
             with zipfile.ZipFile(BytesIO(data)) as archive:
@@ -36,7 +36,6 @@ def is_pickle(data: bytes) -> bool:
 
 
 def _has_operations(data: bytes) -> bool:
-    """Whether data begins with operations of a pickle, to its end or for long."""
     stream = BytesIO(data)
     count = 0
     name = ""

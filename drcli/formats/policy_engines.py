@@ -1,4 +1,4 @@
-"""The engines that run a policy's graph: named arrays in, arrays out."""
+"""The engines that run a policy's graph."""
 
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -27,19 +27,15 @@ RUNS: Mapping[Form, tuple[Runtime, ...]] = {
     "openvino": ("openvino",),
     "tflite": ("tflite", "openvino"),
 }
-"""Engines by form; the first is the default."""
+"""The first is the default."""
 
 SCALES = {"NominalRange_0_255": 1.0, "Normalized_0_1": 1.0 / 255.0}
-"""Factors of pixels for ranges that an ONNX file may state."""
+"""For ranges of pixels that an ONNX file may state."""
 
 
 @dataclass(frozen=True)
 class Port:
-    """An input of a graph.
-
-    Attributes:
-        shape: -1: a length that is not fixed; None: not even their number is.
-    """
+    """`shape` has -1 for a length that is not fixed, and is None if unknown."""
 
     name: str
     shape: tuple[int, ...] | None
@@ -47,11 +43,7 @@ class Port:
 
 
 class Engine(Protocol):
-    """A graph that is ready to run.
-
-    Attributes:
-        pixel_scale: What pixels from 0 to 255 are multiplied by.
-    """
+    """A graph that is ready to run; pixels from 0 to 255 are multiplied by `pixel_scale`."""
 
     name: str
     pixel_scale: float
@@ -61,11 +53,11 @@ class Engine(Protocol):
         """What it takes."""
 
     def run(self, feeds: Mapping[str, Array]) -> dict[str, Array]:
-        """All outputs in the order of the file, from arrays of equally many rows."""
+        """Outputs in the file's order, from equally many rows."""
 
 
 def check_runtime(form: Form, runtime: Runtime, origin: str) -> None:
-    """Check that an engine runs files of a form and is installed; loads nothing.
+    """Check an engine without loading it.
 
     Raises:
         SettingsError: It does not run such files.
@@ -92,7 +84,7 @@ def check_runtime(form: Form, runtime: Runtime, origin: str) -> None:
 
 
 def check_converter(form: Form) -> None:
-    """Raise NotAvailable if a form cannot be written or run here; loads nothing."""
+    """NotAvailable if a form cannot be written or run; loads nothing."""
     runtime = RUNS[form][0]
     if runtime == "tflite":
         require("tensorflow")
@@ -102,18 +94,10 @@ def check_converter(form: Form) -> None:
 def open_engine(
     form: Form, data: bytes, weights: bytes, runtime: Runtime, origin: str, threads: int = 1
 ) -> Engine:
-    """Load a graph into an engine, converted if it is of another form.
-
-    Args:
-        form: Of the file.
-        data: Its content.
-        weights: The second file of OpenVINO's pair.
-        runtime: The engine.
-        origin: Name in messages.
-        threads: At most.
+    """Load a graph, converted if needed; `weights`: the second file of OpenVINO's pair.
 
     Raises:
-        SettingsError: The engine does not run such a file, or the file is damaged.
+        SettingsError: The engine does not run it, or it is damaged.
         NotAvailable: The engine is not installed.
     """
     check_runtime(form, runtime, origin)
@@ -145,7 +129,7 @@ def cannot_load(origin: str, engine: str, error: Exception) -> NoReturn:
 
 
 def reason_of(error: Exception) -> str:
-    """The line of an error that says most; engines put places in their code first."""
+    """The line that says most; engines put places in their code first."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     told = [line for line in lines if ".cpp:" not in line and not line.startswith("Exception from")]
     text = (told or lines or [type(error).__name__])[0]
@@ -249,7 +233,6 @@ class _OpenVino:
 
 
 def _name(port: Any, number: int) -> str:
-    """OpenVINO's tensors may have none or several."""
     return min(port.get_names(), default=f"{number}")
 
 
@@ -292,7 +275,6 @@ class _TensorFlowLite:
 
 
 def _quantized(detail: Mapping[str, Any], values: Array) -> Array:
-    """An input may take whole numbers of a step."""
     step, zero = detail["quantization"]
     if not step:
         return values

@@ -1,4 +1,4 @@
-"""Finds and reads the file of a policy, and its metadata."""
+"""Finds and reads a policy's file and metadata."""
 
 import os
 import stat
@@ -14,12 +14,12 @@ from drcli.formats.pickles import is_pickle
 from drcli.modelfiles.model_metadata import ModelMetadata
 
 Form = Literal["pb", "onnx", "openvino", "tflite"]
-"""Frozen TensorFlow graph, ONNX, OpenVINO's pair of files, TensorFlow Lite."""
+"""Frozen TensorFlow graph, ONNX, OpenVINO's pair, TensorFlow Lite."""
 
 METADATA = "model_metadata.json"
 
 LARGEST_BYTES = 1 << 30
-"""The largest network of the reference takes 230 MB."""
+"""The reference's largest takes 230 MB."""
 
 DOCUMENTED = "docs/formats.md says how policies of other programs come in"
 
@@ -36,13 +36,7 @@ _PICKLES = (".pt", ".pth", ".pkl", ".pickle")
 
 @dataclass(frozen=True)
 class PolicyFile:
-    """The content of a policy's file.
-
-    Attributes:
-        weights: The `.bin` of OpenVINO's pair; else empty.
-        origin: Path for messages.
-        sha256: Of the graph and its weights.
-    """
+    """A policy's file; `weights` is the `.bin` of OpenVINO's pair, `sha256` is of both."""
 
     form: Form
     data: bytes
@@ -56,11 +50,11 @@ class PolicyFile:
 def read_policy_file(path: Path, metadata: Path | None = None) -> PolicyFile:
     """Read a policy's file.
 
-    Its metadata is the given file, or in the archive, or beside the file as
-    `NAME.model_metadata.json` or `model_metadata.json`.
+    Its metadata is the given file, or in the archive, or beside it as `NAME.model_metadata.json` or
+    `model_metadata.json`.
 
     Raises:
-        SettingsError: File or metadata is missing or wrong, or no engine runs its form.
+        SettingsError: File or metadata is missing or wrong, or no engine runs it.
     """
     name = path.name.casefold()
     if name.endswith(_PICKLES) or (name.endswith(".zip") and is_pickle(_read(path))):
@@ -99,7 +93,7 @@ def read_policy_file(path: Path, metadata: Path | None = None) -> PolicyFile:
 
 
 def metadata_path(path: Path) -> Path:
-    """Where metadata is exported: `NAME.model_metadata.json`."""
+    """`NAME.model_metadata.json` beside it."""
     return path.with_name(f"{path.stem}.{METADATA}")
 
 
@@ -115,7 +109,6 @@ def _beside(path: Path) -> tuple[str, bytes]:
 
 
 def _from_archive(path: Path) -> tuple[str, bytes, tuple[str, bytes] | None]:
-    """Place and content of graph and metadata."""
     members = read_archive(path)
     graphs = [name for name in members if name.endswith(".pb")]
     if "agent/model.pb" in graphs:

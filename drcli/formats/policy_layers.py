@@ -1,8 +1,7 @@
-"""Finds the layers of a policy in a frozen graph by what its operations do.
+"""Finds the layers of a policy by what operations do.
 
 Versions name layers differently, and a dense layer on every pixel is a convolution or a chain of
-reshapes. So the graph is followed from inputs to output, and every product with a constant kernel
-is a layer.
+reshapes. So every product with a constant kernel between input and output is a layer.
 """
 
 from collections.abc import Mapping
@@ -20,11 +19,7 @@ from drcli.formats.tensorflow.interpreter import Graph
 Floats = NDArray[np.float32]
 
 _PASSING = ("Identity", "Pack", "Reshape", "StopGradient", "StridedSlice", "Transpose")
-"""Operations that change no value in the reference's graphs."""
-
 _AFFINE = ("Add", "AddV2", "BiasAdd", "Mul", "RealDiv", "Sub")
-"""Of a value with a constant; may belong to the layer before."""
-
 _TWO_INPUTS = ("Conv2D", "MatMul", *_AFFINE)
 
 
@@ -44,12 +39,7 @@ class Linear:
 
 @dataclass(frozen=True, eq=False)
 class Trunk:
-    """The layers of a graph.
-
-    Attributes:
-        branches: By input, in the order in which they are joined. Empty lists for a single input.
-        layers: After that.
-    """
+    """`branches` on each input in the order of joining (empty for one input), then `layers`."""
 
     branches: Mapping[str, tuple[Linear, ...]]
     layers: tuple[Linear, ...]
@@ -57,7 +47,7 @@ class Trunk:
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """What made a node's result; `is_open` while a constant still belongs to a layer."""
+    """`is_open` while a constant still belongs to a layer."""
 
     branches: Mapping[str, tuple[Linear, ...]]
     layers: tuple[Linear, ...] = ()
@@ -68,11 +58,7 @@ class _Path:
 
 
 def find_layers(graph: Graph) -> Trunk:
-    """The layers of a policy's graph.
-
-    Raises:
-        SettingsError: It is not a chain of convolutions and dense layers.
-    """
+    """SettingsError if it is not a chain of convolutions and dense layers."""
     finder = _Finder(graph)
     path = finder.paths.get(graph.output.name)
     if path is None:
@@ -98,7 +84,6 @@ class _Finder:
         raise SettingsError(f"{self._graph.origin} {what}.", remedy=REMEDY)
 
     def _path(self, node: Node) -> _Path | None:
-        """None if it depends only on the inputs' shapes."""
         before = [self.paths[name] for name in node.inputs if name in self.paths]
         if node.op == "Shape" or not before:
             return None
@@ -146,10 +131,9 @@ class _Finder:
         return Linear(np.asarray(kernel, np.float32), bias)
 
     def _affine(self, node: Node, path: _Path) -> _Path:
-        """An added or multiplied constant: part of the layer before it, if it follows one.
+        """A constant, part of the layer before it, if it follows one.
 
-        After an activation and on the input it is left out; the comparison of the whole network shows
-        whether that is right.
+        Otherwise it is left out; comparing whole networks shows whether that is right.
         """
         if not path.is_open:
             return path
@@ -167,7 +151,7 @@ class _Finder:
         return replace(path, layers=(*others, folded))
 
     def _folded(self, node: Node, layer: Linear, values: Array, is_first: bool) -> Linear:
-        """A layer and the operation after it as one, for batch norm."""
+        """For batch norm."""
         kernel, bias = layer.kernel.astype(np.float64), layer.bias.astype(np.float64)
         if node.op in ("Add", "AddV2", "BiasAdd"):
             bias = bias + values
@@ -184,7 +168,6 @@ class _Finder:
         return Linear(kernel.astype(np.float32), bias.astype(np.float32))
 
     def _value(self, name: str) -> Array:
-        """The value of a constant node."""
         needed: dict[str, Node] = {}
         stack = [name]
         while stack:

@@ -26,13 +26,11 @@ from drcli.modelfiles.model_metadata import CAMERAS, LIDARS
 _NAME = re.compile(
     r"(?P<agent>main_level/agent(?:_\d+)?/main/)(?P<copy>online|global)/(?P<rest>.+)"
 )
-"""Of a PPO agent, trained alone (`online`) or by several processes (`global`)."""
+"""Trained alone (`online`) or by several processes (`global`)."""
 
 _SAC = re.compile(r"main_level/agent(?:_\d+)?/(policy|q|v)/")
 
 _SLOTS = re.compile(r".*/(Adam|Adam_1|RMSProp|RMSProp_1|Momentum)")
-"""Of optimizers."""
-
 _REMEDY = "Name a checkpoint that the reference simulator or `dr-export tf-checkpoint` wrote."
 
 _LISTED = 3
@@ -40,15 +38,15 @@ _LISTED = 3
 
 @dataclass(frozen=True)
 class ReadCheckpoint:
-    """A policy that was read from a checkpoint.
+    """A policy from a checkpoint.
 
     Attributes:
-        network: `neural_network` of model_metadata.json.
+        network: As in model_metadata.json.
         sensors: The camera first.
         eyes: Cameras, 1 or 2.
         scan_dims: 0 without a lidar.
         weights: Under our names, without a critic if `fresh_critic`.
-        notes: What a racer should know, in sentences.
+        notes: For the racer.
     """
 
     network: str
@@ -66,10 +64,10 @@ class ReadCheckpoint:
 def read_reference_checkpoint(
     index: bytes, data: bytes | Sequence[bytes], origin: str
 ) -> ReadCheckpoint:
-    """Read the policy of a checkpoint, from its `.index` and all data files in order.
+    """Read a policy from its `.index` and data files in order.
 
     Raises:
-        SettingsError: A file is damaged, or the network is not one of the reference's.
+        SettingsError: It is damaged, or not one of the reference's networks.
     """
     bundle = open_bundle(index, origin)
     names = _names(bundle)
@@ -106,7 +104,6 @@ def read_reference_checkpoint(
 
 
 def _names(bundle: Bundle) -> dict[str, str]:
-    """By names below the agent's scope."""
     found: dict[tuple[str, str], dict[str, str]] = {}
     for name in bundle.entries:
         part = _NAME.fullmatch(name)
@@ -143,7 +140,7 @@ def _sensors(shapes: Mapping[str, Shape], origin: str) -> tuple[str, ...]:
 
 
 def _spec(shapes: Mapping[str, Shape], sensors: Sequence[str], origin: str) -> PolicySpec:
-    """The network of these variables; SettingsError says how the most similar one differs."""
+    """SettingsError says how the most similar network differs."""
     head = BODIES[1] + "ppo_head_0/"
     heads = [name for name in shapes if name.startswith(head)]
     continuous = any("policy_mean" in name or "policy_log_std" in name for name in heads)

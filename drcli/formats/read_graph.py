@@ -1,7 +1,7 @@
 """Reads a policy from a frozen TensorFlow graph, and proves that ours computes the same.
 
-The layers are matched with our networks by their shapes. Then both compute the same pictures: if
-results differ, the graph is refused.
+Layers are matched with our networks by shape. Then both compute the same pictures: if results
+differ, the graph is refused.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,14 +27,10 @@ from drcli.modelfiles.model_metadata import CAMERAS, LIDARS
 Weights = dict[str, NDArray[np.float32]]
 
 TOLERANCE = 1e-4
-"""Of the greatest result. Sums of thousands of products differ by 1e-6 between two libraries."""
+"""Sums of thousands of products differ by 1e-6 between two libraries."""
 
 _MOST_CHANNELS = 32
-"""Two cameras and a long frame stack."""
-
 _SAC = ("/agent/policy/online/", "/sac_head_", "sac_policy_head")
-"""Parts of names that only SAC agents have."""
-
 _REMEDY = (
     "Name the frozen graph of a PPO model that the reference simulator or drcli wrote, such as "
     "model_30.pb."
@@ -43,16 +39,16 @@ _REMEDY = (
 
 @dataclass(frozen=True)
 class ReadPolicy:
-    """A policy that was read from a file.
+    """A policy from a file.
 
     Attributes:
-        network: `neural_network` of model_metadata.json.
+        network: As in model_metadata.json.
         sensors: The camera first.
         eyes: Cameras, 1 or 2.
         scan_dims: 0 without a lidar.
-        continuous: Whether the outputs are means of a Gaussian, not probabilities.
-        weights: Under our names; what a file does not have is missing.
-        notes: What a racer should know, in sentences.
+        continuous: Outputs are means of a Gaussian, not probabilities.
+        weights: Under our names, as far as the file has them.
+        notes: For the racer.
     """
 
     network: str
@@ -68,7 +64,7 @@ class ReadPolicy:
 
     @property
     def spec(self) -> PolicySpec:
-        """With a critic that sees what the policy sees."""
+        """Its critic sees what the policy sees."""
         return PolicySpec(
             self.num_actions,
             self.continuous,
@@ -80,16 +76,15 @@ class ReadPolicy:
 
 
 def read_graph(data: bytes, origin: str) -> ReadPolicy:
-    """Read the file of a frozen graph.
+    """Read a frozen graph.
 
     Raises:
-        SettingsError: It is damaged, or not a policy that can be trained here.
+        SettingsError: It is damaged, or cannot be trained here.
     """
     return read_nodes(decode_graph(data, origin), origin)
 
 
 def read_nodes(nodes: Sequence[Node], origin: str) -> ReadPolicy:
-    """The same from its nodes."""
     if any(part in node.name for node in nodes for part in _SAC):
         refuse_sac(origin)
     graph = Graph(nodes, origin)
@@ -101,7 +96,7 @@ def read_nodes(nodes: Sequence[Node], origin: str) -> ReadPolicy:
 
 
 def refuse_sac(origin: str) -> NoReturn:
-    """The reference's SAC has other layers than ours."""
+    """The reference's has other layers."""
     raise SettingsError(
         f"{origin} is a SAC policy, which cannot be trained on: it lacks the critics and the "
         "spread of its actions, and the reference's policy has other layers than ours.",
@@ -179,7 +174,6 @@ def _matched(graph: Graph, sensors: Mapping[str, str], found: Trunk) -> ReadPoli
 
 
 def _check_shape(graph: Graph, name: str, wanted: tuple[int, ...]) -> None:
-    """Refuse another shape; a graph may leave lengths open."""
     shape = graph.inputs[name]
     one = Shape((1, *wanted))
     if shape and (
@@ -195,12 +189,10 @@ def _check_shape(graph: Graph, name: str, wanted: tuple[int, ...]) -> None:
 
 
 def _in_our_order(found: Trunk, inputs: Sequence[str]) -> list[Linear]:
-    """The camera's, the lidar's, those on all features."""
     return [*(layer for name in inputs for layer in found.branches[name]), *found.layers]
 
 
 def _camera_first(found: Trunk, layers: list[Linear]) -> list[Linear]:
-    """With rows of the first common layer as ours: camera before lidar."""
     place = len(layers) - len(found.layers)
     joined = layers[place]
     rows = joined.kernel
@@ -211,7 +203,6 @@ def _camera_first(found: Trunk, layers: list[Linear]) -> list[Linear]:
 
 
 def _loaded(spec: PolicySpec, layers: Sequence[Linear]) -> Weights | None:
-    """None if the layers have other shapes."""
     with torch.device("meta"):
         model = ActorCritic(spec)
     shapes = {
@@ -235,10 +226,7 @@ def _loaded(spec: PolicySpec, layers: Sequence[Linear]) -> Weights | None:
 def _prove(
     nodes: Sequence[Node], graph: Graph, sensors: Mapping[str, str], policy: ReadPolicy
 ) -> None:
-    """Compute pictures with both networks; SettingsError if results differ.
-
-    Probabilities near 0 and 1 hide differences, so the values before them are compared.
-    """
+    """Probabilities near 0 and 1 hide differences, so values before them are compared."""
     for name, array in policy.weights.items():
         if not np.isfinite(array).all():
             _refuse(graph.origin, f"is damaged: {name} has values that are not finite")
@@ -273,9 +261,9 @@ def _prove(
 
 
 def _pictures(channels: int, random: np.random.Generator) -> Iterator[NDArray[np.uint8]]:
-    """Small batches of shape (n, channels, 120, 160).
+    """Noise, even grey, gradients and edges excite different parts of a network.
 
-    Noise, even grey, gradients and edges excite different parts of a network.
+    Batches of shape (n, channels, 120, 160).
     """
     shape = (4, channels, FRAME_HEIGHT, FRAME_WIDTH)
     yield random.integers(0, 256, shape, np.uint8)

@@ -1,4 +1,4 @@
-"""Our weights as the variables of a PPO checkpoint of the reference, and back.
+"""Our weights as variables of the reference's PPO checkpoints, and back.
 
 The reference has two bodies, for value and policy. Ours share one: an export writes it twice, an
 import takes the policy's.
@@ -25,8 +25,6 @@ from drcli.learn.policy import PolicySpec
 
 Array = NDArray[np.float32]
 Weights = Mapping[str, Array]
-"""By names in `ActorCritic`."""
-
 VALUE_HEAD = "network_0/v_values_head_0/output"
 LOG_STD = "network_1/ppo_head_0/policy_log_std"
 
@@ -37,7 +35,7 @@ _INSTEAD = (
 
 
 def refuse_other_networks(spec: PolicySpec, *, is_sac: bool) -> None:
-    """Raise SettingsError for networks with other layers than the reference's."""
+    """SettingsError where layers differ from the reference's."""
     if is_sac:
         raise SettingsError(
             "training_algorithm=sac: our SAC policy has other layers than the reference "
@@ -62,7 +60,7 @@ def refuse_other_networks(spec: PolicySpec, *, is_sac: bool) -> None:
 def reference_variables(
     weights: Weights, spec: PolicySpec, sensors: Sequence[str]
 ) -> dict[str, Array]:
-    """All variables by full name, compared with the reference's layout.
+    """All variables by full name.
 
     Raises:
         SettingsError: The reference has no such network, or a weight is not a number.
@@ -88,7 +86,7 @@ def reference_variables(
 
 
 def encode_reference_checkpoint(variables: Mapping[str, Array]) -> dict[str, bytes]:
-    """The `.index` and data file by their ends, read back and compared."""
+    """`.index` and data file, read back and compared."""
     index, data = write_bundle(variables)
     again = read_bundle(index, data, "the export")
     if again.keys() != variables.keys() or any(
@@ -99,7 +97,7 @@ def encode_reference_checkpoint(variables: Mapping[str, Array]) -> dict[str, byt
 
 
 def export_notes(weights: Weights, spec: PolicySpec) -> list[str]:
-    """What a racer should know about the exported critic."""
+    """About the exported critic."""
     if spec.state_dims:
         return [
             "critic=state: the critic of this model sees the simulation's state, which the "
@@ -120,9 +118,9 @@ def export_notes(weights: Weights, spec: PolicySpec) -> list[str]:
 def ours_from_variables(
     variables: Mapping[str, Array], spec: PolicySpec, sensors: Sequence[str]
 ) -> dict[str, Array]:
-    """Our weights from the variables of the policy's body, named without `SCOPE`.
+    """Our weights from variables named without `SCOPE`.
 
-    Has a critic only if the value's body is the same, so that its head fits.
+    Has a critic only if the value's body is the policy's, so that its head fits.
     """
     body = BODIES[1]
     order = embedders(spec, sensors)
@@ -145,7 +143,7 @@ def ours_from_variables(
 
 
 def critic_from_variables(variables: Mapping[str, Array]) -> dict[str, Array] | None:
-    """The value head in units of reward, if it stands on the policy's body."""
+    """In units of reward, if it stands on the policy's body."""
     bodies = [
         {
             name.removeprefix(body): array
@@ -172,7 +170,6 @@ def critic_from_variables(variables: Mapping[str, Array]) -> dict[str, Array] | 
 def _kernels(
     weights: Weights, spec: PolicySpec, sensors: Sequence[str]
 ) -> list[tuple[Layer, Array]]:
-    """Layers with kernels as TensorFlow has them."""
     order = embedders(spec, sensors)
     found = []
     for embedder in order:
@@ -186,7 +183,7 @@ def _kernels(
 
 
 def _value_head(weights: Weights, spec: PolicySpec) -> tuple[Array, Array]:
-    """Kernel and bias in units of reward; zeros for a critic that sees the state."""
+    """In units of reward; zeros for a critic that sees the state."""
     if spec.state_dims:
         width = weights["policy_head.weight"].shape[1]
         return np.zeros((width, 1), np.float32), np.zeros(1, np.float32)
@@ -204,7 +201,6 @@ def _add(found: dict[str, Array], scope: str, kernel: Array, bias: Array) -> Non
 
 
 def _compare(found: Mapping[str, Array], spec: PolicySpec, sensors: Sequence[str]) -> None:
-    """Refuse an export that the reference would not read completely."""
     wanted = reference_layout(
         spec.network,
         sensors,
@@ -237,5 +233,4 @@ def _ours(layer: Layer, body: str, variables: Mapping[str, Array]) -> dict[str, 
 
 
 def _copy(array: Array) -> Array:
-    """In rows, in memory of their own."""
     return np.array(array, np.float32, order="C")

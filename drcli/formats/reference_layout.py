@@ -1,11 +1,11 @@
-"""Names and shapes of the variables in a PPO checkpoint of the reference.
+"""Names and shapes of variables in a PPO checkpoint of the reference.
 
-Independent of our networks and of the export, which is compared with it: the reference silently
-skips variables that do not match.
+Independent of the export, which is compared with it: the reference silently skips variables that do
+not match.
 
-Sources: a checkpoint of the console (continuous, shallow) has exactly these names; for others,
-TensorFlow 2.12 gives them to layers below the reference's scopes, with `tf.layers` (the consoles)
-and `tf.keras.layers` (release 6). Layers are numbered with the activations between them: 0, 2, 4 ...
+Sources: a checkpoint of the console (continuous, shallow); for others, TensorFlow 2.12 gives these
+names below the reference's scopes, with `tf.layers` (the consoles) and `tf.keras.layers` (release
+6). Layers are numbered with the activations between them: 0, 2, 4 ...
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -55,9 +55,7 @@ _CAMERA: dict[tuple[str, int], dict[str, Shape]] = {
     },
     (_DEEP, 2): _STEREO,
 }
-"""Kernels by network and number of cameras: (rows, columns, channels, filters) of convolutions,
-(inputs, outputs) of dense layers.
-"""
+"""Kernels: (rows, columns, channels, filters), or (inputs, outputs) of dense layers."""
 
 _FEATURES = {
     (_SHALLOW, 1): 11_264,
@@ -67,15 +65,11 @@ _FEATURES = {
     (_DEEP, 1): 9_216,
     (_DEEP, 2): 112_000,
 }
-"""Of the camera's embedder."""
-
 _MIDDLEWARE: dict[str, tuple[tuple[str, int], ...]] = {
     _SHALLOW: (("Dense_0", 512),),
     _MIDDLE: (("Dense_0", 512),),
     _DEEP: (("Dense_0", 256), ("Dense_2", 128)),
 }
-"""Dense layers on all features, with widths."""
-
 _LIDAR_WIDTHS = (("Dense_0", 256), ("Dense_2", 256))
 
 BODIES = ("network_0/", "network_1/")
@@ -92,10 +86,7 @@ def reference_layout(
     num_actions: int,
     continuous: bool,
 ) -> dict[str, Shape]:
-    """Shapes of all variables by name, without `SCOPE`.
-
-    `sensors` are one camera and at most one lidar; continuous actions count 2.
-    """
+    """Shapes of all variables by name, without `SCOPE`."""
     found: dict[str, Shape] = {}
     for body in BODIES:
         for sensor in sensors:
@@ -119,7 +110,7 @@ def reference_layout(
 
 
 def differences(found: Mapping[str, Shape], wanted: Mapping[str, Shape]) -> list[str]:
-    """Differences from a layout, in words."""
+    """In words."""
     missing = [f"{name} is missing" for name in wanted if name not in found]
     extra = [f"{name} is not known" for name in found if name not in wanted]
     other = [

@@ -1,7 +1,6 @@
 """Names of a policy's layers in the reference's frozen graphs and checkpoints.
 
-Source: one of each; those of deep networks and lidars follow from how the reference numbers layers,
-no file was at hand.
+Source: one of each; deep networks and lidars follow from how the reference numbers layers.
 """
 
 from collections.abc import Sequence
@@ -13,7 +12,7 @@ from drcli.modelfiles.model_metadata import LIDARS
 
 PPO_AGENT = "main_level/agent/main/online"
 SAC_AGENT = "main_level/agent/policy/online"
-"""Source: the car, which looks its inputs up by these names."""
+"""Source: the car."""
 
 VALUE_BODY, POLICY_BODY = "network_0", "network_1"
 """The reference trains two bodies; inputs lie below the first one."""
@@ -29,10 +28,10 @@ class Layer:
     """A layer of a policy.
 
     Attributes:
-        ours: In our network; `.weight` and `.bias` follow.
+        ours: `.weight` and `.bias` follow.
         scope: Below the body; `/kernel` and `/bias` follow.
         activation: Its ReLU below the body, if any.
-        stride: Of rows and columns; None for a dense layer.
+        stride: None for a dense layer.
     """
 
     ours: str
@@ -43,8 +42,6 @@ class Layer:
 
 @dataclass(frozen=True)
 class Embedder:
-    """The layers that turn one sensor's values into features."""
-
     sensor: str
     layers: tuple[Layer, ...]
 
@@ -58,7 +55,7 @@ def input_name(agent: str, sensor: str) -> str:
 
 
 def embedders(spec: PolicySpec, sensors: Sequence[str]) -> list[Embedder]:
-    """The embedders, in the order in which the reference joins their features."""
+    """In the order in which the reference joins their features."""
     tables = (STEREO if spec.eyes == 2 else MONO)[spec.network]
     found = []
     for sensor in sorted(sensors):

@@ -1,4 +1,4 @@
-"""Reads a checkpoint in the bucket, ours or the reference's, which is converted in memory."""
+"""Reads a checkpoint in the bucket; one of the reference is converted in memory."""
 
 import re
 
@@ -16,13 +16,13 @@ _DATA = re.compile(r"\.data-\d{5}-of-\d{5}")
 
 
 def load_checkpoint(bucket: Bucket, prefix: str, name: str) -> Checkpoint:
-    """Read one checkpoint and check it.
+    """Read and check a checkpoint.
 
     Raises:
-        ObjectMissing: It does not exist, or lacks a file.
-        ObjectDamaged: A file of ours is not what was written.
+        ObjectMissing: A file is missing.
+        ObjectDamaged: A file is not what was written.
         SettingsError: It is damaged, or cannot be trained here.
-        ProblemsError: A parameter file of its model is wrong.
+        ProblemsError: A parameter file is wrong.
     """
     listed = [info.key for info in bucket.list(keys.model_folder(prefix))]
     if not is_tensorflow(listed, prefix, name):
@@ -54,10 +54,10 @@ def load_checkpoint(bucket: Bucket, prefix: str, name: str) -> Checkpoint:
 
 
 def driving_graph(bucket: Bucket, prefix: str, name: str) -> PolicyFile | None:
-    """The frozen graph that drives for a TensorFlow checkpoint of SAC, else None.
+    """The graph that drives for a TensorFlow checkpoint of SAC, else None.
 
     Raises:
-        ObjectMissing: That checkpoint has no frozen graph.
+        ObjectMissing: That has no graph.
     """
     listed = [info.key for info in bucket.list(keys.model_folder(prefix))]
     if not is_tensorflow(listed, prefix, name):

@@ -1,4 +1,4 @@
-"""Writes a network in another form, and compares the result with PyTorch."""
+"""Writes a network in another form, and compares it with PyTorch."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -30,18 +30,11 @@ _AT_A_TIME = 8
 
 _ALLOWED = 1e-4
 _ALLOWED_HALF = 1e-2
-"""Difference of a probability, or of an action (in proportion above 1), in half precision."""
+"""Of a probability or action (in proportion above 1), in half precision."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """How a file's output differs from PyTorch's.
-
-    Attributes:
-        same_actions: Share with the same likeliest action; 1 for continuous actions.
-        greatest_difference: Of a probability, or of a continuous action.
-    """
-
     frames: int
     same_actions: float
     greatest_difference: float
@@ -49,7 +42,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class WrittenForm:
-    """Files by the ends of their names, the one that is named last."""
+    """Files by their ends, the one that is named last."""
 
     files: Mapping[str, bytes]
     engine: Runtime
@@ -61,11 +54,11 @@ def write_form(
 ) -> WrittenForm:
     """Write a checkpoint in another form, run it, and compare it with PyTorch.
 
-    `fp16` is for OpenVINO's weights. TensorFlow Lite's always have half precision.
+    `fp16` is for OpenVINO; TensorFlow Lite always has half precision.
 
     Raises:
-        NotAvailable: The converter or the engine is not installed.
-        SettingsError: The checkpoint does not fit its model, or the file gives other actions.
+        NotAvailable: Converter or engine is not installed.
+        SettingsError: The checkpoint does not fit, or the file gives other actions.
     """
     model = build_policy(design.metadata, design.parameters)
     load_weights(model, weights, origin)
@@ -117,14 +110,7 @@ def compare(
     frames: NDArray[np.uint8],
     scans: NDArray[np.float32],
 ) -> Comparison:
-    """Compare a policy in an engine with its network.
-
-    Args:
-        model: The network.
-        policy: Its copy.
-        frames: Shape (n, stack * eyes, 120, 160).
-        scans: Shape (n, d).
-    """
+    """Frames have shape (n, stack * eyes, 120, 160), scans (n, d)."""
     return compare_outputs(
         torch_outputs(model, frames, scans), policy, frames, scans, continuous=model.spec.continuous
     )
@@ -138,7 +124,7 @@ def compare_outputs(
     *,
     continuous: bool,
 ) -> Comparison:
-    """The same with what `torch_outputs` gave."""
+    """With what `torch_outputs` gave."""
     parts = [slice(begin, begin + _AT_A_TIME) for begin in range(0, len(frames), _AT_A_TIME)]
     theirs = np.concatenate([policy.outputs(frames[part], scans[part]) for part in parts])
     same = 1.0
@@ -151,7 +137,7 @@ def compare_outputs(
 def torch_outputs(
     model: Network, frames: NDArray[np.uint8], scans: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Probabilities, or continuous actions, of shape (n, num_actions)."""
+    """Shape (n, num_actions)."""
     if len(frames) > _AT_A_TIME:
         parts = [slice(begin, begin + _AT_A_TIME) for begin in range(0, len(frames), _AT_A_TIME)]
         return np.concatenate([torch_outputs(model, frames[part], scans[part]) for part in parts])
@@ -171,10 +157,7 @@ def torch_outputs(
 def sample_inputs(
     spec: PolicySpec, count: int, seed: int = 0
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Made-up inputs: patches of grey of all sizes with noise.
-
-    Shapes (count, stack * eyes, 120, 160) and (count, scan_dims).
-    """
+    """Patches of grey with noise: shapes (count, stack * eyes, 120, 160) and (count, scan_dims)."""
     random = np.random.default_rng(seed)
     frames = np.empty((count, spec.channels, FRAME_HEIGHT, FRAME_WIDTH), np.uint8)
     for number, picture in enumerate(frames):

@@ -1,7 +1,7 @@
-"""Checkpoint files of TensorFlow: named tensors in an `.index` file and `.data-*` files.
+"""Checkpoint files of TensorFlow: named tensors in `.index` and `.data-*` files.
 
-The index is a sorted table: a header under the empty key, and type, shape, place and checksum of
-each tensor. Source: tensorflow/core/protobuf/tensor_bundle.proto.
+The index is a sorted table: a header under the empty key, then tensors. Source:
+tensorflow/core/protobuf/tensor_bundle.proto.
 """
 
 import math
@@ -42,15 +42,15 @@ _TYPE_NAMES = {
     22: "uint32",
     23: "uint64",
 }
-"""For messages. Source: TensorFlow's `types.proto`."""
+"""Source: TensorFlow's `types.proto`."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A tensor as the index describes it.
+    """A tensor in the index.
 
     Attributes:
-        shape: None if its rank is not known.
+        shape: None for an unknown rank.
         shard: Number of its data file.
         slices: 0 if it is stored as a whole.
     """
@@ -67,8 +67,6 @@ class Entry:
 
 @dataclass(frozen=True)
 class Bundle:
-    """The index of a checkpoint, with `shards` data files."""
-
     origin: str
     shards: int
     big_endian: bool
@@ -82,7 +80,7 @@ class Bundle:
         """The values of a tensor, from all data files in order.
 
         Raises:
-            SettingsError: A file is missing, too short or altered, or the tensor's form is not read.
+            SettingsError: A file is missing, too short or altered, or the form is not read.
         """
         entry = self.entries[name]
         files = [data] if isinstance(data, bytes) else data
@@ -105,7 +103,6 @@ class Bundle:
         return values.astype(dtype, copy=False).reshape(shape)
 
     def _checked(self, entry: Entry) -> tuple[np.dtype[Any], tuple[int, ...]]:
-        """Type and shape, which fit its size."""
         index, name = self.origin + INDEX, shown(entry.name)
         if entry.slices:
             raise SettingsError(
@@ -131,11 +128,7 @@ class Bundle:
 
 
 def open_bundle(index: bytes, origin: str) -> Bundle:
-    """Read an index.
-
-    Raises:
-        SettingsError: It is not an index, or is damaged.
-    """
+    """SettingsError if it is not an index, or damaged."""
     origin = origin.removesuffix(INDEX)
     name = origin + INDEX
     table = read_table(index, name)
@@ -176,7 +169,7 @@ def read_bundle(index: bytes, data: bytes | Sequence[bytes], origin: str) -> dic
 
 
 def write_bundle(tensors: Mapping[str, Array]) -> tuple[bytes, bytes]:
-    """The `.index` and data file, with the bytes that TensorFlow writes for the same tensors.
+    """`.index` and data file, with the bytes of TensorFlow.
 
     Raises:
         ValueError: A type cannot be written, or a name is empty.

@@ -24,10 +24,10 @@ _DTYPES: dict[DataType, np.dtype[Any]] = {
 }
 
 _LARGEST = 1 << 27
-"""Values of one tensor: 512 MB. The reference's largest has 57 million."""
+"""512 MB. The reference's largest has 57 million values."""
 
 _PRODUCER = 27
-"""The version that TensorFlow 1.12, the reference simulator's, writes. TensorFlow accepts all."""
+"""Of TensorFlow 1.12, the reference's."""
 
 REMEDY = "Use a graph that the reference simulator or `dr-export pb` wrote."
 
@@ -37,17 +37,11 @@ class Shape(tuple[int, ...]):
 
 
 Attr = bool | int | float | str | tuple[int, ...] | Shape | DataType
-"""A plain tuple is a list of numbers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A node of a graph.
-
-    Attributes:
-        attrs: Without those that the interpreter and the converters ignore.
-        value: The tensor of a `Const`.
-    """
+    """`attrs` lack what the interpreter and the converters ignore; `value` is that of a `Const`."""
 
     name: str
     op: str
@@ -57,7 +51,7 @@ class Node:
 
 
 def encode_graph(nodes: Sequence[Node]) -> bytes:
-    """The file of a graph; equal nodes, equal bytes."""
+    """Equal nodes, equal bytes."""
     graph = graph_message(nodes)
     data: bytes = graph.SerializeToString(deterministic=True)
     return data
@@ -78,11 +72,7 @@ def graph_message(nodes: Sequence[Node]) -> Any:
 
 
 def decode_graph(data: bytes, origin: str) -> tuple[Node, ...]:
-    """Read the file of a graph.
-
-    Raises:
-        SettingsError: It is not a graph, or one of its tensors is wrong.
-    """
+    """SettingsError if it is not a graph, or a tensor is wrong."""
     graph = GraphMessage()
     try:
         graph.ParseFromString(data)
@@ -94,7 +84,7 @@ def decode_graph(data: bytes, origin: str) -> tuple[Node, ...]:
 
 
 def data_type(array: Array) -> DataType:
-    """TensorFlow's type, or ValueError."""
+    """ValueError if TensorFlow has none."""
     for kind, dtype in _DTYPES.items():
         if array.dtype == dtype:
             return kind
@@ -102,7 +92,7 @@ def data_type(array: Array) -> DataType:
 
 
 def dtype_of(number: int) -> np.dtype[Any] | None:
-    """The NumPy type; None if no model of the reference has it."""
+    """None if no model of the reference has it."""
     try:
         return _DTYPES[DataType(number)]
     except ValueError:

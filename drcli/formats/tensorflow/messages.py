@@ -1,8 +1,7 @@
-"""TensorFlow's protobuf messages, as far as the reference's graphs and checkpoints need them.
+"""TensorFlow's protobuf messages, as far as needed; other fields are skipped.
 
-Fields are those of TensorFlow's `graph.proto`, `node_def.proto`, `attr_value.proto`,
-`tensor.proto`, `tensor_shape.proto`, `versions.proto`, `meta_graph.proto`, `saver.proto` and
-`tensor_bundle.proto`. Missing ones are skipped in reading.
+Source: TensorFlow's `graph.proto`, `node_def.proto`, `attr_value.proto`, `tensor.proto`,
+`tensor_shape.proto`, `versions.proto`, `meta_graph.proto`, `saver.proto`, `tensor_bundle.proto`.
 """
 
 from enum import IntEnum
@@ -77,12 +76,11 @@ _FIELDS: dict[str, tuple[str, ...]] = {
         "7 slices *Slice",
     ),
 }
-"""`*` marks repeated ones. A node's attributes are a map in TensorFlow, which protobuf writes like
-repeated pairs.
+"""`*`: repeated. A node's attributes are a map in TensorFlow, which protobuf writes like repeated
+pairs.
 """
 
 _CHOICES = {"AttrValue": "value"}
-"""Messages whose fields exclude each other."""
 
 
 class DataType(IntEnum):

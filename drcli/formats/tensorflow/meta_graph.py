@@ -1,7 +1,6 @@
-"""The `.meta` file of a checkpoint: a graph with its variables.
+"""The `.meta` file of a checkpoint: a graph with variables, for `import_meta_graph`.
 
-TensorFlow's `import_meta_graph` builds it and gives a saver that restores the checkpoint. The
-reference simulator never reads this file, but importers ask for it.
+The reference simulator never reads it, but importers ask for it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,13 +14,13 @@ from drcli.formats.tensorflow.messages import DataType, MetaGraphMessage
 _STRING = 7
 _SAVER_V2 = 2
 _VERSION = "1.12.0"
-"""Of the TensorFlow of the consoles."""
+"""Of the consoles."""
 
 _SAVE = "save/"
 
 
 def encode_meta_graph(nodes: Sequence[Node], variables: Mapping[str, Array]) -> bytes:
-    """The `.meta` file; constants of a frozen graph with the name of a variable become that variable."""
+    """Constants with the name of a variable become that variable."""
     file = MetaGraphMessage()
     file.meta_info_def.tags.append("serve")
     file.meta_info_def.tensorflow_version = _VERSION
@@ -41,7 +40,6 @@ def encode_meta_graph(nodes: Sequence[Node], variables: Mapping[str, Array]) -> 
 
 
 def _with_variables(nodes: Sequence[Node], variables: Mapping[str, Array]) -> list[Node]:
-    """Also with those that the policy does not use."""
     graph = [_variable(name, variables[name]) for name in sorted(variables)]
     shapes: dict[str, tuple[int, ...]] = {}
     for node in nodes:

@@ -1,7 +1,7 @@
-"""Sorted tables of TensorFlow: the format of a checkpoint's `.index` file.
+"""Sorted tables of TensorFlow: the format of `.index` files.
 
-It is LevelDB's: blocks of entries, a block with their places, a footer; each block has a checksum.
-Source: doc/table_format.md of LevelDB, tensorflow/core/lib/io/table_format.txt.
+It is LevelDB's: blocks with checksums. Source: doc/table_format.md of LevelDB,
+tensorflow/core/lib/io/table_format.txt.
 """
 
 import itertools
@@ -16,40 +16,34 @@ from drcli.base.errors import SettingsError
 _MAGIC = 0xDB4775248B80FB57
 _FOOTER_BYTES = 48
 _TRAILER_BYTES = 5
-"""Compression, one byte, and checksum."""
+"""Compression and checksum."""
 
 _UNCOMPRESSED, _SNAPPY = 0, 1
 _RESTART_INTERVAL = 16
 _BLOCK_BYTES = 262_144
-"""TensorFlow's, for checkpoints."""
+"""TensorFlow's."""
 
 _MAX_KEY_BYTES = 4096
 _MAX_ENTRIES = 100_000
-"""A table of a few MB can claim keys of many GB, because an entry may repeat most of the key before it."""
+"""An entry may repeat most of the key before it, so a few MB can claim many GB."""
 
 _UINT32 = (1 << 32) - 1
 
 
 @dataclass(frozen=True)
 class _Place:
-    """A block without its trailer."""
-
     offset: int
     size: int
 
 
 def masked_crc(data: bytes) -> int:
-    """CRC-32C as TensorFlow stores it: rotated, plus a constant."""
+    """CRC-32C, rotated, plus a constant."""
     crc = int(google_crc32c.value(data))
     return (((crc >> 15) | (crc << 17)) + 0xA282EAD8) & _UINT32
 
 
 def read_table(data: bytes, origin: str) -> dict[bytes, bytes]:
-    """Read a table and check it.
-
-    Raises:
-        SettingsError: It is damaged or compressed, or has too many entries.
-    """
+    """SettingsError if it is damaged or compressed, or has too many entries."""
     index_place = _footer(data, origin)
     found: dict[bytes, bytes] = {}
     before: bytes | None = None
@@ -66,7 +60,7 @@ def read_table(data: bytes, origin: str) -> dict[bytes, bytes]:
 
 
 def write_table(entries: dict[bytes, bytes], *, block_bytes: int = _BLOCK_BYTES) -> bytes:
-    """Write a table uncompressed; a block ends once it has `block_bytes`."""
+    """Write a table uncompressed."""
     file = bytearray()
     index, block = _Block(1), _Block(_RESTART_INTERVAL)
     ordered = sorted(entries.items())
@@ -143,14 +137,12 @@ def _entries(block: bytes, origin: str) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _handle(data: bytes, position: int, origin: str) -> tuple[_Place, int]:
-    """A place, and the position after it."""
     offset, position = _varint(data, position, origin)
     size, position = _varint(data, position, origin)
     return _Place(offset, size), position
 
 
 def _varint(data: bytes, position: int, origin: str) -> tuple[int, int]:
-    """Up to 64 bits, and the position after it."""
     number = 0
     for shift in range(0, 64, 7):
         if position >= len(data):
@@ -200,7 +192,7 @@ def _append(file: bytearray, block: bytes) -> bytes:
 
 
 def _separator(last: bytes, first: bytes) -> bytes:
-    """A short key from a block's last one to before the first of the next."""
+    """A short key between two blocks."""
     shared = _common(last, first)
     if shared < len(last) and last[shared] < 0xFF and last[shared] + 1 < first[shared]:
         return last[:shared] + bytes([last[shared] + 1])
@@ -208,7 +200,6 @@ def _separator(last: bytes, first: bytes) -> bytes:
 
 
 def _successor(last: bytes) -> bytes:
-    """A short key not before the last one."""
     for position, byte in enumerate(last):
         if byte < 0xFF:
             return last[:position] + bytes([byte + 1])
