@@ -1,4 +1,4 @@
-"""Checks a reward function on the configured track, in the configured race."""
+"""Checks a reward function on the configured track and race."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -39,7 +39,7 @@ class DriverReport:
     Attributes:
         name: The driver.
         about: Its way of driving.
-        steps: Number of steps with a reward.
+        steps: Steps with a reward.
         seconds: Simulated time.
         progress: Percent of the lap.
         end: How it ended, in the words of traces.
@@ -63,7 +63,7 @@ class ParameterReport:
 
     Attributes:
         name: Its name.
-        least: Least value, over all items of a list; None for an empty one.
+        least: Over all items of a list; None for an empty one.
         greatest: Greatest value.
         read: Whether its name appears in the function.
     """
@@ -95,7 +95,7 @@ class TimeReport:
 
 @dataclass(frozen=True)
 class OtherRace:
-    """The race of another worker, in which the function was tried too.
+    """Another worker's race, in which the function was tried too.
 
     Attributes:
         world: The track.
@@ -112,7 +112,7 @@ class OtherRace:
 
 @dataclass(frozen=True)
 class RewardReport:
-    """The result of a check; numbers and drivers are those of the first worker's race.
+    """The result of a check; numbers and drivers are of the first worker's race.
 
     Attributes:
         file: The file.
@@ -130,7 +130,7 @@ class RewardReport:
         curve: Reward of the steady driver at each step.
         errors: Problems that end a training or do harm, in any race.
         warnings: Problems that may surprise its author, in any race.
-        others: Races of other workers, in which it was tried too.
+        others: Races of other workers.
     """
 
     file: str
@@ -157,15 +157,10 @@ class RewardReport:
 
 
 def check(settings: Settings, file: Path | None, directory: Path) -> RewardReport:
-    """Try a reward function on a drive over the configured track of each worker.
-
-    Args:
-        settings: The tracks, the races and the directions.
-        file: The file; None takes that of a training.
-        directory: The racer's working folder.
+    """Try a reward function on the track of each worker, by default that of a training.
 
     Raises:
-        SettingsError: The file or the track does not exist, or the race does not fit on it.
+        SettingsError: File or track does not exist, or the race does not fit on it.
     """
     read = read_racers_file(settings, file, directory)
     return report_of(try_in_each_race(settings, read, directory, lambda own: Course.of(drive(own))))
@@ -180,8 +175,7 @@ def try_in_each_race(
 ) -> list[TriedReward]:
     """Try a reward function as before a start, and on the course of each distinct race.
 
-    The arguments are those of `check`; `course_of` gives the course of a race, and `given_up` ends
-    the trial early when it is set. The first result has the samples of all races.
+    `given_up` ends the trial early. The first result has the samples of all races.
     """
     tried: list[TriedReward] = []
     tolerated = tolerated_share(settings.run)
@@ -195,7 +189,7 @@ def try_in_each_race(
 
 
 def report_of(races: Sequence[TriedReward]) -> RewardReport:
-    """The report on the first race, with the problems that only show in the others."""
+    """On the first race, with problems that only show in others."""
     found: list[Problem] = []
     for each in races:
         drive_ = each.course.drive
