@@ -1,4 +1,4 @@
-"""What can go wrong with a car, apart from wrong settings and files."""
+"""What can go wrong with a car."""
 
 from typing import ClassVar
 
@@ -6,23 +6,17 @@ from drcli.base.errors import DrError, SettingsError
 
 
 class CarError(DrError):
-    """The car cannot be reached, or does not do what it was asked."""
+    """It cannot be reached, or does not do what it was asked."""
 
     code: ClassVar[int] = 4
 
 
 class CarSilent(CarError):
-    """No answer came, so it is unknown whether the car has done what it was asked."""
+    """It is unknown whether the car has done it."""
 
 
 class CarRefused(CarError):
-    """The car answered that it did not do what it was asked.
-
-    Args:
-        message: The whole sentence.
-        remedy: What to do.
-        reason: The car's own words; empty without any.
-    """
+    """`reason` has the car's own words."""
 
     def __init__(self, message: str, *, remedy: str, reason: str = "") -> None:
         super().__init__(message, remedy=remedy)
@@ -30,4 +24,4 @@ class CarRefused(CarError):
 
 
 class NotLoggedIn(SettingsError):
-    """There is no login at the car, or the car does not accept it any more."""
+    """The car does not accept the login any more, or there is none."""

@@ -9,7 +9,7 @@ from drcli.remote.car_models import loading_state
 from drcli.remote.car_web import CarWeb
 
 Software = Literal["original", "community"]
-"""Which software the car runs: Amazon's, or that of the community (deepracer-custom-car)."""
+"""Amazon's, or deepracer-custom-car."""
 
 
 @dataclass(frozen=True)
@@ -18,14 +18,14 @@ class CarStatus:
 
     Attributes:
         car: Address of the car.
-        software: original or community; only the community's software can list its requests.
+        software: original or community; only the latter can list its requests.
         software_version: Of the car's core package.
         hardware_version: Of the car.
         battery_level: As the car counts it, not in percent.
         sensors: State by sensor, such as connected.
         model_state: loaded, loading, or another word of the car.
-        metrics: Measured by the community's software: load and temperature of the processor, free
-            disk, frames per second, latency.
+        metrics: Of the community's software: load and temperature of the processor, free disk,
+            frames per second, latency.
     """
 
     car: str
@@ -74,7 +74,7 @@ def read_status(car: CarWeb) -> CarStatus:
 
 
 def _asked(car: CarWeb, path: str, action: str) -> dict[str, Any]:
-    """An answer; empty if the car cannot give it. A battery that is not connected is no failure."""
+    """Empty if the car cannot give it, as without a battery."""
     try:
         answer = car.find(path, action=action)
     except CarRefused:
@@ -94,7 +94,6 @@ def _text(value: object) -> str | None:
 
 
 def _numbers(answer: dict[str, Any]) -> dict[str, float]:
-    """The values of an answer that are numbers."""
     return {
         key: value
         for key, value in answer.items()

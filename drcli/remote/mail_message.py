@@ -16,10 +16,10 @@ class Mail:
     """Sends mails from one address to some.
 
     Args:
-        url: The server: smtps://user:password@host:port, encrypted from the beginning; or smtp://,
-            encrypted with STARTTLS, without which no password is sent.
-        to: Addresses, with commas or spaces between them.
-        sender: Address; empty for the first of `to`.
+        url: smtps:// is encrypted from the beginning, smtp:// with STARTTLS, without which no
+            password is sent.
+        to: With commas or spaces.
+        sender: Empty for the first of `to`.
     """
 
     def __init__(self, url: str, to: str, sender: str = "") -> None:
@@ -98,7 +98,6 @@ def _addresses(text: str) -> list[str]:
 
 
 def _reason(error: Exception) -> str:
-    """What the server said, in one line."""
     said = getattr(error, "smtp_error", b"") or str(error) or type(error).__name__
     text = said.decode("utf-8", "replace") if isinstance(said, bytes) else str(said)
     return " ".join(text.split()).rstrip(".")[:200]

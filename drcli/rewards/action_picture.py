@@ -18,7 +18,7 @@ _LEAST_WIDTH_DEG = 30.0
 
 
 def draw_actions(space: ActionSpace, shares: Sequence[float], title: str) -> bytes:
-    """A PNG file; `shares` of the steps that took each action, 0 .. 1, may be empty."""
+    """`shares` of the steps, 0 .. 1, may be empty."""
     corners = [space.low, space.high] if space.low and space.high else space.values
     widest = max(_LEAST_WIDTH_DEG, *(abs(angle) for angle, _ in corners))
     fastest = max(speed for _, speed in corners)

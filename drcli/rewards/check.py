@@ -79,10 +79,10 @@ class TimeReport:
     """The duration of calls, in microseconds.
 
     Attributes:
-        median_us: Median of all calls.
-        mean_us: Mean of all calls.
+        median_us: Of all calls.
+        mean_us: Of all calls.
         worst_us: The longest call.
-        worst_place: The place of that call.
+        worst_place: Its place.
         slower_percent: How much longer the simulation takes because of it.
     """
 
@@ -95,12 +95,12 @@ class TimeReport:
 
 @dataclass(frozen=True)
 class OtherRace:
-    """Another worker's race, in which the function was tried too.
+    """Another worker's race.
 
     Attributes:
         world: The track.
         race_type: The race.
-        reversed: Whether it is driven against the direction of the track.
+        reversed: Whether it is driven against the track's direction.
         calls: Calls that were made.
     """
 
@@ -112,22 +112,22 @@ class OtherRace:
 
 @dataclass(frozen=True)
 class RewardReport:
-    """The result of a check; numbers and drivers are of the first worker's race.
+    """The result of a check, with numbers of the first worker's race.
 
     Attributes:
         file: The file.
         world: The track.
         race_type: The race.
-        reversed: Whether it is driven against the direction of the track.
+        reversed: Whether it is driven against the track's direction.
         calls: Calls that were made.
         returns: Types that it returned.
-        least: The least reward.
+        least: Least reward.
         mean: Their mean.
-        greatest: The greatest reward.
-        time: Duration of the calls.
+        greatest: Greatest reward.
+        time: Duration of calls.
         parameters: All parameters.
-        drivers: The rewards of each driver.
-        curve: Reward of the steady driver at each step.
+        drivers: Rewards of each driver.
+        curve: The steady driver's reward at each step.
         errors: Problems that end a training or do harm, in any race.
         warnings: Problems that may surprise its author, in any race.
         others: Races of other workers.
@@ -157,10 +157,10 @@ class RewardReport:
 
 
 def check(settings: Settings, file: Path | None, directory: Path) -> RewardReport:
-    """Try a reward function on the track of each worker, by default that of a training.
+    """Try a reward function on each worker's track.
 
     Raises:
-        SettingsError: File or track does not exist, or the race does not fit on it.
+        SettingsError: File or track is missing, or the race does not fit.
     """
     read = read_racers_file(settings, file, directory)
     return report_of(try_in_each_race(settings, read, directory, lambda own: Course.of(drive(own))))
@@ -173,9 +173,9 @@ def try_in_each_race(
     course_of: Callable[[RaceConfig], Course],
     given_up: Event | None = None,
 ) -> list[TriedReward]:
-    """Try a reward function as before a start, and on the course of each distinct race.
+    """As before a start, and on the course of each distinct race.
 
-    `given_up` ends the trial early. The first result has the samples of all races.
+    The first result has the samples of all races.
     """
     tried: list[TriedReward] = []
     tolerated = tolerated_share(settings.run)

@@ -1,4 +1,4 @@
-"""Compares two reward functions for the same drivers."""
+"""Compares two reward functions."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,14 +72,13 @@ class ComparisonReport:
         second: File of the second one.
         world: The track.
         race_type: The race.
-        correlation: Of the rewards of all steps, -1 to 1; None if one is constant.
+        correlation: Of the rewards, -1 to 1; None if one is constant.
         rank_correlation: Of their ranks.
-        drivers: The rewards of each driver.
-        places: Where they differ most, each scaled to its range on the drive; empty if one is
-            constant.
-        first_prefers_fast: Whether the first one gives more for a fast lap than for a slow one;
-            None if a lap was not completed.
-        second_prefers_fast: The same for the second one.
+        drivers: Rewards of each driver.
+        places: Where they differ most, each scaled to its range; empty if one is constant.
+        first_prefers_fast: Whether the first gives more for a fast lap than for a slow one; None if
+            a lap was not completed.
+        second_prefers_fast: The same for the second.
         picture: File of the picture, if requested.
     """
 
@@ -105,10 +104,10 @@ def compare(
     *,
     force: bool = False,
 ) -> ComparisonReport:
-    """Try two functions on the same drive; `out`: a PNG file, replaced only with `force`.
+    """Try two functions on the same drive; `out`: a PNG file.
 
     Raises:
-        SettingsError: A function fails, the track does not exist, or the picture cannot be written.
+        SettingsError: A function fails, or track or picture does.
     """
     files = read_files([first, second], directory)
     if out is not None:

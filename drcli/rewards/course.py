@@ -28,8 +28,6 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Course:
-    """The calls of drivers, and a grid of places."""
-
     drive: Drive
     grid: Grid
 
@@ -53,12 +51,7 @@ class Course:
 
 @dataclass(frozen=True)
 class TriedReward:
-    """One reward function on a course.
-
-    Attributes:
-        name: The author's name for its file.
-        text: Empty if it cannot be decoded.
-    """
+    """One reward function on a course."""
 
     name: str
     course: Course
@@ -79,7 +72,6 @@ class TriedReward:
         return sum(paid) if len(paid) == len(values) else None
 
     def mean(self, driver: ScriptedDriver) -> float | None:
-        """None as for `total`."""
         total = self.total(driver)
         return None if total is None else total / len(self.values(driver))
 
@@ -104,7 +96,6 @@ class TriedReward:
 
     @property
     def samples(self) -> list[float | None]:
-        """Rewards of the first race's samples."""
         return next(iter(self.result.values[len(self.course.sequences) :]), [])
 
     def warning(self, rule: str, message: str, remedy: str, line: int | None = None) -> Problem:
@@ -141,15 +132,9 @@ def try_rewards(
     tolerated: float = 0.0,
     given_up: Event | None = None,
 ) -> list[TriedReward]:
-    """Call reward functions on a course, all at the same time.
+    """Call reward functions at the same time, first on samples of `races`.
 
-    Args:
-        files: Need not be written yet.
-        course: The calls.
-        directory: The working folder.
-        races: Whose samples are tried first.
-        tolerated: As in `lint.problems_of`.
-        given_up: Ends the trial early; its values are then of no use.
+    After `given_up`, its values are of no use.
     """
     ways = course.drive.waypoints()
     waypoints = [[list(point) for point in ways[way]] for way in (False, True)]

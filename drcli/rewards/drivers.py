@@ -16,24 +16,15 @@ Floats = NDArray[np.float64]
 Manner = Literal["along", "weave", "leave", "ram"]
 
 _LOOK_AHEAD_M, _LOOK_AHEAD_S = 0.45, 0.18
-"""A driver steers towards a point this far ahead."""
-
 _BRAKING_MPS2 = 2.0
 _PROFILE_M = 0.1
 _BEND_M = 0.5
-"""Also of the speed profile."""
-
 _WEAVE_M = 4.0
-"""From border to border and back."""
-
 _LEAVE_AFTER_M = 1.0
 
 _SEES_M, _PASSED_M = 2.2, 0.5
-"""Before and behind an object."""
-
 _PASSING_MPS = 1.5
 _FIRST_STEP_MPS = 1.0
-"""Parameters are not known yet."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +32,9 @@ class ScriptedDriver:
     """A way to drive.
 
     Attributes:
-        manner: Along the centre line and around objects, from border to border, off the road, or
-            into the next object.
-        speed_mps: At most.
-        grip_mps2: Sideways acceleration in bends; None keeps the speed.
-        laps: Whether it completes the lap; otherwise it ends off the road, at a hit or after
-            `steps`.
+        manner: Along the centre line, from border to border, off the road, or into the next object.
+        grip_mps2: Sideways in bends; None keeps the speed.
+        laps: Otherwise it ends off the road, at a hit or after `steps`.
         start: From the common start, 0 .. 1 of a lap.
         turned: Drives against the others.
     """
@@ -75,7 +63,7 @@ TURNED = ScriptedDriver("turned", _OTHER_WAY, "along", 1.2, laps=False, steps=60
 
 
 class Navigator:
-    """Drives one car, on a track in its driving direction."""
+    """On a track in its driving direction."""
 
     def __init__(self, driver: ScriptedDriver, track: Track) -> None:
         self.driver = driver
@@ -104,7 +92,6 @@ class Navigator:
         return _steering_deg(params, x, y), speed_mps
 
     def _aside_m(self, params: RewardParams, target_m: float, side: int) -> float:
-        """To the left of the centre line."""
         width_m = float(params["track_width"])
         manner = self.driver.manner
         if manner == "leave":
@@ -151,7 +138,7 @@ def _steering_deg(params: RewardParams, x: float, y: float) -> float:
 
 
 def _speed_profile(track: Track, driver: ScriptedDriver) -> Floats:
-    """Every 0.1 m, slow enough for bends and braking."""
+    """Every 0.1 m."""
     along_m = np.arange(0.0, track.length_m + _PROFILE_M, _PROFILE_M)
     if driver.grip_mps2 is None:
         return np.full(len(along_m), driver.speed_mps)

@@ -14,14 +14,10 @@ from drcli.rewards.sandbox.sandbox_records import (
 )
 
 SIMULATION_STEP_S = 0.25e-3
-"""Of one car: 4,200 steps/s were measured. A function that takes as long is slow."""
+"""Of one car: 4,200 steps/s were measured."""
 
 _SLOW_CALL_S = 1.0
-"""Near the limit of 5 s on a busy machine."""
-
 _CHATTY = 0.1
-"""Lines per call."""
-
 _TRAINING_STEPS = 1_000_000
 _RULES: dict[FailureKind, str] = {
     "load": "V-02",
@@ -31,8 +27,6 @@ _RULES: dict[FailureKind, str] = {
     "undefined": "V-22",
 }
 _COUNTED: tuple[FailureKind, ...] = ("raises", "undefined", "type", "range")
-"""With DR_REWARD_ON_ERROR=count, a training goes on."""
-
 _MOST_NAMES = 5
 
 _CONFINED = (
@@ -61,9 +55,7 @@ _EFFECTS: dict[EffectKind, tuple[str, str]] = {
 def problems_of(
     source: Source, result: SandboxResult, directory: Path, tolerated: float = 0.0
 ) -> list[Problem]:
-    """What ends a training, and what is odd; `tolerated`: share of failing calls that are only
-    counted.
-    """
+    """What ends a training, and what is odd; `tolerated`: share of calls that may fail."""
     reviewed = review_source(source, {_parameter(source, each) for each in result.failures})
     # An undefined name is found by reading and by trying.
     known = {(problem.rule, problem.line) for problem in reviewed if problem.severity == "error"}
@@ -109,7 +101,6 @@ def _failures(
 
 
 def _parameter(source: Source, failure: Failure) -> str:
-    """The name that is not a parameter."""
     asked = source.unknown_parameters
     return next((name for name in asked if failure.reason == f"KeyError: {name!r}"), "")
 

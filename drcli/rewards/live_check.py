@@ -25,8 +25,6 @@ from drcli.rewards.source import display_name
 from drcli.rewards.track_grid import SPEED_MPS
 
 MOST_COURSES = 6
-"""Each takes some megabytes."""
-
 CURVE_POINTS = 150
 Floats = NDArray[np.float64]
 
@@ -64,12 +62,7 @@ class CoursePicture:
 
 @dataclass(frozen=True)
 class DriverCurve:
-    """One driver along the lap.
-
-    Attributes:
-        total: None if a call failed.
-        rewards: Mean per step in equal parts of the lap; None where it did not drive.
-    """
+    """One driver along the lap; None where it did not drive."""
 
     name: str
     total: float | None
@@ -83,7 +76,7 @@ class RewardPicture:
 
     Attributes:
         course: Key of the `CoursePicture`.
-        rewards: Row by row; None where the call failed.
+        rewards: Row by row.
         low: Of the first colour; a few may be lower.
         high: Of the last colour; a few may be higher.
         progress: Percent in the middle of each part.
@@ -99,14 +92,7 @@ class RewardPicture:
 
 @dataclass(frozen=True)
 class LiveReport:
-    """A check of a function that is being written.
-
-    Attributes:
-        problems: Errors first.
-        report: None if the file is not valid Python.
-        picture: None without values.
-        course: None if the reader knows it.
-    """
+    """A check of a function; `course` is None if the reader knows it."""
 
     problems: list[Problem]
     report: RewardReport | None = None
@@ -121,12 +107,12 @@ class LiveCheck:
     def check(
         self, settings: Settings, text: bytes, directory: Path, known: str, given_up: Event
     ) -> LiveReport | None:
-        """Check an unsaved file as `drcli.rewards.check.check` does; None if it was given up.
+        """As `drcli.rewards.check.check`; None if it was given up.
 
-        `known` is the key of the `CoursePicture` that the reader has.
+        `known` is the key of the reader's `CoursePicture`.
 
         Raises:
-            SettingsError: The track does not exist, or the race does not fit on it.
+            SettingsError: The track is missing, or the race does not fit.
         """
         path = settings.custom_files_dir / "reward_function.py"
         file = InputFile(path.name, text, display_name(path, directory))

@@ -15,22 +15,15 @@ from drcli.rewards.sandbox.sample_calls import LATE
 from drcli.rewards.sandbox.sandbox_records import Difference, FailureKind
 
 _DIGITS, _ALL_DIGITS = 4, 17
-"""Shown; and enough to distinguish any two numbers."""
-
 _FATAL: tuple[FailureKind, ...] = ("load", "signature", "endless", "ends", "crashes")
-"""They leave too few values."""
-
 _SAME = 1e-9
 _GROWS = 3.0
-"""A late step pays this many times the greatest reward."""
-
 _TIE = 0.05
 _NEARLY = 0.95
 _BETTER = "Pay for progress per step, or for a lap in few steps."
 
 
 def drive_problems(tried: TriedReward) -> Iterator[Problem]:
-    """Only warnings."""
     yield from _memory(tried)
     if not any(failure.kind in _FATAL for failure in tried.result.failures):
         yield from _loopholes(tried)

@@ -26,7 +26,7 @@ _UNKNOWN = "#cdcfd1"
 
 _MARKS = (0.25, 0.5, 0.75)
 _FINISH = 2.0
-"""A finish that pays this many times more would flatten all curves."""
+"""More would flatten all curves."""
 
 
 @dataclass(frozen=True)
@@ -236,7 +236,6 @@ def _curve_of(tried: TriedReward, trip: Trip, color: str) -> Curve:
 
 
 def _scaled_curves(first: TriedReward, second: TriedReward) -> list[Curve]:
-    """Each scaled to its range."""
     curves = []
     for name, tried, color in (("A", first, LINES[0]), ("B", second, LINES[1])):
         for driver, style in ((STEADY, "-"), (FAST, "--")):
@@ -247,7 +246,6 @@ def _scaled_curves(first: TriedReward, second: TriedReward) -> list[Curve]:
 
 
 def _with_gaps(curve: Curve) -> tuple[Floats, Floats]:
-    """NaN where the car was put back."""
     steps = np.abs(np.diff(curve.progress))
     far = 6.0 * np.median(steps) + 1.0 if len(steps) else 0.0
     jumps = np.flatnonzero(steps > far) + 1

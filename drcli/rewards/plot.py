@@ -41,11 +41,10 @@ class PlotReport:
 def plot(
     settings: Settings, file: Path | None, out: Path, directory: Path, *, force: bool = False
 ) -> PlotReport:
-    """Draw a function, by default a training's, as a PNG file, replaced only with `force`.
+    """Draw a function as a PNG file.
 
     Raises:
-        SettingsError: The function fails, the track does not exist, or the picture cannot be
-            written.
+        SettingsError: The function fails, or track or picture does.
     """
     read = read_racers_file(settings, file, directory)
     refuse_replacing(out, force=force)

@@ -34,13 +34,12 @@ class Source:
         return Problem(rule, severity, self.name, line, message, remedy)
 
     def is_silenced(self, line: int) -> bool:
-        """By `# noqa`."""
         lines = self.text.splitlines()
         return 0 < line <= len(lines) and _SILENCED.search(lines[line - 1]) is not None
 
     @cached_property
     def unknown_parameters(self) -> dict[str, int]:
-        """Look-ups of what is not a parameter, with a line."""
+        """With a line."""
         arguments = {
             next((each.arg for each in function.args.args if each.arg != "self"), "")
             for function in ast.walk(self.tree)
@@ -65,7 +64,7 @@ class Source:
 
     @cached_property
     def flakes(self) -> tuple[tuple[int, str, bool], ...]:
-        """Pyflakes: line, text, whether a name is undefined."""
+        """Line, text, whether a name is undefined."""
         from pyflakes.checker import Checker
         from pyflakes.messages import UndefinedName
 
@@ -81,7 +80,7 @@ class Source:
 
 
 def read_source(file: InputFile) -> tuple[Source | None, list[Problem]]:
-    """Compile a function: V-02 and, for `else if`, V-24."""
+    """V-02 and, for `else if`, V-24."""
     name = file.origin
     remedy = f"Save {file.name} as plain UTF-8 text."
     try:
@@ -99,7 +98,7 @@ def read_source(file: InputFile) -> tuple[Source | None, list[Problem]]:
 
 
 def review_source(source: Source, known: Collection[str] = ()) -> list[Problem]:
-    """Mistakes that would only show during a training, except `known` names."""
+    """Mistakes that would only show during a training."""
     return [
         *_undefined_names(source),
         *_unknown_parameters(source, known),
@@ -123,7 +122,7 @@ def _uncompilable(error: Exception, name: str, text: str) -> Problem:
 
 
 def _undefined_names(source: Source) -> Iterator[Problem]:
-    """V-22: fails when its line is reached, maybe after hours."""
+    """V-22."""
     reported: set[str] = set()
     for line, text, undefined in source.flakes:
         if undefined and text not in reported:

@@ -10,17 +10,13 @@ from drcli.rewards.reward_rules import Source
 FUNCTION = "reward_function"
 
 MODULES = ("math", "numpy", "random", "scipy", "shapely")
-"""Allowed. Source of all lists: the console's validator."""
+"""Allowed. Source: the console's validator."""
 
 BUILTINS = ("open", "exec", "eval", "compile", "input", "__import__")
-"""Forbidden."""
-
 FILE_CALLS = re.compile(
     "__import__|fromfile|genfromtxt|loads?|loadtxt|memmap|save|savetxt|savez(_compressed)?|tofile"
 )
 IGNORED_STYLE = ("E5", "E226", "E261", "E9")
-"""E9 is code that does not compile."""
-
 MOST_LINES = 5
 
 
@@ -61,7 +57,7 @@ def _flakes(source: Source, severity: Severity) -> Iterator[Problem]:
 
 
 def _style(source: Source, severity: Severity) -> Iterator[Problem]:
-    """V-22, class E: each message once."""
+    """V-22, class E."""
     import pycodestyle
 
     messages: dict[str, list[int]] = {}

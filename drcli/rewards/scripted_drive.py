@@ -28,20 +28,12 @@ from drsim.race.race import TIME_TRIAL, Race
 from drsim.track.track import Track
 
 _FORGIVEN = 1_000
-"""Resets: a lap has to be completed."""
-
 _SLOWEST_LAP_MPS = 0.4
 
 
 @dataclass(frozen=True)
 class Trip:
-    """One driver's episode.
-
-    Attributes:
-        calls: Parameters without waypoints.
-        end: In the words of traces.
-        progress: Percent, at its end.
-    """
+    """One driver's episode; calls lack waypoints."""
 
     driver: ScriptedDriver
     calls: list[RewardParams]
@@ -59,8 +51,6 @@ class Trip:
 
 @dataclass(frozen=True)
 class Drive:
-    """The trips of all drivers, on a track in the driving direction."""
-
     track: Track
     world: str
     race: Race
@@ -93,10 +83,10 @@ def each_race(races: Sequence[RaceConfig]) -> list[RaceConfig]:
 
 
 def drive(config: RaceConfig) -> Drive:
-    """Let all drivers drive in a worker's race.
+    """Let all drivers drive.
 
     Raises:
-        SettingsError: The track does not exist, or the race does not fit on it.
+        SettingsError: The track is missing, or the race does not fit.
     """
     if (problem := config.untrainable) is not None:
         remedy = "Choose the race to train for, as in DR_RACE_TYPE=TIME_TRIAL dr-reward ..."

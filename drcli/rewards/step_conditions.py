@@ -148,7 +148,6 @@ def _numbers(node: ast.expr) -> list[float]:
 
 
 def _compared(op: ast.cmpop, numbers: list[float]) -> bool | None:
-    """None if it depends on the step."""
     if not numbers:
         return None
     most = max(numbers)

@@ -19,8 +19,8 @@ Floats = NDArray[np.float64]
 SPEED_MPS = 1.5
 _HALF = (0.11, 0.22, 0.33, 0.44, 0.56, 0.72)
 OFFSETS = (*(-offset for offset in reversed(_HALF)), 0.0, *_HALF)
-"""To the left, in road widths. The border is midway between two of them; at the outermost, all
-wheels are off the road.
+"""To the left, in road widths. The border is midway between two; at the outermost, all wheels are
+off the road.
 """
 
 _SPACING_M = 0.12
@@ -29,13 +29,13 @@ _MOST_ALONG = 400
 
 @dataclass(frozen=True)
 class Grid:
-    """A car at each place points along the track.
+    """Cars that point along the track.
 
     Attributes:
         xy: Shape (offsets, n, 2).
         off: All wheels are off the road. Shape (offsets, n).
         objects: Corners. Shape (objects, 4, 2).
-        calls: Offset by offset, without the waypoints.
+        calls: Offset by offset, without waypoints.
     """
 
     xy: Floats

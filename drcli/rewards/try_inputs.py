@@ -48,7 +48,6 @@ def tolerated_share(run: RunConfig) -> float:
 
 
 def as_given(problem: Problem, run: RunConfig) -> Problem:
-    """The second track has a setting of its own."""
     place, name = run.eval_world_place, "DR_TRAIN_EVAL_WORLD"
     if not run.train.train_eval_world or (problem.file, problem.line) != tuple(place):
         return problem

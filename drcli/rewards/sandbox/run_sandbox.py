@@ -26,16 +26,13 @@ from drcli.store.keys import REWARD_FUNCTION_FILE
 
 _MODULE = "drcli.rewards.sandbox.sandbox_process"
 _PATIENCE_S = 280.0
-"""The file is loaded four times, maybe a minute each."""
+"""The file is loaded four times."""
 
 _POLL_S = 0.05
 
 
 class Sandbox:
-    """A context manager that ends it and all that it has started.
-
-    `content` None: load worlds and races only.
-    """
+    """A context manager that ends it and all that it has started."""
 
     def __init__(self, request: SandboxRequest, content: bytes | None, directory: Path) -> None:
         self._request = request

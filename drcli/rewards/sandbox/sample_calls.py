@@ -20,7 +20,7 @@ from drsim.track.worlds import load_track
 
 POSITIONS = 40
 OFFSETS = (0.0, 0.3, -0.3, 1.0)
-"""To the left, in road widths: the last is off the track."""
+"""To the left, in road widths."""
 
 Floats = NDArray[np.float64]
 
@@ -33,13 +33,12 @@ FIRST_UNUSUAL = LATE = -6
 _SPEED_MPS, _SLOWEST_MPS = 1.0, 0.5
 
 _FALLBACK_WORLD = "reinvent_base"
-"""If no track of the racer loads."""
 
 
 def sample_races(
     races: Sequence[RaceConfig],
 ) -> tuple[list[list[RewardParams]], list[str], list[Problem]]:
-    """Samples, track and type of each distinct race, and why races cannot be loaded."""
+    """Samples of each distinct race, and why races cannot be loaded."""
     problems: list[Problem] = []
     samples: dict[tuple[str, Race], list[RewardParams]] = {}
     names = []
@@ -123,7 +122,7 @@ def state_of(call: RewardParams, race: str = "") -> str:
 
 
 def places(track: Track, along_m: Floats, offsets: Sequence[float]) -> tuple[Floats, Floats]:
-    """Places, shape (m * n, 2), and track directions in radians, shape (m * n,), offset by offset.
+    """Places, shape (m * n, 2), and directions in radians, shape (m * n,), offset by offset.
 
     Args:
         track: The track.

@@ -45,20 +45,12 @@ from drsim.episode.reward import RewardFunction, RewardParams, checked_reward
 from drsim.errors import RewardError
 
 FIRST_PASS_S, OTHER_PASS_S = 20.0, 4.0
-"""For a pass; the rest is not called."""
-
 _GRACE_S = 2.0
-"""After interrupting what is slow, the process ends."""
-
 _MEMORY_BYTES = 16 << 30
-"""For endless loops that fill a list."""
-
 Values = dict[CallIndex, float | None]
 
 
 class Calls(NamedTuple):
-    """The request's sequences, then the samples of each race."""
-
     sequences: Sequence[Sequence[RewardParams]]
     races: Sequence[str]
     problems: list[Problem]
@@ -78,7 +70,7 @@ def calls_of(request: SandboxRequest) -> Calls:
 def try_function(
     request: SandboxRequest, file: Path, calls: Calls, faults: TextIO
 ) -> SandboxResult:
-    """Make all calls, then repeat some; Python writes to `faults` if it ends the process."""
+    """Make all calls, then repeat some."""
     passes = _Passes(request, file, calls, faults)
     with (
         contextlib.redirect_stdout(passes.printed),
@@ -226,7 +218,6 @@ class _Passes:
         self._watched_until_s = 0.0
 
     def _regain(self) -> None:
-        """Undo what the racer's code has replaced."""
         self._originals.restore()
         self._effects.listening = False
 
@@ -246,7 +237,7 @@ class _Passes:
         return Difference(first, values[first], others[first], len(unlike), len(both))
 
     def _record(self, error: RewardError, where: CallIndex | None, returned: str = "") -> None:
-        """Of failures that differ in numbers only, the first is enough."""
+        """Failures that differ in numbers only count once."""
         cause = error.__cause__
         kind: FailureKind = (
             "undefined"

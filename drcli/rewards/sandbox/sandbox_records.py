@@ -50,12 +50,10 @@ class SandboxRequest:
     """What to try.
 
     Attributes:
-        sequences: Parameters of calls without the waypoints.
+        sequences: Parameters without the waypoints.
         waypoints: By `is_reversed`. Shape (2, n, 2).
-        repeated: Sequences that are called again, to see what the function remembers.
-        races: Load their tracks, and try their samples first.
-        call_s: Longest time of one call.
-        load_s: Of loading the file.
+        repeated: Sequences that are called again.
+        races: Their samples come first.
     """
 
     name: str
@@ -87,13 +85,12 @@ class Failure:
     """Something that ends a training.
 
     Attributes:
-        reason: Such as "KeyError: 'sped'"; a sentence if no call was made.
-        line: In the racer's file.
-        state: In the first such call: "on the start line (step 2, 0.0 % of the lap)".
-        params: Those of that call which the file reads.
+        reason: Such as "KeyError: 'sped'".
+        state: "on the start line (step 2, 0.0 % of the lap)".
+        params: Those that the file reads.
         missing: The module that cannot be imported.
         times: Of the `SandboxResult.counted` calls.
-        unusual: Whether only rare states fail like this.
+        unusual: Only rare states fail like this.
     """
 
     kind: FailureKind
@@ -117,8 +114,6 @@ class Failure:
 
 @dataclass(frozen=True)
 class Effect:
-    """A side effect; `what` is the file, address or program."""
-
     kind: EffectKind
     what: str
     line: int
@@ -127,9 +122,7 @@ class Effect:
 
 @dataclass(frozen=True)
 class Difference:
-    """`times` of `of` calls returned something else (None: failed) in another pass, first at
-    `place`.
-    """
+    """`times` of `of` calls returned something else in another pass, first at `place`."""
 
     place: CallIndex
     value: float | None
@@ -152,8 +145,6 @@ class SharedState:
 
 @dataclass(frozen=True)
 class Printed:
-    """Output in the counted calls; `line` printed first."""
-
     lines: int = 0
     characters: int = 0
     line: int | None = None
@@ -173,14 +164,11 @@ class SandboxResult:
 
     Attributes:
         problems: Worlds and races that cannot be loaded.
-        values: Of each call, the samples last; None if it failed or was not made.
+        values: The samples last; None if it failed or was not made.
         returned: Calls by type.
-        line: Of `def reward_function`.
-        timing: Of the sequences, else of the samples.
-        counted: Samples, or all without samples: failures and lines are counted in these only.
+        counted: Samples, or all without samples.
         random: Differs when the same calls are repeated.
         memory: Differs with another order of episodes.
-        shared: What cars would share.
         finished: Whether the function has been tried.
     """
 
@@ -207,7 +195,7 @@ class SandboxResult:
 
     @staticmethod
     def read(folder: Path) -> "SandboxResult | None":
-        """None if not written; RecordError if the racer's code has overwritten it."""
+        """None if not written; RecordError if overwritten."""
         try:
             record = parse_json((folder / _RESULT_FILE).read_bytes())
         except FileNotFoundError:

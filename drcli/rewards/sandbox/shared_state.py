@@ -1,9 +1,8 @@
 """Finds out whether cars would share state outside of their copies of the file.
 
 Copies of this process, made before it loads the racer's code, call the function twice for one car
-alone, and twice for two in turn. If the first car gets the same rewards when alone, and others
-beside another, something outside of the file is to blame. Random numbers have the same seed for a
-call; what depends on anything else, such as the time, is not judged.
+alone, and twice for two in turn. If the first car gets other rewards only beside another, they
+share something. Random numbers have the same seed; what depends on the time is not judged.
 """
 
 import json
@@ -98,7 +97,6 @@ class _Copy:
 def _judged(
     file: Path, calls: Sequence[Sequence[RewardParams]], loaded: str
 ) -> dict[str, Any] | None:
-    """Packages that the file loads are loaded once."""
     for name in loaded.split():
         if name != USER_MODULE:
             with suppress(Exception):
@@ -117,7 +115,6 @@ def _judged(
 
 
 def _alike(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    """As far as there was time for both."""
     return all(a == b for a, b in zip(one["values"], other["values"], strict=False))
 
 

@@ -19,8 +19,6 @@ _EVENTS: dict[EffectKind, tuple[str, ...]] = {
     "network": ("socket.bind", "socket.connect", "socket.gethost", "socket.getaddr", "socket.send"),
     "process": ("os.exec", "os.fork", "os.posix_spawn", "os.spawn", "os.system", "subprocess."),
 }
-"""Of Python's audit hooks."""
-
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _HARMLESS = ("/dev/", "/proc/", "/sys/")
 _LIBRARIES = tuple({f"{sys.prefix}/", f"{sys.base_prefix}/"})
@@ -31,8 +29,6 @@ _SHARED = (builtins, math, random, time)
 
 
 class Effects:
-    """Those of a file while `listening` is set."""
-
     def __init__(self, file: str) -> None:
         self.listening = False
         self.file = file
@@ -40,7 +36,6 @@ class Effects:
         _listen_with(self)
 
     def noted(self) -> list[Effect]:
-        """In the order of their first times."""
         return [Effect(*what, times=times) for what, times in self._seen.items()]
 
     def hear(self, event: str, args: tuple[Any, ...]) -> None:
@@ -88,8 +83,6 @@ class PrintCounter(io.TextIOBase):
 
 
 class Originals:
-    """Python's own functions; `replaced` names those that racers' code replaced."""
-
     def __init__(self) -> None:
         self.replaced: list[str] = []
         self._before = [(module, dict(module.__dict__)) for module in _SHARED]
