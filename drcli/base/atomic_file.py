@@ -1,4 +1,4 @@
-"""Writes files completely or not at all; our own records even on a full disk, if they fit."""
+"""Writes files completely or not at all; our own records even on a full disk."""
 
 import json
 import os
@@ -20,19 +20,16 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _RESERVED_BYTES = 4096
-"""A block of most file systems."""
-
 _STAT_BLOCK_BYTES = 512
 
 
 def rewrite(path: Path, data: bytes) -> None:
-    """Replace the content of a racer's file, or of the one that a link leads to.
+    """Replace a racer's file, or the one that a link leads to.
 
-    It keeps its mode and, if possible, its owner. A new one is handed out, unless it has settings,
-    which may be secrets.
+    It keeps mode and owner. A new one is handed out, unless it has settings, which may be secrets.
 
     Raises:
-        SettingsError: The file cannot be written, and has not changed.
+        SettingsError: The file has not changed.
     """
     target = Path(os.path.realpath(path))  # a link in a circle stands for itself
     try:
@@ -50,7 +47,7 @@ def rewrite(path: Path, data: bytes) -> None:
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write JSON for ourselves, and create its folder if needed.
+    """Write JSON for ourselves, with its folder.
 
     Raises:
         OSError: The file has not changed.
@@ -60,13 +57,13 @@ def write_json(path: Path, value: object) -> None:
 
 
 def reserve(path: Path) -> None:
-    """Make an empty record that has room even when the disk is full."""
+    """An empty record with room for a full disk."""
     path.parent.mkdir(parents=True, exist_ok=True)
     _overwrite(path, b" " * _RESERVED_BYTES)
 
 
 def write_private(path: Path, data: bytes) -> None:
-    """Write a file and a folder for this user alone.
+    """For this user alone.
 
     Raises:
         OSError: The file has not changed.
@@ -80,7 +77,7 @@ def write_private_json(path: Path, value: object) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """Read JSON; None if it is missing or damaged, as by a full disk or a power failure."""
+    """None if missing or damaged, as by a power failure."""
     try:
         return parse_json(read_regular(path))
     except (OSError, RecordError):
@@ -90,7 +87,7 @@ def read_json(path: Path) -> Any:
 def save_record(path: Path, record: "DataclassInstance") -> None:
     """Write a record as with `write_json`; on a full disk, over the old one.
 
-    That has room of its own. How a training ended is worth more than that nobody reads half of it.
+    How a training ended is worth more than that nobody reads half of it.
     """
     value = asdict(record)
     try:
@@ -103,7 +100,7 @@ def save_record(path: Path, record: "DataclassInstance") -> None:
 
 
 def load_record(kind: type[T], path: Path) -> T | None:
-    """Read a record; None if it is missing or damaged."""
+    """None if missing or damaged."""
     try:
         return from_json(kind, read_json(path))
     except RecordError:
@@ -111,9 +108,9 @@ def load_record(kind: type[T], path: Path) -> T | None:
 
 
 def _replace(target: Path, data: bytes, *, is_racers: bool = False, private: bool = False) -> None:
-    """Write a second file, then rename it: a reader sees the old content or the new one.
+    """Write a second file, then rename it.
 
-    With `private`, and at first in any case of a racer's file, only this user can read it.
+    With `private`, and at first for a racer's file, only this user can read it.
     """
     scratch = target.with_name(f".{target.name}.{os.getpid()}")
     try:
@@ -144,7 +141,6 @@ def _has_room(path: Path, size_bytes: int) -> bool:
 
 
 def _overwrite(path: Path, data: bytes) -> None:
-    """Keeps the length of the file."""
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
         size = os.fstat(descriptor).st_size

@@ -9,16 +9,13 @@ FIRST_DELAY_S = 0.05
 LAST_DELAY_S = 1.0
 
 FAST_GROWTH = 2.0
-"""For failures."""
-
 SLOW_GROWTH = 1.05
-"""For work in progress: a pause is a twentieth of the time waited, so its end is noticed soon."""
+"""A pause is a twentieth of the time waited."""
 
 
 def delays_s(
     first_s: float = FIRST_DELAY_S, last_s: float = LAST_DELAY_S, *, growth: float = FAST_GROWTH
 ) -> Iterator[float]:
-    """Yield growing pauses without end."""
     delay_s = first_s
     while True:
         yield delay_s
@@ -36,10 +33,7 @@ def wait_until(
     clock: Callable[[], float] = time.monotonic,
     pause: Callable[[float], None] = time.sleep,
 ) -> bool:
-    """Check until the condition holds or `patience_s` is over; whether it holds.
-
-    `what` is shown to the user if it takes long. Tests replace `clock` and `pause`.
-    """
+    """Whether the condition holds within `patience_s`; `what` is shown if that takes long."""
     began_s = clock()
     for delay_s in delays_s(first_s, last_s, growth=growth):
         if condition():

@@ -1,8 +1,7 @@
 """Takes from a process and its descendants what it need not reach; Linux, without root.
 
-Landlock limits files and signals, and hides memory and environment of other processes. A seccomp
-filter refuses sockets. Neither can be undone. Sources: the kernel's pages userspace-api/landlock
-and userspace-api/seccomp_filter.
+Landlock limits files and signals, and hides other processes; seccomp refuses sockets. Neither can
+be undone. Sources: the kernel's pages userspace-api/landlock and userspace-api/seccomp_filter.
 """
 
 import ctypes
@@ -18,8 +17,6 @@ from typing import Literal
 from drcli.base.system_calls import name_place
 
 Freedom = Literal["files", "sockets", "signals"]
-"""Any file of its user, any address, any process of its user."""
-
 FREEDOMS: tuple[Freedom, ...] = ("files", "sockets", "signals")
 
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
@@ -34,7 +31,7 @@ _READING = _EXECUTE | _READ | _LIST
 _CREATING = _WRITE | _TRUNCATE | _MAKE_FILE | _MAKE_FOLDER
 
 _RIGHTS = ((1, 13), (2, 14), (3, 15), (5, 16))
-"""From which version of Landlock on there are so many rights to files."""
+"""By version of Landlock."""
 
 _TCP_SINCE, _SCOPES_SINCE = 4, 6
 _BIND_AND_CONNECT = 0b11
@@ -44,18 +41,18 @@ _MACHINES = {"x86_64": (0xC000003E, 41), "aarch64": (0xC00000B7, 198)}
 """Audit name, and number of the call `socket`."""
 
 _IO_URING_SETUP = 425
-"""A second way to open sockets."""
+"""Also opens sockets."""
 
 _X32 = 0x40000000
-"""Calls of x86_64 with this bit are numbered anew."""
+"""Other numbers of calls."""
 
 _LOAD, _EQUAL, _AT_LEAST, _RETURN = 0x20, 0x15, 0x35, 0x06
 _NUMBER, _ARCHITECTURE = 0, 4
 _CAPABILITIES_VERSION = 0x20080522
 _CHOWN, _DAC_OVERRIDE, _FOWNER = 1 << 0, 1 << 1, 1 << 3
 _KEPT = _CHOWN | _DAC_OVERRIDE | _FOWNER
-"""Of root: files may belong to others. With CAP_PERFMON, a process reads the environment of others
-although Landlock forbids it (seen with Linux 6.18).
+"""Of root. With CAP_PERFMON, a process reads the environment of others although Landlock forbids it
+(seen with Linux 6.18).
 """
 
 _ALLOW, _REFUSE = 0x7FFF0000, 0x00050000
@@ -63,7 +60,7 @@ _EACCES = 13
 
 
 def offered() -> set[Freedom]:
-    """What the kernel can take from this user's processes."""
+    """What the kernel can take."""
     version = _landlock_version()
     found: set[Freedom] = set()
     if version:
@@ -78,8 +75,7 @@ def offered() -> set[Freedom]:
 def confine(
     readable: Iterable[Path], writable: Iterable[Path], creatable: Iterable[Path] = ()
 ) -> set[Freedom]:
-    """Confine this thread and whatever it starts, not threads that run; returns what could not be
-    taken.
+    """Confine this thread and what it starts; returns what could not be taken.
 
     Args:
         readable: May be read and run; may be missing.
@@ -142,7 +138,7 @@ def _allow(rules: int, path: Path, rights: int) -> None:
 
 
 def _refuse_sockets() -> bool:
-    """Pairs of connected sockets stay, which `asyncio` needs."""
+    """`asyncio` needs connected pairs."""
     architecture, socket = _MACHINES[platform.machine()]
     refuse = _REFUSE | _EACCES
     program = [
@@ -161,7 +157,6 @@ def _refuse_sockets() -> bool:
 
 
 def _landlock_version() -> int:
-    """0: no Landlock."""
     return max(0, _system(_CREATE_RULESET, None, 0, _VERSION_FLAG))
 
 
@@ -170,7 +165,6 @@ def _system(number: int, *arguments: int | bytes | None) -> int:
 
 
 def _call(name: str, *arguments: int | bytes | None) -> int:
-    """-1 where it fails, and on other systems."""
     if sys.platform != "linux":
         return -1
     words = [ctypes.c_long(each) if isinstance(each, int) else each for each in arguments]

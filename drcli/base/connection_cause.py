@@ -12,7 +12,7 @@ _WORDS = {
 
 
 def cause_of(error: BaseException) -> str:
-    """The innermost known cause."""
+    """The innermost known one."""
     seen: list[BaseException] = []
     waiting: list[object] = [error]
     while waiting:

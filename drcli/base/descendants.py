@@ -1,7 +1,6 @@
-"""Ends whatever a process has started when it ends, however deep and in whatever session.
+"""Ends whatever a process has started, in whatever session.
 
-A process that forks twice and begins a session belongs to nobody. Linux gives it to the nearest
-ancestor that wants it, which is how it is found.
+Linux gives orphans to the nearest ancestor that wants them, where they are found.
 """
 
 import os
@@ -19,11 +18,10 @@ class _Asked(BaseException):
 
 
 def keep_descendants(parent_pid: int) -> None:
-    """Go on in a child process. This one waits until it ends, and then ends all that is left.
+    """Go on in a child; this process waits for its end, and then ends all that is left.
 
-    The child leads a process group. It is killed at the end of `parent_pid`, which has started this
-    one, or at SIGTERM. Then this process ends as the child did. Outside Linux, what has left the
-    group may go on.
+    The child leads a process group, and is killed at the end of `parent_pid`, or at SIGTERM. Then
+    this process ends as the child did. Outside Linux, what has left the group may go on.
 
     Only for a process without other threads.
     """

@@ -1,14 +1,13 @@
-"""Clocks that ignore changes of the time of day."""
+"""Clocks that ignore the time of day."""
 
 import time
 from collections.abc import Callable
 
 LONGEST_STEP_S = 5.0
-"""Its reader looks much more often."""
 
 
 def elapsed_s() -> float:
-    """Also counts while the process or the machine is suspended; the same for all processes."""
+    """Counts also while suspended; the same for all processes."""
     if hasattr(time, "CLOCK_BOOTTIME"):
         return time.clock_gettime(time.CLOCK_BOOTTIME)
     return time.monotonic()
@@ -17,8 +16,8 @@ def elapsed_s() -> float:
 class AwakeClock:
     """Counts the seconds in which this process ran.
 
-    If it stood still, so may have those that it watches: the machine or container was suspended. So
-    a long time between two reads counts as `LONGEST_STEP_S`.
+    If it was suspended, so may be those that it watches: a long time between two reads counts as
+    `LONGEST_STEP_S`.
     """
 
     def __init__(self, clock: Callable[[], float] = elapsed_s) -> None:
@@ -34,7 +33,7 @@ class AwakeClock:
 
 
 def duration(seconds: float) -> str:
-    """For people: "14 s", "12 min", "3 h 20 min"."""
+    """ "14 s", "12 min", "3 h 20 min"."""
     if seconds < 90.0:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)

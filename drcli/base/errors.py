@@ -4,14 +4,10 @@ from typing import ClassVar
 
 
 class DrError(Exception):
-    """An error that is explained to the user; anything else is shown as a traceback.
-
-    `remedy` starts with a verb.
-    """
+    """Explained to the user; other errors are shown as tracebacks."""
 
     code: ClassVar[int] = 1
     final: ClassVar[bool] = False
-    """Whether trying again is pointless."""
 
     def __init__(self, message: str, *, remedy: str) -> None:
         super().__init__(message)
@@ -19,105 +15,97 @@ class DrError(Exception):
 
 
 class SettingsError(DrError):
-    """A setting, parameter file or reward function is wrong."""
-
     code = 3
     final = True
 
 
 class StorageError(DrError):
-    """The bucket cannot be reached, read or written."""
-
     code = 4
 
 
 class NoAnswer(StorageError):
-    """The server of the bucket is down or stuck."""
+    """It is down or stuck."""
 
 
 class NoKeys(StorageError):
-    """This machine has no keys for the bucket."""
+    """For the bucket."""
 
 
 class NotYet(StorageError):
-    """The same command may find a bucket or keys later.
+    """Bucket or keys may come later.
 
-    EX_TEMPFAIL of sysexits.h: service managers and schedulers try again.
+    EX_TEMPFAIL of sysexits.h: schedulers try again.
     """
 
     code = 75
 
 
 class DiskFull(StorageError):
-    """The bucket has no room left."""
-
     final = True
 
 
 class WorkerDied(DrError):
-    """A worker ended, and starting it again did not help."""
+    """Starting it again did not help."""
 
     code = 5
 
 
 class TrainingFailed(DrError):
-    """Learning cannot continue; what was learned is kept."""
+    """What was learned is kept."""
 
     code = 6
     final = True
 
 
 class OwnershipLost(DrError):
-    """Another training has taken over the model."""
+    """To another training."""
 
     code = 8
     final = True
 
 
 class TrainedElsewhere(DrError):
-    """Another process trains the model, and it was asked not to wait."""
+    """And it was asked not to wait."""
 
     code = 9
     final = True
 
 
 class EndWorkFailed(DrError):
-    """The training is complete, but an upload or import failed."""
+    """Only an upload or import after a complete training."""
 
     code = 10
     final = True
 
 
 class BudgetUsedUp(DrError):
-    """Of the day. EX_TEMPFAIL of sysexits.h."""
+    """EX_TEMPFAIL of sysexits.h."""
 
     code = 75
     final = True
 
 
 class NotAvailable(DrError):
-    """Not implemented yet, or a program is not installed."""
+    """Not implemented, or not installed."""
 
     code = 7
     final = True
 
 
 class Aborted(DrError):
-    """Nothing was changed. Source: the reference's code."""
+    """Source: the reference's code."""
 
     code = 1
     final = True
 
 
 class Absent(DrError):
-    """Not running. Source: the reference's code."""
+    """Source: the reference's code."""
 
     code = 1
     final = True
 
 
 class OutputLost(DrError):
-    """The result cannot be printed."""
-
     code = 1
     final = True

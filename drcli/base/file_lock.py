@@ -1,4 +1,4 @@
-"""Locks between processes, which the system releases when their process ends."""
+"""Locks between processes, which the system releases at their end."""
 
 import os
 from collections.abc import Iterator
@@ -10,7 +10,6 @@ from drcli.base.errors import DrError, SettingsError, StorageError
 from drcli.base.system_calls import try_lock
 
 PATIENCE_S = 30.0
-"""For commands that write to the folder; each takes a moment."""
 
 
 @contextmanager
@@ -21,10 +20,10 @@ def exclusive(
     what: str = "the local S3 server",
     failure: type[DrError] = StorageError,
 ) -> Iterator[None]:
-    """Hold a lock file; it is created if needed and never deleted.
+    """Hold a lock file, which is never deleted.
 
     Raises:
-        StorageError: Another command held it for `patience_s`; or another `failure`.
+        StorageError: Another held it for `patience_s`; or another `failure`.
     """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
     with _held(descriptor, f"{what} ({path})", patience_s, failure):
@@ -33,10 +32,10 @@ def exclusive(
 
 @contextmanager
 def only_writer(directory: Path) -> Iterator[None]:
-    """Lock a working folder, so that other commands wait before they change its files.
+    """Lock a working folder against other commands.
 
     Raises:
-        SettingsError: The folder is missing or unreadable, or was in use for `PATIENCE_S`.
+        SettingsError: It is unreadable, or in use for `PATIENCE_S`.
     """
     try:
         descriptor = os.open(directory, os.O_RDONLY)

@@ -16,7 +16,6 @@ class Fingerprint:
         return cls(len(data), hashlib.sha256(data).hexdigest())
 
     def fault(self, data: bytes) -> str | None:
-        """What is wrong with these bytes, or None."""
         if len(data) != self.size_bytes:
             return f"{len(data)} bytes instead of {self.size_bytes}"
         if hashlib.sha256(data).hexdigest() != self.sha256:

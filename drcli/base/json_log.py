@@ -1,7 +1,7 @@
 """The log of a process as JSON lines.
 
-Each object has `time` (UTC, ISO 8601), `level`, `process` and `message`. Events also have `event`,
-such as "episode", and facts. Lines of every step are only in the trace.
+`time` (UTC, ISO 8601), `level`, `process` and `message`; for events also `event` and facts. Lines
+of every step are only in the trace.
 """
 
 import json
@@ -22,7 +22,7 @@ _OWN = ("time", "level", "process", "event", "message")
 
 
 class JsonLog(logging.Handler):
-    """Writes our records until `end`; with older parts it has `max_bytes`."""
+    """With older parts it has `max_bytes`."""
 
     def __init__(self, path: Path, max_bytes: int, process: str) -> None:
         super().__init__()
@@ -47,7 +47,6 @@ class JsonLog(logging.Handler):
             self.handleError(record)
 
     def printed(self, text: str) -> None:
-        """Write complete lines that the racer's code has printed."""
         with self._printing:
             *lines, rest = (self._printed + text).split("\n")
             if len(rest) > LONGEST_LINE:
@@ -76,14 +75,12 @@ class JsonLog(logging.Handler):
 
 
 def utc(at_s: float) -> str:
-    """2026-11-22T09:30:00.123Z."""
     milliseconds = int(at_s * 1000)
     moment = time.gmtime(milliseconds // 1000)
     return f"{time.strftime('%Y-%m-%dT%H:%M:%S', moment)}.{milliseconds % 1000:03d}Z"
 
 
 def _known(value: Any) -> Any:
-    """Null for a number that JSON does not know."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, dict):

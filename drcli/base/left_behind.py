@@ -1,4 +1,4 @@
-"""Files that programs leave behind in folders and archives."""
+"""Files that programs leave behind."""
 
 from pathlib import PurePosixPath
 
@@ -9,14 +9,10 @@ _NAMES = frozenset(
         *("__pycache__", ".git", ".ipynb_checkpoints"),
     }
 )
-"""Of macOS, Windows, KDE, Synology, Python, git and Jupyter."""
-
 _BEGINNINGS = ("._", ".nfs", ".~lock.", "~$")
-"""Attributes of macOS on other disks; files that were open."""
 
 
 def is_left_behind(name: str) -> bool:
-    """Judges a name with all folders."""
     return any(
         part.casefold() in _NAMES or part.startswith(_BEGINNINGS)
         for part in PurePosixPath(name).parts

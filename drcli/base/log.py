@@ -1,7 +1,7 @@
-"""Logging of the processes of a run: one file each, with time (UTC) and level.
+"""Logging of a run's processes, with time (UTC) and level.
 
-The file is also standard output and error, for messages of C code and `faulthandler`. A thread
-rotates it: it replaces all three descriptors between two records, so nothing is lost.
+The file is also standard output and error, for C code and `faulthandler`. A thread rotates it: it
+replaces all three descriptors between two records, so nothing is lost.
 """
 
 import logging
@@ -21,19 +21,18 @@ _ours = logging.Manager(logging.RootLogger(logging.INFO))
 
 
 def get_logger(name: str) -> logging.Logger:
-    """Writes nothing before there is a `LogFile`."""
     return _ours.getLogger(name)
 
 
 plain = get_logger("plain")
-"""Writes a message as it is, for tools."""
+"""As it is, for tools."""
 
 traces = get_logger("plain.traces")
-"""The same for the lines of every step, which other forms lack."""
+"""For the lines of every step."""
 
 
 def event(logger: logging.Logger, kind: str, message: str, /, **facts: object) -> None:
-    """Log what happened: a sentence for people, and facts for the JSON form."""
+    """A sentence for people, and facts for the JSON form."""
     logger.info("%s", message, extra={"event": kind, "facts": facts})
 
 
@@ -46,7 +45,7 @@ def remove_handler(handler: logging.Handler) -> None:
 
 
 class LogFile(logging.FileHandler):
-    """Writes our records until `end`; with older parts it has `max_bytes`."""
+    """With older parts it has `max_bytes`."""
 
     def __init__(self, path: Path, max_bytes: int) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -59,8 +58,8 @@ class LogFile(logging.FileHandler):
         threading.Thread(target=self._keep_small, name="log rotation", daemon=True).start()
 
     def end(self) -> None:
-        """Not `close`, which Python calls if a reward function configures `logging`; this handler
-        then opens its file again.
+        """Python calls `close` if a reward function configures `logging`; this handler then opens
+        its file again.
         """
         self._ending.set()
         remove_handler(self)
@@ -68,7 +67,7 @@ class LogFile(logging.FileHandler):
             self.close()
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802  the name in `logging`
-        """A full disk drops records; the process goes on."""
+        """The process goes on."""
         if not isinstance(sys.exception(), OSError):
             super().handleError(record)
 

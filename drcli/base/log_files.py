@@ -1,9 +1,8 @@
 """Log files of limited size.
 
 `sim-0.log` is the current file, `sim-0.log.part-0001` an older part, `sim-0.log.20261122-093000` of
-an earlier training. Only the current one ends in `.log`: log-guru imports all that do, and fails at
-one that begins in the middle. `sim-0.jsonl` has JSON lines, `reward-0.log` what the racer's code
-printed.
+an earlier training. Only the current one ends in `.log`: log-guru fails at one that begins in the
+middle. `sim-0.jsonl` has JSON lines, `reward-0.log` what the racer's code printed.
 """
 
 import calendar
@@ -14,13 +13,11 @@ from contextlib import suppress
 from pathlib import Path
 
 VARIABLE = "DRCLI_LOG"
-"""Names the log file of a process."""
-
 UPLOADED = ".uploaded"
-"""Says how much of a log is in the bucket."""
+"""Says how much is in the bucket."""
 
 SENT = ".sent"
-"""The same for a service that collects logs."""
+"""For a service that collects logs."""
 
 EARLIER_TRAININGS = 3
 _STAMP = "%Y%m%d-%H%M%S"
@@ -30,7 +27,7 @@ _EARLIER = re.compile(rf"{_WORKER}\.(\d{{8}}-\d{{6}})(?:\.part-\d+)?")
 
 
 def part_bytes(max_bytes: int) -> int:
-    """Half of the whole log: tools read a single file, so it should hold most trainings."""
+    """Half of the log: tools read a single file."""
     return max_bytes // 2
 
 
@@ -41,18 +38,16 @@ def older_parts(log: Path) -> list[Path]:
 
 
 def number_of(part: Path) -> int:
-    """From 1."""
     return int(part.name.rpartition(".part-")[2])
 
 
 def current_number(log: Path) -> int:
-    """Once it becomes an older part."""
     parts = older_parts(log)
     return number_of(parts[-1]) + 1 if parts else 1
 
 
 def rotate(log: Path, max_bytes: int) -> int:
-    """Begin a new file, and delete the oldest parts; returns a descriptor in append mode.
+    """Begin a new file; returns its descriptor in append mode.
 
     Raises:
         OSError: The log has not changed.
@@ -70,9 +65,9 @@ def rotate(log: Path, max_bytes: int) -> int:
 
 
 def set_aside(folders: list[Path], max_bytes: int) -> None:
-    """Rename the logs of the last training, so that a new one begins new files.
+    """Rename the logs of the last training.
 
-    Earlier logs may have `max_bytes` for each worker and folder; the newest stays.
+    Earlier logs may have `max_bytes` for each worker; the newest stays.
     """
     stamp = _stamp(folders)
     for folder in folders:
@@ -102,10 +97,7 @@ def _delete_earliest(folder: Path, max_bytes: int) -> None:
 
 
 def _stamp(folders: list[Path]) -> str:
-    """The time in UTC, or the second after the newest stamp.
-
-    If the clock was set back, the new stamp must still be the newest.
-    """
+    """Still the newest if the clock was set back."""
     found = (_EARLIER.fullmatch(path.name) for folder in folders for path in _files(folder))
     newest = max((match[1] for match in found if match), default="")
     now = time.strftime(_STAMP, time.gmtime())
@@ -124,7 +116,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _prune(parts: list[Path], max_bytes: int) -> None:
-    """The newest stays, because it gives the next one its number."""
+    """The newest gives the next one its number."""
     sizes = [path.stat().st_size for path in parts]
     while len(parts) > 1 and sum(sizes) > max_bytes:
         with suppress(OSError):

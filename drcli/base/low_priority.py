@@ -8,23 +8,21 @@ from pathlib import Path
 from drcli.base.backoff import wait_until
 
 NICE = 10
-"""A program with 0 gets nine times as much of a core that both want. Source: man 7 sched."""
+"""A program with 0 gets nine times as much of a core. Source: man 7 sched."""
 
 _GROUP = Path("/proc/self/autogroup")
 
 _GROUP_PATIENCE_S = 1.0
-"""The kernel accepts one change of any group in a tenth of a second."""
+"""The kernel accepts one change in a tenth of a second."""
 
 
 def lower_priority(group: Path = _GROUP) -> str:
     """Let others have processor and disk first, for good; returns what was done.
 
-    Call it before threads start: on Linux, priority belongs to threads, which inherit it. Again, it
-    changes nothing.
+    Call it before threads start: on Linux, they inherit priority.
 
-    With `sched_autogroup` (most desktops), priority counts within a session only. So the session's
-    group gets the same priority, unless it is shared, such as with a shell. `group` is the kernel's
-    file.
+    With `sched_autogroup` (most desktops), priority counts within a session only. So its group gets
+    the same priority, unless it is shared with a shell.
     """
     done = []
     with suppress(OSError):

@@ -9,7 +9,7 @@ import psutil
 from drcli.base.control_groups import ROOT, group_folders
 
 _UNLIMITED = 1 << 60
-"""The first version of control groups writes a number near 2**63."""
+"""Control groups write a number near 2**63."""
 
 _FIRST_VERSION = ("memory.limit_in_bytes", "memory.usage_in_bytes")
 
@@ -19,10 +19,9 @@ class MemoryState:
     """Memory at one moment.
 
     Attributes:
-        total_bytes: For all processes together.
         available_bytes: Free, or can be freed at once.
-        limited: Whether a control group, such as a container, sets the limit.
-        kills: Processes that the kernel has killed because memory ran out.
+        limited: By a control group.
+        kills: Processes killed for lack of memory.
     """
 
     total_bytes: int
@@ -41,7 +40,6 @@ class MemoryState:
 
 
 def read_memory(root: Path = ROOT) -> MemoryState:
-    """`root` is for tests."""
     machine, swap = psutil.virtual_memory(), psutil.swap_memory()
     found = MemoryState(machine.total + swap.total, machine.available + swap.free)
     for limit, used in group_limits(root):
@@ -54,7 +52,7 @@ def read_memory(root: Path = ROOT) -> MemoryState:
 
 
 def group_limits(root: Path = ROOT) -> Iterator[tuple[int, int | None]]:
-    """Limit and use of each limited control group; None: unknown."""
+    """Limit and use of each group."""
     for folder, unified in group_folders("memory", root):
         names = ("memory.max", "memory.current") if unified else _FIRST_VERSION
         limit, used = (_number(folder / name) for name in names)
@@ -67,7 +65,6 @@ def group_limits(root: Path = ROOT) -> Iterator[tuple[int, int | None]]:
 
 
 def _kills(root: Path) -> int:
-    """In this group or, if Linux does not count them, anywhere."""
     for folder, unified in group_folders("memory", root):
         counts = _counts(folder / ("memory.events" if unified else "memory.oom_control"))
         if "oom_kill" in counts:
@@ -85,7 +82,6 @@ def _number(path: Path) -> int | None:
 
 
 def _counts(path: Path) -> dict[str, int]:
-    """Of lines with a name and a number."""
     try:
         lines = path.read_text("ascii", "replace").splitlines()
     except OSError:

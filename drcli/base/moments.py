@@ -10,7 +10,7 @@ _UNITS = {"m": "minutes", "h": "hours", "d": "days", "w": "weeks"}
 
 
 def moment(option: str, text: str, now: datetime) -> datetime:
-    """A UTC date such as 2026-11-20T08:30, or an age before `now`: 30m, 12h, 7d, 3w.
+    """A UTC date such as 2026-11-20T08:30, or an age: 30m, 12h, 7d, 3w.
 
     Raises:
         SettingsError: It is neither.

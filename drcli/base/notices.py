@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 QUIET_S = 1.0
-"""Shortest wait that is worth a message."""
 
 
 def _ignore(_text: str) -> None:
@@ -11,6 +10,4 @@ def _ignore(_text: str) -> None:
 
 
 show: Callable[[str], None] = _ignore
-"""Says what the program waits for."""
-
 warn: Callable[[str], None] = _ignore

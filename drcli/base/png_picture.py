@@ -1,4 +1,4 @@
-"""Draws PNG pictures with matplotlib, without a display."""
+"""Draws PNG pictures without a display."""
 
 import io
 import logging
@@ -25,7 +25,7 @@ _STYLE: dict[Any, Any] = {
 }
 INK = "#262a30"
 LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d00", "#000000", "#56b4e9")
-"""For colour-blind people. Source: Okabe and Ito, 2008, the yellow darkened."""
+"""Source: Okabe and Ito, 2008, the yellow darkened."""
 
 
 def png(draw: Callable[["Figure"], None], size_in: tuple[float, float]) -> bytes:

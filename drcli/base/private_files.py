@@ -1,7 +1,6 @@
 """Who may read what drcli writes.
 
-Settings, logs, records and models may have secrets, so commands and processes that inherit their
-umask create everything for their user alone. Files that a racer asks for get the rights of the
+There may be secrets, so everything is for its user alone, but files that a racer asks for get the
 racer's own umask (`hand_out`).
 """
 
@@ -13,18 +12,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 _SETTINGS = re.compile(r".*\.env(\.bak\d*)?")
-"""They may have webhooks and passwords."""
-
 _racers: int | None = None
 """While the process has another."""
 
 
 @contextmanager
 def private(shared: Path) -> Iterator[None]:
-    """Create files for this user alone, here and in processes that are started.
+    """Create files for this user alone, also in started processes.
 
-    If the setgid bit of `shared` says that it belongs to a group on purpose, that gets the folder's
-    rights.
+    A group keeps its rights if `shared` has the setgid bit.
     """
     global _racers
     try:
@@ -42,7 +38,7 @@ def private(shared: Path) -> Iterator[None]:
 
 
 def hand_out(path: Path) -> None:
-    """Give a new file or folder the rights of the racer's umask.
+    """Give a new file the rights of the racer's umask.
 
     Nobody gets rights who cannot enter its folder. Settings files stay private.
     """
@@ -52,12 +48,11 @@ def hand_out(path: Path) -> None:
 
 
 def is_settings(path: Path) -> bool:
-    """Or a copy."""
     return _SETTINGS.fullmatch(path.name) is not None
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and those above it, handed out."""
+    """Handed out, like those above it."""
     if not path.parent.exists():
         make_folder(path.parent)
     if not path.is_dir():
@@ -66,7 +61,6 @@ def make_folder(path: Path) -> None:
 
 
 def others_may_read(path: Path) -> bool:
-    """Except a group for which it is meant."""
     mode = path.stat().st_mode
     folder = path if path.is_dir() else path.parent
     is_meant = folder.stat().st_mode & stat.S_ISGID

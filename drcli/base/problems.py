@@ -9,17 +9,14 @@ from typing import ClassVar, Literal, NamedTuple
 from drcli.base.errors import SettingsError
 
 Severity = Literal["error", "warning", "note"]
-"""Only errors prevent a start; a note tells what `dr-start-training` will ask."""
+"""Only errors prevent a start; `dr-start-training` asks about notes."""
 
 MOST_SHOWN = 40
-"""A file with more was probably named by mistake."""
-
 LONGEST_SHOWN = 80
-"""Characters of a value."""
 
 
 class Place(NamedTuple):
-    """Where a value was given: a file, or `environment`, `flag` or `default`."""
+    """A file, or `environment`, `flag` or `default`."""
 
     file: str
     line: int | None = None
@@ -73,10 +70,7 @@ class Problem:
 
 
 class BadValue(ValueError):
-    """A value of the right type is not allowed; its place is not known here.
-
-    `reason` is read after the value: `is empty`.
-    """
+    """The right type, but not allowed; `reason` is as in `is empty`."""
 
     def __init__(self, reason: str, remedy: str) -> None:
         super().__init__(reason)
@@ -85,8 +79,6 @@ class BadValue(ValueError):
 
 
 class ProblemsError(SettingsError):
-    """A line for each error and each remedy."""
-
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(problems)
         shown = self.errors[:MOST_SHOWN]
@@ -107,14 +99,12 @@ def of_severity(problems: Iterable[Problem], severity: Severity) -> tuple[Proble
 
 
 def refuse(problems: Iterable[Problem]) -> None:
-    """Raise ProblemsError if there are errors."""
     errors = of_severity(problems, "error")
     if errors:
         raise ProblemsError(errors)
 
 
 def few(sentences: Iterable[str]) -> list[str]:
-    """The first sentences, and how many more there are."""
     everything = list(sentences)
     more = len(everything) - MOST_SHOWN
     return everything if more <= 0 else [*everything[:MOST_SHOWN], f"And {more:,} more like these."]
@@ -127,21 +117,21 @@ def shown(value: str) -> str:
 
 
 def closest(word: str, words: Iterable[str], cutoff: float = 0.6) -> str | None:
-    """The word that was probably meant; `cutoff`: least similarity, 0 to 1."""
+    """What was probably meant; `cutoff`: least similarity, 0 to 1."""
     by_fold = {candidate.casefold(): candidate for candidate in words}
     matches = difflib.get_close_matches(word[:200].casefold(), by_fold, n=1, cutoff=cutoff)
     return by_fold[matches[0]] if matches else None
 
 
 def one_of(words: Sequence[str], written: str) -> str:
-    """A remedy that names allowed words, the likely one first."""
+    """The likely word first."""
     likely = closest(written, words)
     start = f"Did you mean {likely}? " if likely is not None else ""
     return f"{start}Write one of {', '.join(words)}."
 
 
 def _names(message: str, place: str) -> bool:
-    """In whole words; `run.env line 12` is not line 1."""
+    """`run.env line 12` is not line 1."""
     return bool(re.search(rf"(?<![\w./-]){re.escape(place)}(?![\w/-]|\.\w)", message))
 
 

@@ -1,7 +1,7 @@
 """Identifies machines, and processes whose number may be used again.
 
-Containers of one image share host name and /etc/machine-id. Only whether process numbers mean the
-same matters, so the kernel's random boot id and the namespace of process numbers name a machine.
+Containers share host name and /etc/machine-id, so a machine is the kernel's boot id and a namespace
+of process numbers.
 """
 
 import os
@@ -11,11 +11,9 @@ from pathlib import Path
 
 _PROC = Path("/proc")
 _START_FIELD = 19
-"""In /proc/PID/stat, from the state. Source: man 5 proc."""
+"""Source: man 5 proc."""
 
 _UNIX_S = 1e9
-"""Larger times are Unix times."""
-
 _SAME_S = 1.0
 
 
@@ -33,7 +31,7 @@ def this_machine() -> str:
 
 
 def started_s(pid: int) -> float | None:
-    """Seconds from the machine's start, or Unix time without /proc; None: no process, or a zombie."""
+    """Seconds from the machine's start, or Unix time without /proc; None for a zombie."""
     try:
         after_name = (_PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()
         if after_name[0] in "ZX":
@@ -44,12 +42,11 @@ def started_s(pid: int) -> float | None:
 
 
 def exists(pid: int) -> bool:
-    """A zombie does not."""
     return started_s(pid) is not None
 
 
 def is_alive(pid: int, began_s: float) -> bool:
-    """Whether a process runs and began then (`started_s` or Unix time)."""
+    """Whether it began then (`started_s` or Unix time)."""
     now_s = _started_unix_s(pid) if began_s > _UNIX_S else started_s(pid)
     return now_s is not None and abs(now_s - began_s) < _SAME_S
 

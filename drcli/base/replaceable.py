@@ -1,4 +1,4 @@
-"""Files that commands write for users, and never replace."""
+"""Files that commands write, and never replace."""
 
 import re
 import tempfile
@@ -11,15 +11,15 @@ _UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
 
 
 def safe_name(text: str) -> str:
-    """A prefix as part of a file name.
+    """A prefix as a file name.
 
-    All of its parts count, so `anna/m1` and `ben/m1` differ.
+    `anna/m1` and `ben/m1` differ.
     """
     return _UNSAFE.sub("-", text).strip("-.") or "model"
 
 
 def refuse_existing(path: Path, *, force: bool) -> None:
-    """Raise SettingsError for a file that exists, unless `force` (-f)."""
+    """SettingsError, unless `force` (-f)."""
     try:
         exists, is_file, is_folder = path.exists(), path.is_file(), path.is_dir()
     except OSError as error:
@@ -44,7 +44,6 @@ def refuse_replacing(path: Path, *, force: bool) -> None:
 
 
 def make_picture_folder(folder: Path) -> None:
-    """SettingsError if it cannot be made."""
     try:
         make_folder(folder)
     except OSError as error:
@@ -55,7 +54,7 @@ def make_picture_folder(folder: Path) -> None:
 
 
 def refuse_new_file(path: Path) -> None:
-    """Raise SettingsError where no file can be made, by making one for a moment."""
+    """SettingsError where no file can be made."""
     try:
         with tempfile.NamedTemporaryFile(prefix=f".{path.name}.", suffix=".part", dir=path.parent):
             pass

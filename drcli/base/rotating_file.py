@@ -9,14 +9,12 @@ from drcli.base import log_files
 from drcli.base.file_lock import leads_to
 
 LONGEST_LINE = 64 << 10
-"""Of an unfinished line in memory."""
 
 
 class RotatingFile:
-    """Appends lines; with older parts it has `max_bytes`. Any thread may write.
+    """Appends lines, from any thread; with older parts it has `max_bytes`.
 
-    Several processes may append: each line is written at once. On a full disk, lines are lost and
-    nothing fails.
+    Each line is written at once. On a full disk, lines are lost.
     """
 
     def __init__(self, path: Path, max_bytes: int) -> None:
@@ -27,7 +25,7 @@ class RotatingFile:
         self._lock = threading.Lock()
 
     def write(self, text: str) -> None:
-        """The part after the last line end waits."""
+        """The last, incomplete line waits."""
         with self._lock:
             text = self._unfinished + text
             end = len(text) if len(text) > LONGEST_LINE else text.rfind("\n") + 1
@@ -36,7 +34,6 @@ class RotatingFile:
                 self._append(text[:end])
 
     def close(self) -> None:
-        """The next text opens it again."""
         with self._lock:
             if self._unfinished:
                 self._append(self._unfinished + "\n")

@@ -1,7 +1,7 @@
-"""Prevents a racer's code from sending signals to programs that it did not start.
+"""Prevents a racer's code from sending signals to other programs.
 
-`os.kill(os.getppid(), 9)` would end the command or supervisor. This protects against mistakes;
-harmful code finds other ways (docs/security.md).
+`os.kill(os.getppid(), 9)` would end the command. This protects against mistakes only
+(docs/security.md).
 """
 
 import errno
@@ -16,7 +16,7 @@ _REFUSAL = (
 
 
 def install() -> None:
-    """This process must lead its own process group."""
+    """In the leader of a process group."""
     os.kill = _guarded(os.kill, _is_own)
     os.killpg = _guarded(os.killpg, _is_own_group)
     if hasattr(signal, "pidfd_send_signal"):  # which process a descriptor means is unknown

@@ -1,7 +1,4 @@
-"""Runs another module as a program: `python -P -m drcli.base.start_module MODULE ARGUMENTS`.
-
-Until that calls `search_as_usual`, imports are faster.
-"""
+"""Runs a module with faster imports: `python -P -m drcli.base.start_module MODULE ARGUMENTS`."""
 
 import runpy
 import sys

@@ -1,9 +1,9 @@
 """Calls that Linux, macOS and others do not all have in the same way.
 
-Only this module imports `fcntl` and `resource` or uses calls of Linux alone. Two places have
-conditions of their own: `drcli.base.elapsed` chooses a clock, and `drsim` sets its timers.
+Only this module imports `fcntl` and `resource`. `drcli.base.elapsed` chooses a clock, and `drsim`
+sets its timers.
 
-On Windows, drcli runs inside WSL, which is Linux.
+On Windows, drcli runs inside WSL.
 """
 
 import errno
@@ -27,8 +27,6 @@ except ImportError:  # Windows
     fcntl = resource = None
 
 _DESCRIPTORS = (Path("/proc/self/fd"), Path("/dev/fd"))
-"""Open files of a process on Linux, and on macOS and the BSDs."""
-
 _END_WITH_PARENT, _ADOPT_ORPHANS = 1, 36
 """Source: linux/prctl.h."""
 
@@ -42,11 +40,10 @@ _LIMITS: dict[Limit, str] = {
 }
 
 _MANY_FILES = 1 << 40
-"""macOS writes a number near 2**63 for no limit."""
 
 
 def try_lock(descriptor: int, *, shared: bool = False) -> bool:
-    """Lock an open file or folder until it is closed; False if another process excludes this one.
+    """Lock until closed; False if another process excludes this one.
 
     Raises:
         NotAvailable: The system has no such locks.
@@ -68,7 +65,7 @@ def no_such_system() -> NotAvailable:
 
 
 def soft_limit(limit: Limit) -> int | None:
-    """None for any amount, and where unknown."""
+    """None where unknown."""
     if resource is None or not hasattr(resource, _LIMITS[limit]):
         return None
     found = int(resource.getrlimit(getattr(resource, _LIMITS[limit]))[0])
@@ -79,7 +76,7 @@ def soft_limit(limit: Limit) -> int | None:
 
 
 def peak_memory_bytes() -> int:
-    """0 where nobody counts it."""
+    """0 where unknown."""
     if resource is None:
         return 0
     peak = int(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
@@ -87,10 +84,7 @@ def peak_memory_bytes() -> int:
 
 
 def limit_data(most_bytes: int) -> bool:
-    """Limit this process's data; whether that is set.
-
-    macOS may refuse a limit, and does not keep to it.
-    """
+    """Whether it is set; macOS does not keep to it."""
     if resource is None or not hasattr(resource, "RLIMIT_DATA"):
         return False
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
@@ -106,11 +100,10 @@ def limit_data(most_bytes: int) -> bool:
 def flush_to_disk(path: Path) -> None:
     """Return when a file, or the names in a folder, would outlive a power cut.
 
-    On macOS, `fsync` leaves data in the disk's memory, so this asks the disk. File systems that
-    cannot flush are left alone.
+    On macOS, `fsync` leaves data in the disk's memory, so this asks the disk.
 
     Raises:
-        OSError: The path does not exist, or the disk refuses the data.
+        OSError: No such path, or the disk refuses.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
@@ -130,19 +123,17 @@ def flush_descriptor(descriptor: int) -> None:
 
 
 def is_disk_full(error: OSError) -> bool:
-    """Or the user's part of it."""
     return error.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
 def cores_of_process() -> int:
-    """Those of `taskset`; elsewhere those of the machine."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def open_files(process: int | None = None) -> int:
-    """0 if the system does not tell."""
+    """0 where unknown."""
     folders = _DESCRIPTORS if process is None else [Path(f"/proc/{process}/fd")]
     for folder in folders:
         with suppress(OSError), os.scandir(folder) as entries:
@@ -151,17 +142,17 @@ def open_files(process: int | None = None) -> int:
 
 
 def name_place(path: Path) -> int:
-    """A descriptor that only names a place; outside Linux, it is opened."""
+    """Opened, outside Linux."""
     return os.open(path, getattr(os, "O_PATH", os.O_RDONLY) | os.O_CLOEXEC)
 
 
 def adopt_orphans() -> None:
-    """Become the parent of descendants without a parent; Linux only."""
+    """Linux only."""
     _control_process(_ADOPT_ORPHANS, 1)
 
 
 def end_with_parent() -> None:
-    """End with the thread that started this process; Linux only."""
+    """At the end of the parent's thread; Linux only."""
     _control_process(_END_WITH_PARENT, signal.SIGKILL)
 
 
@@ -182,7 +173,6 @@ class ExitWait:
             self._descriptors.append(os.pidfd_open(pid))
 
     def wait(self, seconds: float) -> None:
-        """At most so long."""
         select.select(self._descriptors, [], [], seconds)
 
     def close(self) -> None:

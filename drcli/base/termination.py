@@ -1,4 +1,4 @@
-"""Lets SIGTERM and the end of the terminal end work with cleanup, as Ctrl-C does."""
+"""Lets SIGTERM and SIGHUP end work with cleanup, as Ctrl-C does."""
 
 import signal
 from collections.abc import Callable, Iterator, Mapping
@@ -9,31 +9,25 @@ from typing import Any, ClassVar
 from drcli.base.errors import DrError
 
 STOPS = (signal.SIGTERM, signal.SIGHUP)
-"""SIGHUP comes when the terminal closes."""
-
 Handlers = Mapping[signal.Signals, Any]
 
 
 class Stopped(DrError):
-    """SIGTERM or SIGHUP stopped the work."""
-
     code: ClassVar[int] = 143
     final: ClassVar[bool] = True
 
 
 class _Terminated(BaseException):
-    """Not an Exception, so that `except Exception` does not catch it."""
+    """`except Exception` must not catch it."""
 
 
 def handle(
     handler: Callable[[int, FrameType | None], object],
     numbers: tuple[signal.Signals, ...] = (signal.SIGINT, *STOPS),
 ) -> Handlers:
-    """Handle Ctrl-C and `STOPS`; only in the main thread.
+    """For the main thread. Returns what handled signals before, for `restore`.
 
-    Returns what did so before, for `restore`.
-
-    An ignored SIGHUP stays ignored, because of `nohup`.
+    An ignored SIGHUP stays so, because of `nohup`.
     """
     kept = {signal.SIGHUP} if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else set()
     return {each: signal.signal(each, handler) for each in numbers if each not in kept}
@@ -45,10 +39,10 @@ def restore(before: Handlers) -> None:
 
 
 class NotedSignals:
-    """Notes signals in its `with` block, for work that ends at its own pace; in the main thread.
+    """Notes signals in its `with` block; in the main thread.
 
     Attributes:
-        count: SIGHUP counts as the first only: a shell repeats it.
+        count: SIGHUP counts only as the first: a shell repeats it.
     """
 
     def __init__(self) -> None:
@@ -69,12 +63,7 @@ class NotedSignals:
         self.count += 1
 
     def refuse(self, message: str, remedy: str) -> None:
-        """Return if no signal has come.
-
-        Raises:
-            KeyboardInterrupt: Ctrl-C has.
-            Stopped: Another one has.
-        """
+        """KeyboardInterrupt or Stopped if a signal has come."""
         if self.first == signal.SIGINT:
             raise KeyboardInterrupt
         if self.first is not None:
@@ -83,7 +72,7 @@ class NotedSignals:
 
 @contextmanager
 def until_sigterm(message: str, remedy: str) -> Iterator[None]:
-    """Let SIGTERM or SIGHUP end the `with` block as Stopped; only in the main thread."""
+    """Stopped ends the `with` block; in the main thread."""
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         for each in before:

@@ -4,11 +4,7 @@ from drcli.base.problems import Problem, ProblemsError
 
 
 def decode(data: bytes, name: str, rule: str, *, largest_bytes: int, remedy: str) -> str:
-    """The text of a file.
-
-    Raises:
-        ProblemsError: It has more than `largest_bytes`, or is not UTF-8.
-    """
+    """ProblemsError if it is too large, or not UTF-8."""
     if len(data) > largest_bytes:
         size = f"{len(data):,} bytes long; at most {largest_bytes:,} are allowed."
         what = f"The file is {size}"

@@ -1,16 +1,14 @@
-"""Tells steady growth, such as of memory, from ups and downs."""
+"""Tells steady growth from ups and downs."""
 
 from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
 
 MOST_SAMPLES = 720
-"""Then every second one is dropped, and sampling is half as frequent."""
+"""Then every second one goes."""
 
 PARTS = 6
-"""The lowest value of each part of a time must be higher than that of the one before. Noise does
-that in one of 720 times.
-"""
+"""The lowest value must rise from part to part. Noise does that in one of 720 times."""
 
 LEAST_SAMPLES = 3 * PARTS
 
@@ -27,16 +25,14 @@ class Growth:
 
 
 class Trend:
-    """Samples one quantity in bounded memory."""
+    """In bounded memory."""
 
     def __init__(self, least_s: float = 120.0) -> None:
-        """Growth over less than `least_s` does not count."""
         self._least_s = least_s
         self._samples: deque[tuple[float, float]] = deque()
         self._every_s = 0.0
 
     def add(self, now_s: float, value: float) -> None:
-        """Unless the last sample is too near."""
         samples = self._samples
         if samples and now_s - samples[-1][0] < self._every_s:
             return
@@ -52,8 +48,7 @@ class Trend:
     def growth(self, least: float, share: float = 0.0) -> Growth | None:
         """The steady growth that goes on now, or None.
 
-        Looks at the last half of the time, then the last quarter, and so on. `share` is of the
-        value at the begin.
+        Looks at the last half of the time, then the last quarter, and so on.
         """
         span_s = self.seconds / 2.0
         while span_s >= self._least_s:

@@ -1,7 +1,6 @@
-"""Ends the pause of another process on this machine.
+"""Ends the pause of another process; Linux only.
 
-A wake-up may be lost: who pauses looks again after some time in any case. Linux only. The sockets
-have abstract names, so no later start finds a file.
+A wake-up may be lost, so pauses end in any case. Sockets have abstract names, so no file stays.
 """
 
 import hashlib
@@ -13,18 +12,16 @@ from contextlib import suppress
 from pathlib import Path
 
 _MOST_QUEUED = 1_000
-"""The kernel keeps far fewer."""
 
 
 class Wakeup:
-    """Where one process can be woken. Close it when done.
+    """Close it when done.
 
     Attributes:
         works: If not, `pause` only waits.
     """
 
     def __init__(self, folder: Path, name: str) -> None:
-        """The name is unique in the folder."""
         self.works = False
         self._socket: socket.socket | None = None
         if sys.platform != "linux":
@@ -39,10 +36,7 @@ class Wakeup:
         self._socket, self.works = listener, True
 
     def pause(self, seconds: float) -> bool:
-        """Wait until woken, and return whether that was so.
-
-        A wake-up before the pause ends it at once.
-        """
+        """Whether it was woken, maybe before."""
         if self._socket is None:
             time.sleep(seconds)
             return False
@@ -60,7 +54,6 @@ class Wakeup:
 
 
 def wake(folder: Path, *names: str) -> None:
-    """Processes that do not listen are skipped."""
     if sys.platform != "linux":
         return
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
@@ -71,6 +64,6 @@ def wake(folder: Path, *names: str) -> None:
 
 
 def _address(folder: Path, name: str) -> bytes:
-    """It begins with a zero byte. At most 108 bytes."""
+    """At most 108 bytes."""
     key = hashlib.sha256(f"{folder.resolve()}\n{name}".encode()).hexdigest()[:32]
     return f"\0drcli-{key}".encode()

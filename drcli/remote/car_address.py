@@ -16,7 +16,6 @@ class CarAddress:
 
     @property
     def place(self) -> str:
-        """Host, or host:port if unusual."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return host if self.port == HTTPS_PORT else f"{host}:{self.port}"
 
@@ -26,7 +25,6 @@ class CarAddress:
 
 
 def read_address(text: str, given_by: str) -> CarAddress:
-    """SettingsError for anything else."""
     if not text:
         raise SettingsError(
             "No car is named.",

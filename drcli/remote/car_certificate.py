@@ -1,7 +1,6 @@
 """Checks that a car is the one it was before.
 
-No authority has signed cars' certificates. As with SSH, the first login keeps the fingerprint, and
-later connections must show the same.
+No authority signed its certificate, so the first login keeps the fingerprint, as with SSH.
 """
 
 import hashlib
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
     import requests
 
 CONNECT_TIMEOUT_S = 5.0
-"""Cars are in the same network."""
 
 
 def read_fingerprint(address: CarAddress) -> str:
@@ -42,7 +40,6 @@ def read_fingerprint(address: CarAddress) -> str:
 
 
 def readable(fingerprint: str) -> str:
-    """As browsers show it."""
     pairs = (fingerprint[i : i + 2] for i in range(0, len(fingerprint), 2))
     return ":".join(pairs).upper()
 
@@ -67,7 +64,7 @@ def trusting_session(login: CarLogin) -> "requests.Session":
 
 
 def _unchecked() -> "SSLContext":
-    """No authorities, which take 0.1 s to load."""
+    """Authorities take 0.1 s to load."""
     import ssl
 
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
@@ -121,7 +118,6 @@ def unreachable(address: CarAddress, error: BaseException) -> CarError:
 
 
 def _causes(error: BaseException) -> "list[BaseException]":
-    """Libraries wrap one error in another."""
     found: list[BaseException] = []
     waiting: list[object] = [error]
     while waiting:

@@ -16,8 +16,6 @@ from drcli.remote.car_web import CarWeb
 
 STOP_ATTEMPTS = 3
 STOP_TIMEOUT_S = 5.0
-"""Also for each answer."""
-
 WATCH_S = 3.0
 _BY_HAND = "Stop the car by hand: lift it, and switch it off."
 
@@ -56,7 +54,7 @@ def set_speed(car: CarWeb, percent: int) -> CarSpeed:
     """Limit the throttle until the car restarts.
 
     Raises:
-        SettingsError: Not from 0 to 100; the car would take it unchecked.
+        SettingsError: Not 0 to 100; the car would take it.
     """
     if not 0 <= percent <= 100:
         raise SettingsError(
@@ -82,11 +80,11 @@ def refuse_without_model(car: CarWeb) -> None:
 
 
 def stop(car: CarWeb) -> CarDrive:
-    """Stop the car at once, and again if there is no answer.
+    """Stop the car at once, and again if it does not answer.
 
     Raises:
-        CarError: The car did not confirm it.
-        NotLoggedIn: The car has forgotten the login.
+        CarError: It did not confirm.
+        NotLoggedIn: It has forgotten the login.
     """
     failure: CarError | None = None
     for _ in range(STOP_ATTEMPTS):
@@ -109,7 +107,7 @@ def start(car: CarWeb) -> CarDrive:
     """Leave the car driving; a failed start stops it.
 
     Raises:
-        KeyboardInterrupt: A signal came; the car has stopped.
+        KeyboardInterrupt: The car has stopped.
         CarError: It failed.
     """
     _set_autonomous(car)
@@ -131,12 +129,12 @@ def start(car: CarWeb) -> CarDrive:
 def drive(
     car: CarWeb, *, seconds: float | None, warn: Callable[[str], None], say: Callable[[str], None]
 ) -> CarDrive:
-    """Start the car, and stop it when the time is over, or at a signal.
+    """Start the car, and stop it after the time, or at a signal.
 
-    The stop is sent whatever ends the wait, and another Ctrl-C does not prevent it.
+    The stop is sent whatever ends the wait, also at another Ctrl-C.
 
     Raises:
-        CarError: The car did not start, or did not confirm the stop.
+        CarError: The car did not confirm start or stop.
     """
     _set_autonomous(car)
     started_s = time.monotonic()
@@ -172,7 +170,6 @@ def _watch(
     seconds: float | None,
     warn: Callable[[str], None],
 ) -> None:
-    """Warn once if the car cannot be reached, and so not be stopped."""
     reachable = True
     end_s = inf if seconds is None else started_s + seconds
     while not ended.wait(max(0.0, min(WATCH_S, end_s - time.monotonic()))):
@@ -191,8 +188,6 @@ def _watch(
 
 @dataclass
 class _Signals:
-    """`raises`: KeyboardInterrupt, to leave a request that hangs."""
-
     raises: bool = True
     ended: threading.Event = field(default_factory=threading.Event)
 
@@ -205,7 +200,6 @@ class _Signals:
 
 @contextmanager
 def _ending_signals() -> Iterator[_Signals]:
-    """Catches what would leave the car driving."""
     signals = _Signals()
     if threading.current_thread() is not threading.main_thread():
         yield signals

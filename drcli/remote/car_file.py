@@ -11,19 +11,13 @@ from drcli.formats.car_rules import END
 
 @dataclass(frozen=True)
 class CarFile:
-    """An archive for a car; `name` is the file's without its end."""
-
     path: Path
     name: str
     sensors: tuple[str, ...]
 
 
 def check_file(path: Path) -> CarFile:
-    """Read an archive without unpacking it.
-
-    Raises:
-        SettingsError: It cannot be read, or the car would not take it.
-    """
+    """Read an archive; SettingsError if the car would not take it."""
     check = check_car_archive(read_packed(path), str(path))
     refuse(check.problems)
     return CarFile(path, path.name.removesuffix(END), check.sensors)

@@ -1,6 +1,6 @@
-"""The login at a car between two commands, in a file for this user alone.
+"""The login at a car, in a file for this user alone.
 
-It holds cookies, never the password, and how the car proves who it is.
+It holds cookies, never the password.
 """
 
 import os
@@ -17,9 +17,7 @@ Trust = Literal["fingerprint", "ca", "none"]
 """By the certificate seen first, an authority, or not at all."""
 
 LOGIN_HOURS = 12
-"""With the community's software (its login page); the original forgets a login when somebody else
-logs in.
-"""
+"""With the community's software (its login page); the original counts until somebody else logs in."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +27,7 @@ class CarLogin:
     Attributes:
         fingerprint: SHA-256, hexadecimal.
         ca_file: Certificates of authorities.
-        cookies: Empty without a login.
-        csrf_token: Proves that a change comes from somebody who has read the car's page.
+        csrf_token: For changes.
     """
 
     trust: Trust = "fingerprint"
@@ -41,7 +38,6 @@ class CarLogin:
 
     @property
     def is_open(self) -> bool:
-        """The car may have forgotten it."""
         return bool(self.cookies)
 
 
@@ -50,7 +46,6 @@ def load_login(address: CarAddress) -> CarLogin | None:
 
 
 def save_login(address: CarAddress, login: CarLogin) -> None:
-    """SettingsError if it cannot be written."""
     path = login_file(address)
     try:
         write_private_json(path, {**asdict(login), "cookies": dict(login.cookies)})
@@ -63,7 +58,7 @@ def save_login(address: CarAddress, login: CarLogin) -> None:
 
 
 def forget_login(address: CarAddress) -> bool:
-    """Keeps the certificate; False if there was no login."""
+    """Keeps the certificate."""
     kept = load_login(address)
     if kept is None or not kept.is_open:
         return False

@@ -17,7 +17,7 @@ UPLOAD_TIMEOUT_S = 180.0
 """The car's own gateway gives up after 60 s."""
 
 LISTED_WITHIN_S = 60.0
-"""The car reports a failure after 10 s, although the installation goes on."""
+"""The car reports a failure after 10 s, but goes on."""
 
 LOAD_TIMEOUT_S = 90.0
 LOADED_WITHIN_S = 120.0
@@ -125,10 +125,10 @@ def list_models(car: CarWeb) -> CarModels:
 
 
 def upload_model(car: CarWeb, file: CarFile, *, say: Callable[[str], None]) -> CarUpload:
-    """Send an archive and wait until it is listed; replaces a model of that name.
+    """Send an archive and wait for it; replaces a model.
 
     Raises:
-        SettingsError: The file cannot be read any more.
+        SettingsError: The file cannot be read.
         CarError: The car did not install it.
     """
     try:
@@ -152,12 +152,7 @@ def upload_model(car: CarWeb, file: CarFile, *, say: Callable[[str], None]) -> C
 
 
 def load_model(car: CarWeb, name: str) -> CarLoad:
-    """Load a model, and wait for that.
-
-    Raises:
-        SettingsError: The car has no such model, or cannot use it now.
-        CarError: It failed.
-    """
+    """Raises SettingsError if the car has no such usable model, CarError if it failed."""
     started_s = time.monotonic()
     model = _usable(car, name)
     path = f"/api/models/{quote(model.name, safe='')}/{quote(model.file, safe='')}"
@@ -177,13 +172,11 @@ def load_model(car: CarWeb, name: str) -> CarLoad:
 
 
 def loading_state(car: CarWeb) -> str:
-    """loaded, loading, or another word of the car."""
     answer = car.get("/api/isModelLoading", action="say which model is loaded")
     return str(answer.get("isModelLoading", "")) if isinstance(answer, dict) else ""
 
 
 def _listed(car: CarWeb) -> tuple[list[CarModel], list[CarModel]]:
-    """Usable models, and others."""
     answer = car.get("/api/models", action="list its models")
     if not isinstance(answer, dict) or not isinstance(answer.get("models"), list):
         raise CarError(
@@ -253,7 +246,7 @@ def _settled(state: str) -> str | None:
 
 
 def _wait_for(look: Callable[[], T | None], most_s: float) -> T | None:
-    """A look without an answer counts for nothing: a busy car may be silent."""
+    """A busy car may be silent."""
     end_s = time.monotonic() + most_s
     while True:
         try:

@@ -9,7 +9,6 @@ from drcli.remote.car_models import loading_state
 from drcli.remote.car_web import CarWeb
 
 Software = Literal["original", "community"]
-"""Amazon's, or deepracer-custom-car."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class CarStatus:
 
 
 def read_status(car: CarWeb) -> CarStatus:
-    """Ask a car for everything that it tells.
+    """Ask a car for everything.
 
     Raises:
         NotLoggedIn: The login has expired.
@@ -74,7 +73,6 @@ def read_status(car: CarWeb) -> CarStatus:
 
 
 def _asked(car: CarWeb, path: str, action: str) -> dict[str, Any]:
-    """Empty if the car cannot give it, as without a battery."""
     try:
         answer = car.find(path, action=action)
     except CarRefused:

@@ -1,8 +1,7 @@
-"""The web page of a physical car, as a program uses it.
+"""The web page of a physical car: aws-deepracer-webserver-pkg, or the community's.
 
-Its server is aws-deepracer-webserver-pkg, or the community's version. Requests need the cookie of a
-login; changes also need a token that is on the page (CSRF), for an hour. Most failures have status
-200 and `success: false`.
+Requests need the cookie of a login; changes also need a token on the page (CSRF), for an hour. Most
+failures have status 200 and `success: false`.
 """
 
 from dataclasses import replace
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 TOKEN_COOKIE = "deepracer_token"
 ANSWER_TIMEOUT_S = 15.0
-"""The car gives its programs 10 s."""
+"""The car's own is 10 s."""
 
 _CHANGES = frozenset({"POST", "PUT"})
 _LOG_IN = "Log in with `dr-car login`."
@@ -41,7 +40,7 @@ class CarWeb:
 
     @classmethod
     def opened(cls, address: CarAddress) -> Self:
-        """With an earlier login; sends nothing. NotLoggedIn without one."""
+        """Sends nothing; NotLoggedIn without a login."""
         kept = load_login(address)
         if kept is None or not kept.is_open:
             raise NotLoggedIn(f"There is no login at the car {address.place}.", remedy=_LOG_IN)
@@ -49,7 +48,6 @@ class CarWeb:
 
     @property
     def login(self) -> CarLogin:
-        """With the newest cookies."""
         cookies = {cookie.name: cookie.value or "" for cookie in self._session.cookies}
         return replace(self._login, cookies=cookies)
 
@@ -58,7 +56,7 @@ class CarWeb:
 
         Raises:
             SettingsError: The password is wrong.
-            CarError: The car cannot be reached, or is not a car.
+            CarError: It is not a car, or not reached.
         """
         self._session.cookies.clear()
         self._read_token()
@@ -75,16 +73,16 @@ class CarWeb:
         save_login(self.address, self.login)
 
     def get(self, path: str, *, action: str, timeout_s: float = ANSWER_TIMEOUT_S) -> Any:
-        """The JSON of something below /api/; `action` as in "list its models".
+        """JSON from below /api/; `action` as in "list its models".
 
         Raises:
             NotLoggedIn: The login has expired.
-            CarError: There is no answer, or it is a failure.
+            CarError: There is no answer, or a failure.
         """
         return self._call("GET", path, action=action, timeout_s=timeout_s)
 
     def find(self, path: str, *, action: str) -> Any:
-        """None if the car does not have that path."""
+        """None for an unknown path."""
         answer = self._send("GET", path)
         if answer.status_code == 404:
             return None
@@ -93,16 +91,15 @@ class CarWeb:
     def put(
         self, path: str, content: Any, *, action: str, timeout_s: float = ANSWER_TIMEOUT_S
     ) -> Any:
-        """Like `get`; CarRefused if the car says that it failed."""
+        """CarRefused if the car says that it failed."""
         return self._call("PUT", path, action=action, timeout_s=timeout_s, json=content)
 
     def upload(self, path: str, name: str, content: bytes, *, action: str, timeout_s: float) -> Any:
-        """Like `put`."""
         files = {"file": (name, content, "application/gzip")}
         return self._call("POST", path, action=action, timeout_s=timeout_s, files=files)
 
     def _call(self, method: str, path: str, *, action: str, timeout_s: float, **body: Any) -> Any:
-        """Again with a fresh token if the car refuses the old one."""
+        """With a fresh token if the old one is refused."""
         answer = self._send(method, path, timeout_s=timeout_s, **body)
         if answer.status_code == 400 and method in _CHANGES:
             self._read_token()
@@ -222,11 +219,7 @@ class CarWeb:
 def first_login(
     address: CarAddress, *, ca_file: str, insecure: bool, new_certificate: bool
 ) -> tuple[CarLogin, bool]:
-    """How to trust a car, without cookies, and whether its certificate is new.
-
-    Raises:
-        CarError: The car cannot be reached.
-    """
+    """How to trust a car, and whether its certificate is new; CarError without one."""
     kept = load_login(address)
     seen = "" if kept is None else kept.fingerprint
     if insecure:
@@ -239,8 +232,6 @@ def first_login(
 
 
 class _Page(HTMLParser):
-    """Finds the token in a meta element or a form."""
-
     def __init__(self) -> None:
         super().__init__()
         self.token = ""

@@ -26,8 +26,6 @@ _LONGEST_MESSAGE = 300
 
 
 class Droa:
-    """Calls it as one user."""
-
     def __init__(self, session: DroaSession, web: Web) -> None:
         self.session = session
         self.web = web
@@ -51,7 +49,7 @@ class Droa:
         return read_model(answer.get("model", answer), self.place)
 
     def find(self, wanted: str) -> RemoteModel:
-        """By id or name; NoSuchModel if there is none, or several have this name."""
+        """By id or name; NoSuchModel without exactly one."""
         if _ID.fullmatch(wanted):
             try:
                 return self.model(wanted)
@@ -72,7 +70,7 @@ class Droa:
         return self.model(named[0].model_id)
 
     def import_model(self, path: str, name: str, description: str) -> str:
-        """Begin the import of a folder in the upload bucket; the model's id."""
+        """Begin the import of a folder; the model's id."""
         body = {
             "s3Bucket": self.session.site.upload_bucket,
             "s3Path": path,
@@ -86,11 +84,11 @@ class Droa:
         return model_id
 
     def delete(self, model_id: str) -> None:
-        """Begin to delete a model; NoSuchModel if there is none."""
+        """Begin to delete a model."""
         self._call("DELETE", f"/models/{_checked(model_id)}", model=model_id)
 
     def asset(self, model_id: str, kind: AssetType, evaluation_id: str = "") -> Asset:
-        """The address of a model's file; NoSuchModel if there is none."""
+        """NoSuchModel without such a file."""
         query = {"assetType": kind, **({"evaluationId": evaluation_id} if evaluation_id else {})}
         path = f"/models/{_checked(model_id)}/getasset"
         answer = self._call("GET", path, query=query, model=model_id)
@@ -119,7 +117,6 @@ class Droa:
         body: Mapping[str, str] | None = None,
         model: str = "",
     ) -> Mapping[str, Any]:
-        """Once more with keys that the server thinks are old."""
         url = self.session.site.api_endpoint + path
         if query:
             url += "?" + urlencode(query, quote_via=quote)
@@ -198,7 +195,6 @@ def _checked(model_id: str) -> str:
 
 
 def _message(answer: "requests.Response") -> str:
-    """Without its full stop."""
     try:
         values = answer.json()
     except (ValueError, RecursionError):

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 def aws_client(service: str, site: Site, keys: Keys | None = None) -> Any:
-    """A client with these temporary keys, or none.
+    """With these temporary keys, or none.
 
-    Settings in AWS files and the environment are ignored: they belong to other buckets.
+    Settings of AWS here belong to other buckets, so they are ignored.
     """
     from botocore import UNSIGNED
     from botocore.config import Config
@@ -41,7 +41,7 @@ def aws_client(service: str, site: Site, keys: Keys | None = None) -> Any:
 
 @cache
 def _session() -> "Session":
-    """Reads no files of AWS; keeps descriptions of services, slow to load."""
+    """Keeps descriptions of services, slow to load."""
     from botocore.session import Session
 
     # Each is (name in the files, variable, default, type).

@@ -33,11 +33,10 @@ from drcli.tracks.track_list import list_tracks
 
 
 def read_bucket_model(settings: Settings, prefix: str, choice: CheckpointChoice) -> Files:
-    """The files of a model, with a TensorFlow checkpoint, its own or written as by `dr-export
-    droa`.
+    """A model's files, with a TensorFlow checkpoint, perhaps as of `dr-export droa`.
 
     Raises:
-        SettingsError: There is no such checkpoint, or it cannot be imported there.
+        SettingsError: There is none, or it cannot be imported.
         StorageError: The bucket cannot be read.
     """
     bucket = bucket_to_look_at(settings.transfer, upload=False)
@@ -82,7 +81,6 @@ def _parameters(settings: Settings, data: bytes, prefix: str) -> bytes:
 
 
 def _route(settings: Settings, data: bytes) -> Direction | None:
-    """None if not needed, or not known."""
     world = str(read_parameters(data).get("WORLD_NAME", ""))
     track, named = split_world(world)
     if named is not None or len(DROA_TRACKS.get(track, ())) == 1:

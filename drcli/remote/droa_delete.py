@@ -25,7 +25,6 @@ class DeletedModel:
 
 
 def refuse_undeletable(model: RemoteModel) -> None:
-    """SettingsError unless its status is READY or ERROR."""
     if model.status not in DELETABLE:
         raise SettingsError(
             f"The model {model.name} ({model.model_id}) has the status "
@@ -35,12 +34,7 @@ def refuse_undeletable(model: RemoteModel) -> None:
 
 
 def delete_model(droa: Droa, model: RemoteModel) -> DeletedModel:
-    """Begin to delete a model.
-
-    Raises:
-        SettingsError: Its status does not allow it.
-        StorageError: The call failed.
-    """
+    """SettingsError unless its status is READY or ERROR."""
     refuse_undeletable(model)
     droa.delete(model.model_id)
     return DeletedModel(droa.place, model.model_id, model.name)

@@ -46,11 +46,7 @@ class DownloadedAsset:
 def find_asset(
     droa: Droa, model_id: str, kind: AssetType, evaluation_id: str, waiting: Waiting
 ) -> str:
-    """The address of a file, once it is packed.
-
-    Raises:
-        StorageError: The server refuses, or takes more than five minutes.
-    """
+    """An address, once packed; StorageError after five minutes."""
     asset = droa.asset(model_id, kind, evaluation_id)
     if asset.url:
         return asset.url
@@ -83,13 +79,7 @@ def download(
 ) -> Path:
     """Download a whole file or nothing.
 
-    Args:
-        droa: Its connection.
-        url: Presigned.
-        target: File, or folder for the file's own name.
-        otherwise: Name if the server gives none.
-        progress: Shows how much has arrived.
-        replaces: Called with an existing file; raises to keep it.
+    `replaces` gets an existing file, and raises to keep it.
 
     Raises:
         StorageError: It cannot be downloaded.
@@ -142,7 +132,6 @@ def _ask(droa: Droa, url: str) -> "requests.Response":
 
 
 def _name(answer: "requests.Response", url: str, otherwise: str) -> str:
-    """Without any folder."""
     header = answer.headers.get("Content-Disposition", "")
     given = re.search(r"filename\*?=(?:UTF-8'')?\"?([^\";]+)", header, re.IGNORECASE)
     names = [given[1] if given else "", urlsplit(url).path]

@@ -1,7 +1,7 @@
 """Reads env.js, in which a DeepRacer on AWS names its parts.
 
-It is JavaScript: keys may lack quotes, there may be single quotes, comments and commas too many,
-and the object may stand in a variable. Nothing is executed.
+It is JavaScript: other quotes or none, comments, extra commas, an object in a variable. Nothing is
+executed.
 """
 
 import json
@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 NAME = "EnvironmentConfig"
-"""Source: deepracer-on-aws, its website."""
+"""Source: deepracer-on-aws."""
 
 _TOKEN = re.compile(
     r"""
@@ -27,7 +27,7 @@ _CLOSING = {"{": "}", "[": "]", "(": ")"}
 
 
 class NotEnvJs(ValueError):
-    """The sentence says what the text has instead."""
+    """Says what there is instead."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,6 @@ def _names(tokens: tuple[_Token, ...], at: int) -> str:
 
 
 def _object(tokens: tuple[_Token, ...], at: int) -> dict[str, str]:
-    """That starts here, or that a variable or a call leads to."""
     for place in range(at, len(tokens)):
         token = tokens[place]
         following = tokens[place + 1].text if place + 1 < len(tokens) else ";"
@@ -117,7 +116,7 @@ def _pairs(tokens: tuple[_Token, ...], at: int) -> dict[str, str]:
 
 
 def _pair(item: list[_Token]) -> dict[str, str]:
-    """Nothing for other values; `"a" + "b"` is one text."""
+    """`"a" + "b"` is one text."""
     if len(item) < 3 or item[1].text != ":" or item[0].kind == "sign":
         return {}
     parts = item[2:]

@@ -17,18 +17,14 @@ from drcli.remote.web_request import polls
 
 POLL_S = 5.0
 IMPORT_PATIENCE_S = 1800.0
-"""The server's check may take 15 minutes, after a queue."""
+"""The server's check may take 15 minutes."""
 
 Progress = Callable[[str, int], AbstractContextManager[Watch]]
-"""Takes a title and a number of bytes."""
-
 Waiting = Callable[[str], AbstractContextManager[None]]
 
 
 @dataclass(frozen=True)
 class ImportPlan:
-    """A model that passed the checks; files by name below its folder."""
-
     name: str
     description: str
     files: Mapping[str, bytes]
@@ -62,15 +58,13 @@ class ImportReport:
 
 
 class ImportFailed(SettingsError):
-    """DeepRacer on AWS has refused the model."""
+    """By DeepRacer on AWS."""
 
 
 def plan_import(
     files: Mapping[str, bytes], name: str, description: str = "", *, unchecked: bool = False
 ) -> ImportPlan:
-    """Check a model, name and description before anything is sent, and show warnings.
-
-    `unchecked` makes errors in files warnings.
+    """Check a model before anything is sent, and show warnings.
 
     Raises:
         SettingsError: DeepRacer on AWS would refuse it.
@@ -95,7 +89,6 @@ def planned_report(site: str, plan: ImportPlan) -> ImportReport:
 
 
 def fingerprint_of(files: Mapping[str, bytes]) -> str:
-    """Sixteen characters for the weights."""
     whole = hashlib.sha256()
     for name in sorted(files):
         if ".ckpt" in name or name.endswith(".pb"):
@@ -105,7 +98,7 @@ def fingerprint_of(files: Mapping[str, bytes]) -> str:
 
 
 def find_import(droa: Droa, plan: ImportPlan) -> ImportReport | None:
-    """The report of an earlier import with the same name and description, not refused."""
+    """An earlier import with the same name and description."""
     for listed in droa.models():
         if listed.name != plan.name or listed.status in ("ERROR", "DELETING"):
             continue
@@ -124,11 +117,11 @@ def import_files(
     progress: Progress,
     waiting: Waiting | None = None,
 ) -> ImportReport:
-    """Import a model; `waiting` None: do not wait for the verdict.
+    """Import a model; `waiting` None: do not wait.
 
     Raises:
-        ImportFailed: The server refused the model.
-        StorageError: The upload or a call failed, or took too long.
+        ImportFailed: The server refused it.
+        StorageError: It failed, or took too long.
     """
     size = sum(map(len, plan.files.values()))
     with progress("Uploading model", size) as watch:
@@ -149,12 +142,7 @@ def import_files(
 
 
 def wait_for_import(droa: Droa, model_id: str) -> RemoteModel:
-    """Wait until a model is imported.
-
-    Raises:
-        ImportFailed: The server refused it.
-        StorageError: A call failed, or it took too long.
-    """
+    """Raises as `import_files`."""
     later = f"Ask again with `droa-get-model {model_id}`."
     for _ in polls(POLL_S, IMPORT_PATIENCE_S, droa.pause):
         model = droa.model(model_id)

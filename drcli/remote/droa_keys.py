@@ -1,4 +1,4 @@
-"""Temporary keys of a user, which commands keep for each other, never a password.
+"""Temporary keys, kept between commands, never a password.
 
 Place and format are those of DeepRacer-for-Cloud.
 """
@@ -35,7 +35,7 @@ def cache_path(identity_pool_id: str, username: str) -> Path:
 
 
 def load_keys(path: Path, now: datetime) -> Keys | None:
-    """None also if they end soon, or are damaged."""
+    """None also if they end soon."""
     try:
         if not _is_ours(path):
             return None
@@ -46,7 +46,7 @@ def load_keys(path: Path, now: datetime) -> Keys | None:
 
 
 def save_keys(path: Path, keys: Keys) -> None:
-    """The whole file or nothing, folder 0700 and file 0600."""
+    """Folder 0700 and file 0600."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     path.parent.chmod(0o700)
     values = {
@@ -76,13 +76,11 @@ def forget_keys(path: Path) -> bool:
 
 
 def _is_ours(path: Path) -> bool:
-    """Not a link or something that another laid."""
     found = path.lstat()
     return stat.S_ISREG(found.st_mode) and (os.name == "nt" or found.st_uid == os.getuid())
 
 
 def _keys(values: Any) -> Keys:
-    """KeyError, TypeError or ValueError if something is missing."""
     texts = [values["access_key"], values["secret_key"], values["session_token"], values["expiry"]]
     if not all(isinstance(text, str) and text for text in texts):
         raise ValueError("a value is not a text")

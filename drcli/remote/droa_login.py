@@ -11,16 +11,12 @@ from drcli.remote.droa_site import Site
 from drcli.store.s3_errors import error_code, error_text
 
 Ask = Callable[[str], str]
-"""Hides the answer."""
-
 
 CODE_CHALLENGES = {
     "SOFTWARE_TOKEN_MFA": ("SOFTWARE_TOKEN_MFA_CODE", "Code of your authenticator app"),
     "SMS_MFA": ("SMS_MFA_CODE", "Code of the text message"),
     "EMAIL_OTP": ("EMAIL_OTP_CODE", "Code of the e-mail"),
 }
-"""Name of the answer, and question."""
-
 _OTHER_CHALLENGES = {
     "NEW_PASSWORD_REQUIRED": "your password is a temporary one and must be replaced first",
     "MFA_SETUP": "your account needs a second factor, which is not set up yet",
@@ -28,8 +24,6 @@ _OTHER_CHALLENGES = {
     "CUSTOM_CHALLENGE": "your account has a sign-in of its own",
     "SELECT_CHALLENGE": "your account has several ways to sign in, and one must be chosen",
 }
-"""A command cannot answer."""
-
 _REFUSALS = {
     "UserNotFoundException": "there is no such user",
     "UserNotConfirmedException": "the e-mail address of the account is not confirmed yet",
@@ -46,7 +40,7 @@ def log_in(site: Site, username: str, password: str, ask: Ask) -> Keys:
     """Temporary keys; the password goes to Cognito only.
 
     Raises:
-        StorageError: Cognito refuses, or cannot be reached.
+        StorageError: Cognito refuses, or is not reached.
     """
     token = _id_token(site, username, password, ask)
     return _keys(site, token)

@@ -80,7 +80,7 @@ class ModelReport:
 
 
 def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
-    """Of training; SettingsError if it has none."""
+    """SettingsError without metrics."""
     import requests
 
     url = model.text("trainingMetricsUrl")
@@ -106,7 +106,7 @@ def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
 
 
 def archive_summary(file: Path) -> list[PhaseMeans]:
-    """SettingsError if it is not an archive of logs, or has no metrics."""
+    """SettingsError without metrics."""
     found, fault = unpack_readable(BytesIO(read_packed(file)), lambda name: name.endswith(".json"))
     if fault is not None:
         raise SettingsError(
@@ -122,7 +122,7 @@ def archive_summary(file: Path) -> list[PhaseMeans]:
 
 
 def means_of(files: list[bytes]) -> list[PhaseMeans]:
-    """By phase; other files are skipped."""
+    """By phase."""
     by_phase: dict[str, list[_Episode]] = {}
     for data in files:
         for entry in _entries(data):

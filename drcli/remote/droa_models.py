@@ -19,16 +19,7 @@ class NoSuchModel(SettingsError):
 
 @dataclass(frozen=True)
 class RemoteModel:
-    """A model in the account.
-
-    Attributes:
-        model_id: 15 letters and digits.
-        name: Several models can have the same.
-        status: Such as READY, ERROR, IMPORTING or TRAINING.
-        training_status: Such as COMPLETED; may be empty.
-        created_at: ISO 8601; may be empty.
-        values: Everything that the server says.
-    """
+    """A model in the account; several can have the same name."""
 
     model_id: str
     name: str
@@ -38,7 +29,6 @@ class RemoteModel:
     values: Mapping[str, Any]
 
     def text(self, *path: str) -> str:
-        """Empty if there is none."""
         value: Any = self.values
         for key in path:
             value = value.get(key) if isinstance(value, Mapping) else None
@@ -46,20 +36,16 @@ class RemoteModel:
 
     @property
     def import_error(self) -> str:
-        """Empty if it did not fail."""
         return self.text("importErrorMessage")
 
 
 @dataclass(frozen=True)
 class Asset:
-    """A file, or the status of the work that makes it."""
-
     url: str
     status: str
 
 
 def read_model(value: Any, place: str) -> RemoteModel:
-    """StorageError without an id."""
     if not isinstance(value, dict) or not isinstance(value.get("modelId"), str):
         raise StorageError(
             f"{place} lists a model without an id.",

@@ -1,4 +1,4 @@
-"""Reads the files of a model to import into memory."""
+"""Reads the files of a model to import."""
 
 from io import BytesIO
 from pathlib import Path
@@ -9,13 +9,11 @@ from drcli.base.problems import shown
 from drcli.formats.archive import read_packed, unpack_archive
 
 Files = dict[str, bytes]
-"""By names below its folder, with slashes."""
-
 MOST_BYTES = 1024**3
-"""Source: deepracer-on-aws, its import page."""
+"""Source: deepracer-on-aws."""
 
 MOST_FILES = 1_000
-"""Its importer copies one page of a list of objects."""
+"""The importer reads one page of a list."""
 
 _SKIPPED_ENDS = (".gz", ".zip")
 
@@ -23,10 +21,10 @@ ROOT_FILE = "model_metadata.json"
 
 
 def read_package(source: Path) -> Files:
-    """Read a folder or an archive, without files that the importer does not want.
+    """Read a folder or an archive, without unwanted files.
 
     Raises:
-        SettingsError: It is missing, damaged or too large, or contains something else than files.
+        SettingsError: It is missing, damaged or too large.
     """
     try:
         if source.is_dir():
@@ -53,7 +51,6 @@ def read_package(source: Path) -> Files:
 
 
 def is_wanted(name: str) -> bool:
-    """Archives and files of file managers are not."""
     return not is_left_behind(name) and not name.casefold().endswith(_SKIPPED_ENDS)
 
 
@@ -77,7 +74,7 @@ def _folder(source: Path) -> Files:
 
 
 def _from_root(files: Files) -> Files:
-    """An archive may have one folder, as DeepRacer on AWS exports it."""
+    """It may be one folder of an archive."""
     if ROOT_FILE in files:
         return files
     tops = {name.partition("/")[0] for name in files}

@@ -18,7 +18,6 @@ _ROUNDING = 1e-9
 
 
 def race_problems(values: Mapping[str, Any]) -> Iterator[Problem]:
-    """What DeepRacer on AWS would refuse or misunderstand."""
     yield from _track(values)
     yield from _car(values)
     race = values.get("RACE_TYPE")
@@ -149,7 +148,6 @@ def _obstacles(values: Mapping[str, Any]) -> Iterator[Problem]:
 
 
 def _places(positions: Any) -> list[float] | None:
-    """None if they are not written so."""
     if not isinstance(positions, list):
         return None
     try:

@@ -36,7 +36,7 @@ _EXPLORATIONS = ("categorical", "e-greedy")
 
 
 def check_name(name: str) -> None:
-    """SettingsError if it is not accepted."""
+    """SettingsError if not accepted."""
     if not NAME_RULE.fullmatch(name):
         usable = re.sub(r"[^a-zA-Z0-9]+", "-", name).strip("-")[:64].strip("-")
         raise SettingsError(
@@ -46,7 +46,7 @@ def check_name(name: str) -> None:
 
 
 def check_description(description: str) -> None:
-    """SettingsError if it is not accepted; it may be empty."""
+    """SettingsError if not accepted."""
     if description and not DESCRIPTION_RULE.fullmatch(description):
         raise SettingsError(
             f"'{shown(description)}' cannot be a description: up to 255 letters, digits, spaces "
@@ -106,7 +106,6 @@ def _layout(files: Mapping[str, bytes]) -> Iterator[Problem]:
 
 
 def _checkpoint(files: Mapping[str, bytes]) -> Iterator[Problem]:
-    """A TensorFlow checkpoint, and a pointer to it."""
     export = "Use `dr-export droa`, which writes a TensorFlow checkpoint."
     in_model = [name.removeprefix("model/") for name in files if name.startswith("model/")]
     if not any(".ckpt." in name and not name.endswith(".pb") for name in in_model):
@@ -258,7 +257,6 @@ def _shown_values(hyperparameters: Mapping[str, Any]) -> Iterator[Problem]:
 
 
 def _reward(data: bytes) -> Iterator[Problem]:
-    """What is refused at first sight; `dr-validate` looks closer."""
     file = "reward_function.py"
     text = data.decode("utf-8", "replace")
     if len(text) > LONGEST_REWARD:

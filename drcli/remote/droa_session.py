@@ -23,10 +23,7 @@ def now() -> datetime:
 
 @dataclass
 class DroaSession:
-    """Signs in when needed, and keeps keys for the next command.
-
-    `password` is called only then.
-    """
+    """Signs in when needed, and keeps keys."""
 
     site: Site
     username: str
@@ -44,7 +41,7 @@ class DroaSession:
         self._keys: Keys | None = None
 
     def keys(self) -> Keys:
-        """Keys with at least a minute left at first; `renew` gets others.
+        """Valid for a minute at first; `renew` gets others.
 
         Raises:
             StorageError: The sign-in failed.
@@ -65,7 +62,7 @@ class DroaSession:
         return self._keys
 
     def forget(self) -> bool:
-        """Whether there were any keys; SettingsError if they cannot be deleted."""
+        """Whether there were any."""
         self._keys = None
         try:
             return forget_keys(self._path)

@@ -16,8 +16,6 @@ _LOOPBACK = re.compile(r"localhost|127(\.\d{1,3}){3}|::1")
 URL_SETTING = "DR_DROA_URL"
 
 PASSWORD_VARIABLE = "DR_DROA_PASSWORD"
-"""For trainings that nobody watches."""
-
 _LARGEST_BYTES = 1 << 20
 
 
@@ -34,15 +32,7 @@ class SiteOptions:
 
 @dataclass(frozen=True)
 class Site:
-    """One DeepRacer on AWS.
-
-    Attributes:
-        url: Without a slash at the end; empty if only options name it.
-        user_pool_client_id: For the web page.
-        identity_pool_id: Gives temporary keys.
-        api_endpoint: Without a slash at the end.
-        aws_endpoint_url: Of Cognito and S3; empty for Amazon's own.
-    """
+    """One DeepRacer on AWS; `aws_endpoint_url` is empty for Amazon's own."""
 
     url: str
     region: str
@@ -66,11 +56,10 @@ _KEYS = {
     "api_endpoint": "apiEndpointUrl",
     "upload_bucket": "uploadBucketName",
 }
-"""Source: deepracer-on-aws, its website."""
+"""Source: deepracer-on-aws."""
 
 
 def refuse_no_site(options: SiteOptions, url: str) -> None:
-    """SettingsError if options and DR_DROA_URL name no site."""
     address = _given_address(options, url)
     if not address and len(_own_values(options)) < len(_KEYS):
         raise SettingsError(
@@ -84,7 +73,7 @@ def find_site(options: SiteOptions, url: str, aws_endpoint_url: str, web: Web) -
     """Read env.js of a site; options replace its values.
 
     Raises:
-        SettingsError: An address or another value is missing or wrong.
+        SettingsError: A value is missing or wrong.
         StorageError: env.js cannot be read.
     """
     refuse_no_site(options, url)
@@ -116,7 +105,6 @@ def _own_values(options: SiteOptions) -> dict[str, str]:
 
 
 def _address(given: str, setting: str) -> str:
-    """Without what a browser adds."""
     text = given.strip()
     try:
         parts = urlsplit(text if "://" in text else f"https://{text}")
@@ -140,7 +128,7 @@ def _address(given: str, setting: str) -> str:
 
 
 def _refuse_plain_http(scheme: str, host: str, what: str) -> None:
-    """An unprotected page must not say where a password goes."""
+    """It could say where a password goes."""
     if scheme != "https" and not _LOOPBACK.fullmatch(host):
         raise SettingsError(
             f"{what} is not protected: it begins with {scheme}://.",
@@ -170,7 +158,7 @@ def _read(address: str, web: Web) -> dict[str, str]:
 
 
 def _check(own: dict[str, str], address: str) -> None:
-    """Refuse values that lead somewhere else than to Amazon."""
+    """Refuse values that lead elsewhere than to Amazon."""
     source = f"{address}/env.js or an option" if address else "an option"
     if not _REGION.fullmatch(own["region"]):
         raise SettingsError(

@@ -14,7 +14,7 @@ from drcli.remote.droa_session import DroaSession
 from drcli.store.s3_errors import error_code
 
 FOLDER = "uploads/models"
-"""Source: deepracer-on-aws, its website."""
+"""Source: deepracer-on-aws."""
 
 _REFUSED = ("AccessDenied", "403", "AllAccessDisabled", "InvalidAccessKeyId", "ExpiredToken")
 
@@ -27,14 +27,12 @@ _TYPES = {
     ".txt": "text/plain",
 }
 Watch = Callable[[int], None]
-"""Takes bytes sent since its last call."""
 
 
 def upload_files(session: DroaSession, files: Mapping[str, bytes], watch: Watch) -> str:
     """Copy files to a new folder, which is returned.
 
-    The smallest file goes first: it proves that writing is allowed. After a failure, what was sent
-    is deleted if possible.
+    The smallest goes first, to prove that writing is allowed. A failure deletes what was sent.
 
     Raises:
         StorageError: The bucket cannot be written.
@@ -61,7 +59,7 @@ def upload_files(session: DroaSession, files: Mapping[str, bytes], watch: Watch)
 
 
 def remove_files(session: DroaSession, folder: str, names: list[str]) -> None:
-    """As far as that is allowed."""
+    """If allowed."""
     with suppress(Exception):
         client = aws_client("s3", session.site, session.keys())
         for name in names:

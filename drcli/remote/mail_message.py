@@ -16,8 +16,7 @@ class Mail:
     """Sends mails from one address to some.
 
     Args:
-        url: smtps:// is encrypted from the beginning, smtp:// with STARTTLS, without which no
-            password is sent.
+        url: smtps://, or smtp:// with STARTTLS, without which no password is sent.
         to: With commas or spaces.
         sender: Empty for the first of `to`.
     """
@@ -33,8 +32,8 @@ class Mail:
         """Send a mail.
 
         Raises:
-            SettingsError: The server offers no encryption, which the password needs.
-            StorageError: It refuses the mail or the login, or does not answer.
+            SettingsError: The password needs encryption.
+            StorageError: The server refuses, or does not answer.
         """
         import smtplib
 

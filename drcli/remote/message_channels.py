@@ -12,17 +12,12 @@ from drcli.remote import mail_message, sns_message, webhook_message
 
 TIMEOUT_S = 10.0
 TOPIC_VARIABLE = "MY_SNS_TOPIC"
-"""On machines of deepracer-on-the-spot."""
+"""Of deepracer-on-the-spot."""
 
 
 @dataclass(frozen=True)
 class Message:
-    """A message.
-
-    Attributes:
-        event: As in DR_MESSAGE_EVENTS, or "test".
-        facts: For programs, JSON.
-    """
+    """`event` as in DR_MESSAGE_EVENTS, or "test"."""
 
     event: str
     subject: str
@@ -39,14 +34,13 @@ class Message:
 
 @dataclass(frozen=True)
 class Channel:
-    """`name` has no secrets; `send` raises DrError."""
+    """Its name has no secrets; `send` raises DrError."""
 
     name: str
     send: Callable[[Message], None]
 
 
 def open_channels(settings: MessageSettings, profile: str | None = None) -> list[Channel]:
-    """`profile` of the AWS files is for the topic."""
     found = []
     topic = settings.sns_topic_arn or os.environ.get(TOPIC_VARIABLE, "")
     if topic:
@@ -63,7 +57,7 @@ def open_channels(settings: MessageSettings, profile: str | None = None) -> list
 
 
 def try_channels(channels: list[Channel], message: Message) -> dict[str, DrError | None]:
-    """For each name, why it failed or None."""
+    """Why each failed, or None."""
     results: dict[str, DrError | None] = {}
     for channel in channels:
         try:
@@ -81,7 +75,7 @@ def _to_topic(topic: str, profile: str | None, message: Message) -> None:
 
 
 def _body(message: Message) -> dict[str, Any]:
-    """`text` for Slack and Mattermost, `content` for Discord."""
+    """For Slack and Mattermost, and Discord."""
     import json
 
     facts = json.loads(json.dumps(message.facts, default=json_default))

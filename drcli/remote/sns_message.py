@@ -15,12 +15,10 @@ _LONGEST_TEXT = 200_000
 def publish(
     topic: str, subject: str, text: str, event: str, *, profile: str | None, timeout_s: float
 ) -> None:
-    """Publish a message; subscriptions can filter by `event`.
-
-    The keys need `sns:Publish`.
+    """Publish a message; the keys need `sns:Publish`.
 
     Raises:
-        StorageError: The topic does not exist, the keys may not publish, or nobody answers.
+        StorageError: The topic, keys or connection fail.
     """
     from botocore.exceptions import BotoCoreError, ClientError
 
@@ -56,13 +54,11 @@ def _client(topic: str, profile: str | None, timeout_s: float) -> Any:
 
 
 def _subject(subject: str) -> str:
-    """One line of printable ASCII."""
     plain = "".join(letter if " " <= letter <= "~" else "?" for letter in subject)
     return plain[:_LONGEST_SUBJECT].strip() or "drcli"
 
 
 def _order(topic: str, text: str) -> dict[str, str]:
-    """For topics that keep the order."""
     if not topic.endswith(".fifo"):
         return {}
     unique = hashlib.sha256(text.encode()).hexdigest()

@@ -17,14 +17,12 @@ if TYPE_CHECKING:
 USER_AGENT = f"drcli/{__version__}"
 
 CONNECT_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 60.0
-"""The latter between two pieces."""
-
 ATTEMPTS = 4
 _PASSING = frozenset({429, 500, 502, 503, 504})
 Pause = Callable[[float], None]
 Trace = Callable[[str], None]
 Make = Callable[[], "requests.Request"]
-"""Anew for each attempt, because a signature holds the time."""
+"""A signature holds the time."""
 
 
 def polls(interval_s: float, patience_s: float, pause: Pause) -> Iterator[None]:
@@ -36,13 +34,7 @@ def polls(interval_s: float, patience_s: float, pause: Pause) -> Iterator[None]:
 
 
 class Web:
-    """Sends requests.
-
-    Args:
-        setting: Names the server in a remedy.
-        pause: Takes seconds.
-        trace: Gets a line for each request, without secrets.
-    """
+    """`setting` is for remedies; `trace` gets no secrets."""
 
     def __init__(
         self, setting: str, *, pause: Pause = time.sleep, trace: Trace | None = None
@@ -58,11 +50,7 @@ class Web:
     def send(
         self, make: Make, *, repeat: bool, stream: bool = False, redirects: bool = False
     ) -> "requests.Response":
-        """Send a request, and return the answer whatever its status; `repeat` if that is safe.
-
-        Raises:
-            StorageError: There is no answer.
-        """
+        """Return the answer whatever its status; StorageError without one."""
         import requests
         from urllib3.exceptions import LocationParseError
 

@@ -20,8 +20,7 @@ def host_of(url: str) -> str:
 def body_of(event: str, subject: str, text: str, facts: dict[str, Any]) -> dict[str, Any]:
     """Slack and Mattermost show `text`, Discord `content`.
 
-    Names of models cannot call people: Slack's signs are escaped, and Discord is told not to look
-    for any.
+    Names cannot call people: Slack's signs are escaped, Discord is told not to look.
     """
     shown = f"{subject}\n{text}"[:_LONGEST]
     escaped = shown.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
@@ -35,10 +34,10 @@ def body_of(event: str, subject: str, text: str, facts: dict[str, Any]) -> dict[
 
 
 def post(url: str, body: dict[str, Any], timeout_s: float) -> None:
-    """Redirections are not followed: they would get the message too.
+    """Redirections would get the message, so they are not followed.
 
     Raises:
-        StorageError: The server refuses it, or does not answer.
+        StorageError: The server refuses, or does not answer.
     """
     import requests
 
