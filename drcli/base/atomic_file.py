@@ -26,10 +26,11 @@ _STAT_BLOCK_BYTES = 512
 def rewrite(path: Path, data: bytes) -> None:
     """Replace a racer's file, or the one that a link leads to.
 
-    It keeps mode and owner. A new one is handed out, unless it has settings, which may be secrets.
+    It keeps its mode and, if possible, its owner. A new one is handed out, unless it has settings,
+    which may be secrets.
 
     Raises:
-        SettingsError: The file has not changed.
+        SettingsError: The file cannot be written, and has not changed.
     """
     target = Path(os.path.realpath(path))  # a link in a circle stands for itself
     try:
@@ -50,23 +51,23 @@ def write_json(path: Path, value: object) -> None:
     """Write JSON for ourselves, with its folder.
 
     Raises:
-        OSError: The file has not changed.
+        OSError: The file cannot be written, and has not changed.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     _replace(path, json.dumps(value, indent=2).encode())
 
 
 def reserve(path: Path) -> None:
-    """An empty record with room for a full disk."""
+    """Make an empty record that has room even when the disk is full."""
     path.parent.mkdir(parents=True, exist_ok=True)
     _overwrite(path, b" " * _RESERVED_BYTES)
 
 
 def write_private(path: Path, data: bytes) -> None:
-    """For this user alone.
+    """Write a file that only this user may read, in a folder that only this user may enter.
 
     Raises:
-        OSError: The file has not changed.
+        OSError: The file cannot be written, and has not changed.
     """
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     _replace(path, data, private=True)
@@ -85,7 +86,7 @@ def read_json(path: Path) -> Any:
 
 
 def save_record(path: Path, record: "DataclassInstance") -> None:
-    """Write a record as with `write_json`; on a full disk, over the old one.
+    """Write a record as with `write_json`; on a full disk, over the old one, which has room.
 
     How a training ended is worth more than that nobody reads half of it.
     """
@@ -108,7 +109,7 @@ def load_record(kind: type[T], path: Path) -> T | None:
 
 
 def _replace(target: Path, data: bytes, *, is_racers: bool = False, private: bool = False) -> None:
-    """Write a second file, then rename it.
+    """Write a second file, then rename it: a reader sees the old content or the new one.
 
     With `private`, and at first for a racer's file, only this user can read it.
     """

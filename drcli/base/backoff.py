@@ -33,7 +33,10 @@ def wait_until(
     clock: Callable[[], float] = time.monotonic,
     pause: Callable[[float], None] = time.sleep,
 ) -> bool:
-    """Whether the condition holds within `patience_s`; `what` is shown if that takes long."""
+    """Whether the condition holds within `patience_s`; `what` is shown if that takes long.
+
+    Tests replace `clock` and `pause`.
+    """
     began_s = clock()
     for delay_s in delays_s(first_s, last_s, growth=growth):
         if condition():

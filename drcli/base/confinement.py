@@ -44,7 +44,7 @@ _IO_URING_SETUP = 425
 """Also opens sockets."""
 
 _X32 = 0x40000000
-"""Other numbers of calls."""
+"""Calls of x86_64 with this bit are numbered anew."""
 
 _LOAD, _EQUAL, _AT_LEAST, _RETURN = 0x20, 0x15, 0x35, 0x06
 _NUMBER, _ARCHITECTURE = 0, 4
@@ -138,7 +138,7 @@ def _allow(rules: int, path: Path, rights: int) -> None:
 
 
 def _refuse_sockets() -> bool:
-    """`asyncio` needs connected pairs."""
+    """Pairs of connected ones stay, which `asyncio` needs."""
     architecture, socket = _MACHINES[platform.machine()]
     refuse = _REFUSE | _EACCES
     program = [

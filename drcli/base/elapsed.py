@@ -33,7 +33,7 @@ class AwakeClock:
 
 
 def duration(seconds: float) -> str:
-    """ "14 s", "12 min", "3 h 20 min"."""
+    """Seconds for people: "14 s", "12 min", "3 h 20 min"."""
     if seconds < 90.0:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)

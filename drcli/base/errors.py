@@ -4,7 +4,10 @@ from typing import ClassVar
 
 
 class DrError(Exception):
-    """Explained to the user; other errors are shown as tracebacks."""
+    """An error that is explained to the user; others are shown as tracebacks.
+
+    `remedy` starts with a verb.
+    """
 
     code: ClassVar[int] = 1
     final: ClassVar[bool] = False
@@ -24,17 +27,17 @@ class StorageError(DrError):
 
 
 class NoAnswer(StorageError):
-    """It is down or stuck."""
+    """The bucket's server is down or stuck."""
 
 
 class NoKeys(StorageError):
-    """For the bucket."""
+    """This machine has no keys for the bucket."""
 
 
 class NotYet(StorageError):
-    """Bucket or keys may come later.
+    """The same command may find a bucket or keys later.
 
-    EX_TEMPFAIL of sysexits.h: schedulers try again.
+    EX_TEMPFAIL of sysexits.h: service managers and schedulers try again.
     """
 
     code = 75
@@ -45,62 +48,62 @@ class DiskFull(StorageError):
 
 
 class WorkerDied(DrError):
-    """Starting it again did not help."""
+    """A worker ended, and starting it again did not help."""
 
     code = 5
 
 
 class TrainingFailed(DrError):
-    """What was learned is kept."""
+    """Learning cannot continue; what was learned is kept."""
 
     code = 6
     final = True
 
 
 class OwnershipLost(DrError):
-    """To another training."""
+    """Another training has taken over the model."""
 
     code = 8
     final = True
 
 
 class TrainedElsewhere(DrError):
-    """And it was asked not to wait."""
+    """Another process trains the model, and this one was asked not to wait."""
 
     code = 9
     final = True
 
 
 class EndWorkFailed(DrError):
-    """Only an upload or import after a complete training."""
+    """The training is complete, but an upload or import after it failed."""
 
     code = 10
     final = True
 
 
 class BudgetUsedUp(DrError):
-    """EX_TEMPFAIL of sysexits.h."""
+    """Of the day. EX_TEMPFAIL of sysexits.h."""
 
     code = 75
     final = True
 
 
 class NotAvailable(DrError):
-    """Not implemented, or not installed."""
+    """A feature is not implemented yet, or needs a program that is not installed."""
 
     code = 7
     final = True
 
 
 class Aborted(DrError):
-    """Source: the reference's code."""
+    """The user did not agree; nothing was changed. Source of the code: the reference."""
 
     code = 1
     final = True
 
 
 class Absent(DrError):
-    """Source: the reference's code."""
+    """Something is not running. Source of the code: the reference."""
 
     code = 1
     final = True

@@ -20,10 +20,10 @@ def exclusive(
     what: str = "the local S3 server",
     failure: type[DrError] = StorageError,
 ) -> Iterator[None]:
-    """Hold a lock file, which is never deleted.
+    """Hold a lock file, which is created if needed and never deleted.
 
     Raises:
-        StorageError: Another held it for `patience_s`; or another `failure`.
+        StorageError: Another command held it for `patience_s`; or another `failure`.
     """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
     with _held(descriptor, f"{what} ({path})", patience_s, failure):
@@ -35,7 +35,7 @@ def only_writer(directory: Path) -> Iterator[None]:
     """Lock a working folder against other commands.
 
     Raises:
-        SettingsError: It is unreadable, or in use for `PATIENCE_S`.
+        SettingsError: It is missing or unreadable, or was in use for `PATIENCE_S`.
     """
     try:
         descriptor = os.open(directory, os.O_RDONLY)

@@ -138,7 +138,7 @@ def _fault_behind(error: BaseException | None) -> Fault | None:
 
 
 def cause(error: BaseException) -> dict[str, str]:
-    """`culprit`, `importer` and `text` of a failed import."""
+    """The packages behind a failed import: `culprit`, `importer` (maybe empty) and `text`."""
     names = [str(frame.f_globals.get("__name__", "")) for frame, _ in walk_tb(error.__traceback__)]
     tops = [name.partition(".")[0] for name in names]
     tops = [top for top in tops if top not in sys.stdlib_module_names or top == "__main__"]
@@ -211,7 +211,7 @@ def _import_all() -> Fault | None:
 
 
 def main() -> None:
-    """SystemExit if pip does not help."""
+    """Install and reinstall until everything can be imported; SystemExit if pip does not help."""
     tried = set()
     while (found := unmet() or _import_all()) is not None:
         error = found.error()

@@ -58,8 +58,10 @@ class LogFile(logging.FileHandler):
         threading.Thread(target=self._keep_small, name="log rotation", daemon=True).start()
 
     def end(self) -> None:
-        """Python calls `close` if a reward function configures `logging`; this handler then opens
-        its file again.
+        """Stop writing.
+
+        Not `close`: Python calls that if a reward function configures `logging`, and this handler
+        then opens its file again.
         """
         self._ending.set()
         remove_handler(self)

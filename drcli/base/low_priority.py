@@ -19,10 +19,10 @@ _GROUP_PATIENCE_S = 1.0
 def lower_priority(group: Path = _GROUP) -> str:
     """Let others have processor and disk first, for good; returns what was done.
 
-    Call it before threads start: on Linux, they inherit priority.
+    Call it before threads start: on Linux, priority belongs to threads, which inherit it.
 
-    With `sched_autogroup` (most desktops), priority counts within a session only. So its group gets
-    the same priority, unless it is shared with a shell.
+    With `sched_autogroup` (most desktops), priority counts within a session only. So the session's
+    group gets the same priority, unless others share the session, such as a shell.
     """
     done = []
     with suppress(OSError):

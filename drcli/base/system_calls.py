@@ -1,7 +1,7 @@
 """Calls that Linux, macOS and others do not all have in the same way.
 
-Only this module imports `fcntl` and `resource`. `drcli.base.elapsed` chooses a clock, and `drsim`
-sets its timers.
+Only this module imports `fcntl` and `resource`, or uses calls of Linux alone. Two places have
+conditions of their own: `drcli.base.elapsed` chooses a clock, and `drsim` sets its timers.
 
 On Windows, drcli runs inside WSL.
 """
@@ -84,7 +84,7 @@ def peak_memory_bytes() -> int:
 
 
 def limit_data(most_bytes: int) -> bool:
-    """Whether it is set; macOS does not keep to it."""
+    """Whether the limit is set. macOS may refuse it, and does not keep to it."""
     if resource is None or not hasattr(resource, "RLIMIT_DATA"):
         return False
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
@@ -100,10 +100,11 @@ def limit_data(most_bytes: int) -> bool:
 def flush_to_disk(path: Path) -> None:
     """Return when a file, or the names in a folder, would outlive a power cut.
 
-    On macOS, `fsync` leaves data in the disk's memory, so this asks the disk.
+    On macOS, `fsync` leaves data in the disk's memory, so this asks the disk, too. File systems
+    that cannot flush are left alone.
 
     Raises:
-        OSError: No such path, or the disk refuses.
+        OSError: The path does not exist, or the disk refuses the data.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
@@ -142,17 +143,17 @@ def open_files(process: int | None = None) -> int:
 
 
 def name_place(path: Path) -> int:
-    """Opened, outside Linux."""
+    """A descriptor that only names a place; outside Linux, it is opened."""
     return os.open(path, getattr(os, "O_PATH", os.O_RDONLY) | os.O_CLOEXEC)
 
 
 def adopt_orphans() -> None:
-    """Linux only."""
+    """Become the parent of descendants whose own parent has ended; Linux only."""
     _control_process(_ADOPT_ORPHANS, 1)
 
 
 def end_with_parent() -> None:
-    """At the end of the parent's thread; Linux only."""
+    """End with the thread that started this process; Linux only."""
     _control_process(_END_WITH_PARENT, signal.SIGKILL)
 
 

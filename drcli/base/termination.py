@@ -18,7 +18,7 @@ class Stopped(DrError):
 
 
 class _Terminated(BaseException):
-    """`except Exception` must not catch it."""
+    """Not an Exception, so that `except Exception` does not catch it."""
 
 
 def handle(
@@ -63,7 +63,7 @@ class NotedSignals:
         self.count += 1
 
     def refuse(self, message: str, remedy: str) -> None:
-        """KeyboardInterrupt or Stopped if a signal has come."""
+        """Raise KeyboardInterrupt or Stopped if a signal has come."""
         if self.first == signal.SIGINT:
             raise KeyboardInterrupt
         if self.first is not None:

@@ -36,7 +36,10 @@ class Wakeup:
         self._socket, self.works = listener, True
 
     def pause(self, seconds: float) -> bool:
-        """Whether it was woken, maybe before."""
+        """Wait so long or until woken, and return whether it was woken.
+
+        A wake-up before the pause ends it at once.
+        """
         if self._socket is None:
             time.sleep(seconds)
             return False

@@ -1,6 +1,7 @@
 """Checks that a car is the one it was before.
 
-No authority signed its certificate, so the first login keeps the fingerprint, as with SSH.
+No authority has signed cars' certificates. As with SSH, the first login keeps the fingerprint, and
+later connections must show the same one.
 """
 
 import hashlib

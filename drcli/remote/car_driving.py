@@ -54,7 +54,7 @@ def set_speed(car: CarWeb, percent: int) -> CarSpeed:
     """Limit the throttle until the car restarts.
 
     Raises:
-        SettingsError: Not 0 to 100; the car would take it.
+        SettingsError: It is not from 0 to 100; the car would take it unchecked.
     """
     if not 0 <= percent <= 100:
         raise SettingsError(
@@ -107,7 +107,7 @@ def start(car: CarWeb) -> CarDrive:
     """Leave the car driving; a failed start stops it.
 
     Raises:
-        KeyboardInterrupt: The car has stopped.
+        KeyboardInterrupt: A signal came; the car has stopped.
         CarError: It failed.
     """
     _set_autonomous(car)

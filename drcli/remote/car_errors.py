@@ -10,7 +10,7 @@ class CarError(DrError):
 
 
 class CarSilent(CarError):
-    """Whether it obeyed is unknown."""
+    """No answer came: it is unknown whether the car did what it was asked."""
 
 
 class CarRefused(CarError):
@@ -20,4 +20,4 @@ class CarRefused(CarError):
 
 
 class NotLoggedIn(SettingsError):
-    """There is no login, or the car forgot it."""
+    """There is no login, or the car does not accept it any more."""

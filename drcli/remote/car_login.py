@@ -17,7 +17,9 @@ Trust = Literal["fingerprint", "ca", "none"]
 """By the certificate seen first, an authority, or not at all."""
 
 LOGIN_HOURS = 12
-"""With the community's software (its login page); the original counts until somebody else logs in."""
+"""With the community's software (source: its login page); the original forgets a login when
+somebody else logs in.
+"""
 
 
 @dataclass(frozen=True)

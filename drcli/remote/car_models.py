@@ -17,7 +17,7 @@ UPLOAD_TIMEOUT_S = 180.0
 """The car's own gateway gives up after 60 s."""
 
 LISTED_WITHIN_S = 60.0
-"""The car reports a failure after 10 s, but goes on."""
+"""The car reports a failure after 10 s, although the installation goes on."""
 
 LOAD_TIMEOUT_S = 90.0
 LOADED_WITHIN_S = 120.0
@@ -152,7 +152,12 @@ def upload_model(car: CarWeb, file: CarFile, *, say: Callable[[str], None]) -> C
 
 
 def load_model(car: CarWeb, name: str) -> CarLoad:
-    """Raises SettingsError if the car has no such usable model, CarError if it failed."""
+    """Load a model and wait for that.
+
+    Raises:
+        SettingsError: The car has no such model, or cannot use it now.
+        CarError: It failed.
+    """
     started_s = time.monotonic()
     model = _usable(car, name)
     path = f"/api/models/{quote(model.name, safe='')}/{quote(model.file, safe='')}"

@@ -70,7 +70,7 @@ class Droa:
         return self.model(named[0].model_id)
 
     def import_model(self, path: str, name: str, description: str) -> str:
-        """Begin the import of a folder; the model's id."""
+        """Begin the import of a folder in the upload bucket; returns the model's id."""
         body = {
             "s3Bucket": self.session.site.upload_bucket,
             "s3Path": path,
@@ -88,7 +88,7 @@ class Droa:
         self._call("DELETE", f"/models/{_checked(model_id)}", model=model_id)
 
     def asset(self, model_id: str, kind: AssetType, evaluation_id: str = "") -> Asset:
-        """NoSuchModel without such a file."""
+        """The address of a model's file; NoSuchModel if there is none."""
         query = {"assetType": kind, **({"evaluationId": evaluation_id} if evaluation_id else {})}
         path = f"/models/{_checked(model_id)}/getasset"
         answer = self._call("GET", path, query=query, model=model_id)

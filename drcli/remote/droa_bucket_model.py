@@ -33,10 +33,10 @@ from drcli.tracks.track_list import list_tracks
 
 
 def read_bucket_model(settings: Settings, prefix: str, choice: CheckpointChoice) -> Files:
-    """A model's files, with a TensorFlow checkpoint, perhaps as of `dr-export droa`.
+    """A model's files with a TensorFlow checkpoint, its own or as of `dr-export droa`.
 
     Raises:
-        SettingsError: There is none, or it cannot be imported.
+        SettingsError: There is none, or it cannot be imported there.
         StorageError: The bucket cannot be read.
     """
     bucket = bucket_to_look_at(settings.transfer, upload=False)

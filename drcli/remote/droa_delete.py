@@ -34,7 +34,12 @@ def refuse_undeletable(model: RemoteModel) -> None:
 
 
 def delete_model(droa: Droa, model: RemoteModel) -> DeletedModel:
-    """SettingsError unless its status is READY or ERROR."""
+    """Begin to delete a model.
+
+    Raises:
+        SettingsError: Its status is neither READY nor ERROR.
+        StorageError: The call failed.
+    """
     refuse_undeletable(model)
     droa.delete(model.model_id)
     return DeletedModel(droa.place, model.model_id, model.name)

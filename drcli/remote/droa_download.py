@@ -46,7 +46,11 @@ class DownloadedAsset:
 def find_asset(
     droa: Droa, model_id: str, kind: AssetType, evaluation_id: str, waiting: Waiting
 ) -> str:
-    """An address, once packed; StorageError after five minutes."""
+    """The address of a file, once it is packed.
+
+    Raises:
+        StorageError: The server refuses, or packs it for more than five minutes.
+    """
     asset = droa.asset(model_id, kind, evaluation_id)
     if asset.url:
         return asset.url

@@ -58,13 +58,15 @@ class ImportReport:
 
 
 class ImportFailed(SettingsError):
-    """By DeepRacer on AWS."""
+    """DeepRacer on AWS has refused the model."""
 
 
 def plan_import(
     files: Mapping[str, bytes], name: str, description: str = "", *, unchecked: bool = False
 ) -> ImportPlan:
     """Check a model before anything is sent, and show warnings.
+
+    `unchecked` makes errors in files warnings.
 
     Raises:
         SettingsError: DeepRacer on AWS would refuse it.
@@ -142,7 +144,12 @@ def import_files(
 
 
 def wait_for_import(droa: Droa, model_id: str) -> RemoteModel:
-    """Raises as `import_files`."""
+    """Wait until a model is imported.
+
+    Raises:
+        ImportFailed: The server refused it.
+        StorageError: A call failed, or it took too long.
+    """
     later = f"Ask again with `droa-get-model {model_id}`."
     for _ in polls(POLL_S, IMPORT_PATIENCE_S, droa.pause):
         model = droa.model(model_id)

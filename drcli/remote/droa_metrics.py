@@ -80,7 +80,7 @@ class ModelReport:
 
 
 def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
-    """SettingsError without metrics."""
+    """The means of a model's training metrics; SettingsError without any."""
     import requests
 
     url = model.text("trainingMetricsUrl")
@@ -106,7 +106,7 @@ def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
 
 
 def archive_summary(file: Path) -> list[PhaseMeans]:
-    """SettingsError without metrics."""
+    """The means in an archive of logs; SettingsError without any."""
     found, fault = unpack_readable(BytesIO(read_packed(file)), lambda name: name.endswith(".json"))
     if fault is not None:
         raise SettingsError(

@@ -41,7 +41,7 @@ class DroaSession:
         self._keys: Keys | None = None
 
     def keys(self) -> Keys:
-        """Valid for a minute at first; `renew` gets others.
+        """Keys with at least a minute left at first; `renew` gets others.
 
         Raises:
             StorageError: The sign-in failed.

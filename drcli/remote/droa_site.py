@@ -32,7 +32,13 @@ class SiteOptions:
 
 @dataclass(frozen=True)
 class Site:
-    """One DeepRacer on AWS; `aws_endpoint_url` is empty for Amazon's own."""
+    """One DeepRacer on AWS; addresses have no slash at the end.
+
+    Attributes:
+        url: Empty if only options name it.
+        identity_pool_id: Gives temporary keys.
+        aws_endpoint_url: Of Cognito and S3; empty for Amazon's own.
+    """
 
     url: str
     region: str
@@ -128,7 +134,7 @@ def _address(given: str, setting: str) -> str:
 
 
 def _refuse_plain_http(scheme: str, host: str, what: str) -> None:
-    """It could say where a password goes."""
+    """An unprotected page must not say where a password goes."""
     if scheme != "https" and not _LOOPBACK.fullmatch(host):
         raise SettingsError(
             f"{what} is not protected: it begins with {scheme}://.",

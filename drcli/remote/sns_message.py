@@ -15,10 +15,10 @@ _LONGEST_TEXT = 200_000
 def publish(
     topic: str, subject: str, text: str, event: str, *, profile: str | None, timeout_s: float
 ) -> None:
-    """Publish a message; the keys need `sns:Publish`.
+    """Publish a message; the keys need `sns:Publish`. Subscriptions can filter by `event`.
 
     Raises:
-        StorageError: The topic, keys or connection fail.
+        StorageError: The topic does not exist, the keys may not publish, or nobody answers.
     """
     from botocore.exceptions import BotoCoreError, ClientError
 

@@ -22,7 +22,7 @@ _PASSING = frozenset({429, 500, 502, 503, 504})
 Pause = Callable[[float], None]
 Trace = Callable[[str], None]
 Make = Callable[[], "requests.Request"]
-"""A signature holds the time."""
+"""Anew for each attempt, because a signature holds the time."""
 
 
 def polls(interval_s: float, patience_s: float, pause: Pause) -> Iterator[None]:

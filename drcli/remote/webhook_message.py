@@ -20,7 +20,8 @@ def host_of(url: str) -> str:
 def body_of(event: str, subject: str, text: str, facts: dict[str, Any]) -> dict[str, Any]:
     """Slack and Mattermost show `text`, Discord `content`.
 
-    Names cannot call people: Slack's signs are escaped, Discord is told not to look.
+    Names of models cannot call people: Slack's signs are escaped, and Discord is told not to look
+    for any.
     """
     shown = f"{subject}\n{text}"[:_LONGEST]
     escaped = shown.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
