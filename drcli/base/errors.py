@@ -18,11 +18,15 @@ class DrError(Exception):
 
 
 class SettingsError(DrError):
+    """A setting, parameter file or reward function is wrong."""
+
     code = 3
     final = True
 
 
 class StorageError(DrError):
+    """The bucket cannot be reached, read or written."""
+
     code = 4
 
 

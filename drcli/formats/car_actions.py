@@ -24,7 +24,7 @@ class CarAction:
 
     Attributes:
         index: Position in the action space; null for a point of continuous ranges.
-        steering_deg: Degrees, positive to the left.
+        steering_deg: Steering angle, degrees, positive to the left.
         speed_mps: Its speed in the simulator, m/s.
         steering: Share of the car's full steering angle, -1 to 1, positive to the left; the car's
             servo refuses values beyond that.

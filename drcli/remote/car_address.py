@@ -25,6 +25,7 @@ class CarAddress:
 
 
 def read_address(text: str, given_by: str) -> CarAddress:
+    """The address in a text; SettingsError if it is not one."""
     if not text:
         raise SettingsError(
             "No car is named.",

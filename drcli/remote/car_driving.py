@@ -26,7 +26,7 @@ class CarSpeed:
 
     Attributes:
         car: Address of the car.
-        percent: 0 to 100.
+        percent: The limit, 0 to 100.
     """
 
     car: str

@@ -6,6 +6,8 @@ from drcli.base.errors import DrError, SettingsError
 
 
 class CarError(DrError):
+    """The car cannot be reached, or does not do what it was asked."""
+
     code: ClassVar[int] = 4
 
 
@@ -14,6 +16,8 @@ class CarSilent(CarError):
 
 
 class CarRefused(CarError):
+    """The car did not do it; `reason` has its own words."""
+
     def __init__(self, message: str, *, remedy: str, reason: str = "") -> None:
         super().__init__(message, remedy=remedy)
         self.reason = reason

@@ -17,13 +17,13 @@ class CarStatus:
 
     Attributes:
         car: Address of the car.
-        software: original or community; only the latter can list its requests.
+        software: original or community; only the community's software can list its requests.
         software_version: Of the car's core package.
         hardware_version: Of the car.
         battery_level: As the car counts it, not in percent.
         sensors: State by sensor, such as connected.
         model_state: loaded, loading, or another word of the car.
-        metrics: Of the community's software: load and temperature of the processor, free disk,
+        metrics: Measured by the community's software: load and temperature of the processor, free disk,
             frames per second, latency.
     """
 

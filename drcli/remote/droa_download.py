@@ -31,7 +31,7 @@ class DownloadedAsset:
     Attributes:
         site: Address of DeepRacer on AWS.
         model_id: Id of the model.
-        asset_type: Such as TRAINING_LOGS.
+        asset_type: What was downloaded, such as TRAINING_LOGS.
         file: Where it is now.
         file_bytes: Its size.
     """

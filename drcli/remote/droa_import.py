@@ -39,9 +39,9 @@ class ImportReport:
         model_id: Id of the new model; empty after -d.
         name: Its name.
         status: READY, or IMPORTING if nobody waited; empty after -d.
-        files: How many were uploaded.
+        files: How many files were uploaded.
         uploaded_bytes: Their size.
-        folder: In the upload bucket; empty after -d.
+        folder: Where they are in the upload bucket; empty after -d.
         dry_run: Whether -d was given, so that nothing was sent.
         existed: Whether the same import was there already, so that nothing was sent (--once).
     """

@@ -20,12 +20,12 @@ class PhaseMeans:
 
     Attributes:
         phase: training or evaluation.
-        episodes: How many there are.
-        mean_reward: Of an episode.
+        episodes: How many episodes there are.
+        mean_reward: Mean reward of an episode.
         mean_progress: Mean part of the lap, percent.
         full_laps: Episodes that completed the lap, with or without resets.
         best_lap_s: Shortest time of a clean lap; None if there is none.
-        clean_laps: Completed without reset and penalty.
+        clean_laps: How many completed it without reset and penalty.
     """
 
     phase: str
@@ -47,7 +47,7 @@ class ModelReport:
         name: Its name.
         status: Such as READY, ERROR, IMPORTING or TRAINING.
         training_status: Such as COMPLETED; empty if unknown.
-        created_at: ISO 8601; empty if unknown.
+        created_at: When it was created, ISO 8601; empty if unknown.
         import_error: Why its import failed; empty if it did not.
         values: Everything that the interface says, with its keys, such as metadata.
         means: With --summary: means of its training metrics.

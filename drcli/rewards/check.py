@@ -63,7 +63,7 @@ class ParameterReport:
 
     Attributes:
         name: Its name.
-        least: Over all items of a list; None for an empty one.
+        least: Least value, over all items of a list; None for an empty one.
         greatest: Greatest value.
         read: Whether its name appears in the function.
     """
@@ -79,10 +79,10 @@ class TimeReport:
     """The duration of calls, in microseconds.
 
     Attributes:
-        median_us: Of all calls.
-        mean_us: Of all calls.
+        median_us: Median of all calls.
+        mean_us: Mean of all calls.
         worst_us: The longest call.
-        worst_place: Its place.
+        worst_place: Place of that call.
         slower_percent: How much longer the simulation takes because of it.
     """
 

@@ -52,8 +52,8 @@ class PlaceComparison:
 
     Attributes:
         place: The step, in words.
-        first: Of the first function.
-        second: Of the second one.
+        first: Reward of the first function.
+        second: Reward of the second one.
         difference: Second minus first, each scaled to its range on the drive: -1 to 1.
     """
 
@@ -72,8 +72,8 @@ class ComparisonReport:
         second: File of the second one.
         world: The track.
         race_type: The race.
-        correlation: Of the rewards, -1 to 1; None if one is constant.
-        rank_correlation: Of their ranks.
+        correlation: Correlation of the rewards, -1 to 1; None if one is constant.
+        rank_correlation: Correlation of their ranks.
         drivers: Rewards of each driver.
         places: Where they differ most, each scaled to its range; empty if one is constant.
         first_prefers_fast: Whether the first gives more for a fast lap than for a slow one; None if
