@@ -23,8 +23,8 @@ class CarStatus:
         battery_level: As the car counts it, not in percent.
         sensors: State by sensor, such as connected.
         model_state: loaded, loading, or another word of the car.
-        metrics: Measured by the community's software: load and temperature of the processor, free disk,
-            frames per second, latency.
+        metrics: Measured by the community's software: load and temperature of the processor, free
+            disk, frames per second, latency.
     """
 
     car: str
