@@ -10,12 +10,13 @@ LAST_DELAY_S = 1.0
 
 FAST_GROWTH = 2.0
 SLOW_GROWTH = 1.05
-"""A pause is a twentieth of the time waited."""
+"""A twentieth of the time waited."""
 
 
 def delays_s(
     first_s: float = FIRST_DELAY_S, last_s: float = LAST_DELAY_S, *, growth: float = FAST_GROWTH
 ) -> Iterator[float]:
+    """Growing pauses."""
     delay_s = first_s
     while True:
         yield delay_s

@@ -7,7 +7,7 @@ ROOT = Path("/")
 
 
 def group_folders(controller: str, root: Path = ROOT) -> Iterator[tuple[Path, bool]]:
-    """Folders of groups, the innermost first, and whether they are of the second version."""
+    """The innermost first, and whether they are of the second version."""
     try:
         lines = (root / "proc/self/cgroup").read_text("utf-8", "replace").splitlines()
     except OSError:  # another system than Linux

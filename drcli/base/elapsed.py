@@ -7,7 +7,7 @@ LONGEST_STEP_S = 5.0
 
 
 def elapsed_s() -> float:
-    """Counts also while suspended; the same for all processes."""
+    """Counts also while suspended; equal for all processes."""
     if hasattr(time, "CLOCK_BOOTTIME"):
         return time.clock_gettime(time.CLOCK_BOOTTIME)
     return time.monotonic()
@@ -33,7 +33,7 @@ class AwakeClock:
 
 
 def duration(seconds: float) -> str:
-    """Seconds for people: "14 s", "12 min", "3 h 20 min"."""
+    """Such as "14 s", "12 min", "3 h 20 min"."""
     if seconds < 90.0:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)

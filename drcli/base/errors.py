@@ -48,11 +48,13 @@ class NotYet(StorageError):
 
 
 class DiskFull(StorageError):
+    """Of the bucket."""
+
     final = True
 
 
 class WorkerDied(DrError):
-    """A worker ended, and starting it again did not help."""
+    """Starting a worker again did not help."""
 
     code = 5
 
@@ -79,7 +81,7 @@ class TrainedElsewhere(DrError):
 
 
 class EndWorkFailed(DrError):
-    """The training is complete, but an upload or import after it failed."""
+    """An upload or import after a complete training failed."""
 
     code = 10
     final = True
@@ -93,26 +95,28 @@ class BudgetUsedUp(DrError):
 
 
 class NotAvailable(DrError):
-    """A feature is not implemented yet, or needs a program that is not installed."""
+    """A feature is not implemented, or a program is not installed."""
 
     code = 7
     final = True
 
 
 class Aborted(DrError):
-    """The user did not agree; nothing was changed. Source of the code: the reference."""
+    """Nothing was changed. Source of the code: the reference."""
 
     code = 1
     final = True
 
 
 class Absent(DrError):
-    """Something is not running. Source of the code: the reference."""
+    """Not running. Source of the code: the reference."""
 
     code = 1
     final = True
 
 
 class OutputLost(DrError):
+    """The result cannot be printed."""
+
     code = 1
     final = True

@@ -35,7 +35,7 @@ def only_writer(directory: Path) -> Iterator[None]:
     """Lock a working folder against other commands.
 
     Raises:
-        SettingsError: It is missing or unreadable, or was in use for `PATIENCE_S`.
+        SettingsError: It is unreadable, or was in use for `PATIENCE_S`.
     """
     try:
         descriptor = os.open(directory, os.O_RDONLY)
@@ -68,6 +68,7 @@ def _held(descriptor: int, what: str, patience_s: float, failure: type[DrError])
 
 
 def leads_to(path: Path, descriptor: int) -> bool:
+    """An open file."""
     try:
         return os.path.samestat(path.stat(), os.fstat(descriptor))
     except OSError:

@@ -13,9 +13,11 @@ class Fingerprint:
 
     @classmethod
     def of(cls, data: bytes) -> "Fingerprint":
+        """Of content."""
         return cls(len(data), hashlib.sha256(data).hexdigest())
 
     def fault(self, data: bytes) -> str | None:
+        """None if unchanged."""
         if len(data) != self.size_bytes:
             return f"{len(data)} bytes instead of {self.size_bytes}"
         if hashlib.sha256(data).hexdigest() != self.sha256:

@@ -12,6 +12,7 @@ _USUAL = gc.get_threshold()
 
 
 def search_rarely() -> None:
+    """For imports."""
     gc.set_threshold(_RARE)
 
 

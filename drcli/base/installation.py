@@ -64,6 +64,7 @@ class Fault:
         return [sys.executable, "-m", "pip", "install", *self.arguments, *more]
 
     def error(self) -> NotAvailable:
+        """For users."""
         pip = shlex.join(self.command())
         other = (
             "" if self.certain else " If that does not help, install drcli in a new environment."
@@ -87,6 +88,7 @@ def import_error(error: BaseException) -> NotAvailable | None:
 
 
 def version(name: str) -> str | None:
+    """None: not installed."""
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:

@@ -33,6 +33,7 @@ class JsonLog(logging.Handler):
         add_handler(self)
 
     def emit(self, record: logging.LogRecord) -> None:
+        """Write."""
         if record.name == traces.name:
             return
         try:
@@ -47,6 +48,7 @@ class JsonLog(logging.Handler):
             self.handleError(record)
 
     def printed(self, text: str) -> None:
+        """By the racer's code."""
         with self._printing:
             *lines, rest = (self._printed + text).split("\n")
             if len(rest) > LONGEST_LINE:
@@ -56,6 +58,7 @@ class JsonLog(logging.Handler):
             self._write(time.time(), "INFO", PRINT, line, {})
 
     def end(self) -> None:
+        """Stop writing."""
         remove_handler(self)
         if self._printed:
             self.printed("\n")
@@ -75,6 +78,7 @@ class JsonLog(logging.Handler):
 
 
 def utc(at_s: float) -> str:
+    """2026-11-22T09:30:00.123Z."""
     milliseconds = int(at_s * 1000)
     moment = time.gmtime(milliseconds // 1000)
     return f"{time.strftime('%Y-%m-%dT%H:%M:%S', moment)}.{milliseconds % 1000:03d}Z"

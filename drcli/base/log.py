@@ -21,6 +21,7 @@ _ours = logging.Manager(logging.RootLogger(logging.INFO))
 
 
 def get_logger(name: str) -> logging.Logger:
+    """Silent without `LogFile`."""
     return _ours.getLogger(name)
 
 
@@ -37,10 +38,12 @@ def event(logger: logging.Logger, kind: str, message: str, /, **facts: object) -
 
 
 def add_handler(handler: logging.Handler) -> None:
+    """Of our records."""
     _ours.root.addHandler(handler)
 
 
 def remove_handler(handler: logging.Handler) -> None:
+    """Undo `add_handler`."""
     _ours.root.removeHandler(handler)
 
 
@@ -112,8 +115,10 @@ class _Formatter(logging.Formatter):
 
 
 def record_text(record: logging.LogRecord) -> str:
+    """As in files."""
     return _Formatter().format(record)
 
 
 def is_plain(record: logging.LogRecord) -> bool:
+    """Without time and level."""
     return record.name in (plain.name, traces.name)

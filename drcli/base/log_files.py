@@ -38,10 +38,12 @@ def older_parts(log: Path) -> list[Path]:
 
 
 def number_of(part: Path) -> int:
+    """From 1."""
     return int(part.name.rpartition(".part-")[2])
 
 
 def current_number(log: Path) -> int:
+    """As a part."""
     parts = older_parts(log)
     return number_of(parts[-1]) + 1 if parts else 1
 

@@ -13,13 +13,12 @@ NICE = 10
 _GROUP = Path("/proc/self/autogroup")
 
 _GROUP_PATIENCE_S = 1.0
-"""The kernel accepts one change in a tenth of a second."""
 
 
 def lower_priority(group: Path = _GROUP) -> str:
     """Let others have processor and disk first, for good; returns what was done.
 
-    Call it before threads start: on Linux, priority belongs to threads, which inherit it.
+    Call it before threads start: on Linux, they inherit priority.
 
     With `sched_autogroup` (most desktops), priority counts within a session only. So the session's
     group gets the same priority, unless others share the session, such as a shell.

@@ -40,7 +40,7 @@ def private(shared: Path) -> Iterator[None]:
 def hand_out(path: Path) -> None:
     """Give a new file the rights of the racer's umask.
 
-    Nobody gets rights who cannot enter its folder. Settings files stay private.
+    Nobody gets rights who cannot enter its folder. Settings stay private.
     """
     given = 0o777 if path.is_dir() else 0o666
     enters = 7 * (path.parent.stat().st_mode & 0o111)
@@ -48,6 +48,7 @@ def hand_out(path: Path) -> None:
 
 
 def is_settings(path: Path) -> bool:
+    """Or a copy."""
     return _SETTINGS.fullmatch(path.name) is not None
 
 
@@ -61,6 +62,7 @@ def make_folder(path: Path) -> None:
 
 
 def others_may_read(path: Path) -> bool:
+    """Not meant groups."""
     mode = path.stat().st_mode
     folder = path if path.is_dir() else path.parent
     is_meant = folder.stat().st_mode & stat.S_ISGID

@@ -79,6 +79,8 @@ class BadValue(ValueError):
 
 
 class ProblemsError(SettingsError):
+    """At least one error."""
+
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(problems)
         shown = self.errors[:MOST_SHOWN]
@@ -89,6 +91,7 @@ class ProblemsError(SettingsError):
 
     @property
     def errors(self) -> tuple[Problem, ...]:
+        """Without warnings."""
         return tuple(problem for problem in self.problems if problem.severity == "error")
 
 
@@ -99,12 +102,14 @@ def of_severity(problems: Iterable[Problem], severity: Severity) -> tuple[Proble
 
 
 def refuse(problems: Iterable[Problem]) -> None:
+    """Raise ProblemsError for errors."""
     errors = of_severity(problems, "error")
     if errors:
         raise ProblemsError(errors)
 
 
 def few(sentences: Iterable[str]) -> list[str]:
+    """First ones, and how many more."""
     everything = list(sentences)
     more = len(everything) - MOST_SHOWN
     return everything if more <= 0 else [*everything[:MOST_SHOWN], f"And {more:,} more like these."]

@@ -42,11 +42,12 @@ def started_s(pid: int) -> float | None:
 
 
 def exists(pid: int) -> bool:
+    """Zombies do not."""
     return started_s(pid) is not None
 
 
 def is_alive(pid: int, began_s: float) -> bool:
-    """Whether it began then (`started_s` or Unix time)."""
+    """Began then (`started_s` or Unix time)."""
     now_s = _started_unix_s(pid) if began_s > _UNIX_S else started_s(pid)
     return now_s is not None and abs(now_s - began_s) < _SAME_S
 

@@ -1,4 +1,4 @@
-"""Reads only real files, which have an end and never make a reader wait."""
+"""Reads only files that never make a reader wait."""
 
 import errno
 import os

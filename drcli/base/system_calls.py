@@ -1,7 +1,7 @@
 """Calls that Linux, macOS and others do not all have in the same way.
 
-Only this module imports `fcntl` and `resource`, or uses calls of Linux alone. Two places have
-conditions of their own: `drcli.base.elapsed` chooses a clock, and `drsim` sets its timers.
+Only this module imports `fcntl` and `resource`, or uses calls of Linux alone; but
+`drcli.base.elapsed` chooses a clock, and `drsim` sets its timers.
 
 On Windows, drcli runs inside WSL.
 """
@@ -58,6 +58,7 @@ def try_lock(descriptor: int, *, shared: bool = False) -> bool:
 
 
 def no_such_system() -> NotAvailable:
+    """The refusal."""
     return NotAvailable(
         "drcli does not run on Windows itself, but inside of WSL.",
         remedy="Run `wsl --install`, and install drcli there: docs/platforms.md.",
@@ -114,6 +115,7 @@ def flush_to_disk(path: Path) -> None:
 
 
 def flush_descriptor(descriptor: int) -> None:
+    """Like `flush_to_disk`."""
     try:
         os.fsync(descriptor)
         if fcntl is not None and hasattr(fcntl, "F_FULLFSYNC"):
@@ -124,10 +126,12 @@ def flush_descriptor(descriptor: int) -> None:
 
 
 def is_disk_full(error: OSError) -> bool:
+    """Or a quota."""
     return error.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
 def cores_of_process() -> int:
+    """As of `taskset`."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -153,7 +157,7 @@ def adopt_orphans() -> None:
 
 
 def end_with_parent() -> None:
-    """End with the thread that started this process; Linux only."""
+    """With the thread that started this process; Linux only."""
     _control_process(_END_WITH_PARENT, signal.SIGKILL)
 
 
@@ -174,8 +178,10 @@ class ExitWait:
             self._descriptors.append(os.pidfd_open(pid))
 
     def wait(self, seconds: float) -> None:
+        """Return at the end."""
         select.select(self._descriptors, [], [], seconds)
 
     def close(self) -> None:
+        """Free the descriptor."""
         while self._descriptors:
             os.close(self._descriptors.pop())

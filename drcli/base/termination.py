@@ -13,6 +13,8 @@ Handlers = Mapping[signal.Signals, Any]
 
 
 class Stopped(DrError):
+    """By SIGTERM or SIGHUP."""
+
     code: ClassVar[int] = 143
     final: ClassVar[bool] = True
 
@@ -34,6 +36,7 @@ def handle(
 
 
 def restore(before: Handlers) -> None:
+    """Undo `handle`."""
     for number, handler in before.items():
         signal.signal(number, handler)
 
@@ -72,7 +75,7 @@ class NotedSignals:
 
 @contextmanager
 def until_sigterm(message: str, remedy: str) -> Iterator[None]:
-    """Stopped ends the `with` block; in the main thread."""
+    """Stopped ends the `with` block; main thread only."""
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         for each in before:

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 MOST_SAMPLES = 720
-"""Then every second one goes."""
-
 PARTS = 6
 """The lowest value must rise from part to part. Noise does that in one of 720 times."""
 
@@ -15,12 +13,15 @@ LEAST_SAMPLES = 3 * PARTS
 
 @dataclass(frozen=True)
 class Growth:
+    """Steady."""
+
     begin: float
     end: float
     seconds: float
 
     @property
     def per_s(self) -> float:
+        """Mean rate."""
         return (self.end - self.begin) / self.seconds
 
 
@@ -33,6 +34,7 @@ class Trend:
         self._every_s = 0.0
 
     def add(self, now_s: float, value: float) -> None:
+        """Add a sample."""
         samples = self._samples
         if samples and now_s - samples[-1][0] < self._every_s:
             return
@@ -43,6 +45,7 @@ class Trend:
 
     @property
     def seconds(self) -> float:
+        """Of all samples."""
         return self._samples[-1][0] - self._samples[0][0] if self._samples else 0.0
 
     def growth(self, least: float, share: float = 0.0) -> Growth | None:

@@ -36,7 +36,7 @@ class Wakeup:
         self._socket, self.works = listener, True
 
     def pause(self, seconds: float) -> bool:
-        """Wait so long or until woken, and return whether it was woken.
+        """Wait until woken, and return whether so.
 
         A wake-up before the pause ends it at once.
         """
@@ -51,12 +51,14 @@ class Wakeup:
         return True
 
     def close(self) -> None:
+        """Free the name."""
         if self._socket is not None:
             self._socket.close()
         self._socket, self.works = None, False
 
 
 def wake(folder: Path, *names: str) -> None:
+    """Others are skipped."""
     if sys.platform != "linux":
         return
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:

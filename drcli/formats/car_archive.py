@@ -77,6 +77,7 @@ def car_metadata(metadata: ModelMetadata) -> bytes:
 
 
 def lint_car_archive(data: bytes, name: str) -> list[Problem]:
+    """See `check_car_archive`."""
     return list(check_car_archive(data, name).problems)
 
 

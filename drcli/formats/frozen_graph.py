@@ -28,6 +28,7 @@ _NORM_EPSILON = 1e-5
 
 
 def encode_policy(weights: Weights, spec: PolicySpec, sensors: Sequence[str]) -> bytes:
+    """The graph's file."""
     return encode_graph(policy_nodes(weights, spec, sensors))
 
 

@@ -39,6 +39,7 @@ class GraphComparison:
 
     @property
     def is_equal(self) -> bool:
+        """Within both limits."""
         same = self.same_actions >= LEAST_SAME_ACTIONS * self.frames
         return same and self.greatest_difference <= TOLERANCE
 

@@ -85,6 +85,7 @@ def read_graph(data: bytes, origin: str) -> ReadPolicy:
 
 
 def read_nodes(nodes: Sequence[Node], origin: str) -> ReadPolicy:
+    """Like `read_graph`."""
     if any(part in node.name for node in nodes for part in _SAC):
         refuse_sac(origin)
     graph = Graph(nodes, origin)

@@ -35,6 +35,8 @@ _ALLOWED_HALF = 1e-2
 
 @dataclass(frozen=True)
 class Comparison:
+    """With PyTorch."""
+
     frames: int
     same_actions: float
     greatest_difference: float

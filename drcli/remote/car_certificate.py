@@ -1,7 +1,7 @@
 """Checks that a car is the one it was before.
 
-No authority has signed cars' certificates. As with SSH, the first login keeps the fingerprint, and
-later connections must show the same one.
+No authority has signed its certificate. As with SSH, the first login keeps the fingerprint, and
+later connections must match.
 """
 
 import hashlib
@@ -41,6 +41,7 @@ def read_fingerprint(address: CarAddress) -> str:
 
 
 def readable(fingerprint: str) -> str:
+    """With colons."""
     pairs = (fingerprint[i : i + 2] for i in range(0, len(fingerprint), 2))
     return ":".join(pairs).upper()
 
@@ -75,6 +76,7 @@ def _unchecked() -> "SSLContext":
 
 
 def unreachable(address: CarAddress, error: BaseException) -> CarError:
+    """The error."""
     import ssl
 
     causes = list(_causes(error))

@@ -131,7 +131,7 @@ def drive(
 ) -> CarDrive:
     """Start the car, and stop it after the time, or at a signal.
 
-    The stop is sent whatever ends the wait, also at another Ctrl-C.
+    The stop is sent whatever ends the wait, also at Ctrl-C.
 
     Raises:
         CarError: The car did not confirm start or stop.

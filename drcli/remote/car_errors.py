@@ -12,7 +12,7 @@ class CarError(DrError):
 
 
 class CarSilent(CarError):
-    """No answer came: it is unknown whether the car did what it was asked."""
+    """It is unknown whether the car did what it was asked."""
 
 
 class CarRefused(CarError):

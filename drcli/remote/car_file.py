@@ -11,6 +11,8 @@ from drcli.formats.car_rules import END
 
 @dataclass(frozen=True)
 class CarFile:
+    """Checked."""
+
     path: Path
     name: str
     sensors: tuple[str, ...]

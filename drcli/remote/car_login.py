@@ -17,8 +17,8 @@ Trust = Literal["fingerprint", "ca", "none"]
 """By the certificate seen first, an authority, or not at all."""
 
 LOGIN_HOURS = 12
-"""With the community's software (source: its login page); the original forgets a login when
-somebody else logs in.
+"""With the community's software (source: its login page); the original forgets a login at the next
+one.
 """
 
 
@@ -40,14 +40,17 @@ class CarLogin:
 
     @property
     def is_open(self) -> bool:
+        """May have expired."""
         return bool(self.cookies)
 
 
 def load_login(address: CarAddress) -> CarLogin | None:
+    """None if unreadable."""
     return load_record(CarLogin, login_file(address))
 
 
 def save_login(address: CarAddress, login: CarLogin) -> None:
+    """Or SettingsError."""
     path = login_file(address)
     try:
         write_private_json(path, {**asdict(login), "cookies": dict(login.cookies)})
@@ -69,6 +72,7 @@ def forget_login(address: CarAddress) -> bool:
 
 
 def login_file(address: CarAddress) -> Path:
+    """Its path."""
     named = os.environ.get("XDG_CACHE_HOME", "")
     cache = Path(named) if Path(named).is_absolute() else Path.home() / ".cache"
     host = address.host.casefold().replace(":", "-")

@@ -32,6 +32,8 @@ _LOG_IN = "Log in with `dr-car login`."
 
 
 class CarWeb:
+    """One car's page."""
+
     def __init__(self, address: CarAddress, login: CarLogin) -> None:
         self.address = address
         self._login = login
@@ -48,6 +50,7 @@ class CarWeb:
 
     @property
     def login(self) -> CarLogin:
+        """With newest cookies."""
         cookies = {cookie.name: cookie.value or "" for cookie in self._session.cookies}
         return replace(self._login, cookies=cookies)
 
@@ -95,6 +98,7 @@ class CarWeb:
         return self._call("PUT", path, action=action, timeout_s=timeout_s, json=content)
 
     def upload(self, path: str, name: str, content: bytes, *, action: str, timeout_s: float) -> Any:
+        """Like `put`."""
         files = {"file": (name, content, "application/gzip")}
         return self._call("POST", path, action=action, timeout_s=timeout_s, files=files)
 

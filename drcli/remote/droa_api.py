@@ -26,16 +26,20 @@ _LONGEST_MESSAGE = 300
 
 
 class Droa:
+    """For one user."""
+
     def __init__(self, session: DroaSession, web: Web) -> None:
         self.session = session
         self.web = web
 
     @property
     def pause(self) -> Pause:
+        """Takes seconds."""
         return self.web.pause
 
     @property
     def place(self) -> str:
+        """For sentences."""
         return self.session.site.place
 
     def models(self) -> list[RemoteModel]:

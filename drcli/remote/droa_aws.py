@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def aws_client(service: str, site: Site, keys: Keys | None = None) -> Any:
     """With these temporary keys, or none.
 
-    Settings of AWS here belong to other buckets, so they are ignored.
+    Settings of AWS belong to other buckets, so they are ignored.
     """
     from botocore import UNSIGNED
     from botocore.config import Config

@@ -1,7 +1,6 @@
 """Reads env.js, in which a DeepRacer on AWS names its parts.
 
-It is JavaScript: other quotes or none, comments, extra commas, an object in a variable. Nothing is
-executed.
+It is JavaScript: other quotes or none, comments, extra commas, variables. Nothing is executed.
 """
 
 import json
@@ -55,7 +54,6 @@ def _tokens(script: str) -> Iterator[_Token]:
 
 
 def _names(tokens: tuple[_Token, ...], at: int) -> str:
-    """`a.b = `, `a["b"] = `."""
     if at and tokens[at - 1].kind == "word":
         return tokens[at - 1].text.rpartition(".")[2]
     if at > 1 and tokens[at - 1].text == "]" and tokens[at - 2].kind == "text":

@@ -25,6 +25,8 @@ Waiting = Callable[[str], AbstractContextManager[None]]
 
 @dataclass(frozen=True)
 class ImportPlan:
+    """Passed the checks."""
+
     name: str
     description: str
     files: Mapping[str, bytes]
@@ -86,11 +88,13 @@ def plan_import(
 
 
 def planned_report(site: str, plan: ImportPlan) -> ImportReport:
+    """After -d."""
     size = sum(map(len, plan.files.values()))
     return ImportReport(site, "", plan.name, "", len(plan.files), size, "", dry_run=True)
 
 
 def fingerprint_of(files: Mapping[str, bytes]) -> str:
+    """Sixteen characters."""
     whole = hashlib.sha256()
     for name in sorted(files):
         if ".ckpt" in name or name.endswith(".pb"):
@@ -100,7 +104,7 @@ def fingerprint_of(files: Mapping[str, bytes]) -> str:
 
 
 def find_import(droa: Droa, plan: ImportPlan) -> ImportReport | None:
-    """An earlier import with the same name and description."""
+    """An earlier one with the same name and description."""
     for listed in droa.models():
         if listed.name != plan.name or listed.status in ("ERROR", "DELETING"):
             continue

@@ -1,6 +1,6 @@
 """Temporary keys, kept between commands, never a password.
 
-Place and format are those of DeepRacer-for-Cloud.
+Place and format as in DeepRacer-for-Cloud.
 """
 
 import hashlib
@@ -30,6 +30,7 @@ class Keys:
 
 
 def cache_path(identity_pool_id: str, username: str) -> Path:
+    """Per user."""
     digest = hashlib.sha256(f"{identity_pool_id}:{username}".encode()).hexdigest()
     return Path.home() / ".droa-cache" / f"{digest[:16]}.json"
 
@@ -68,6 +69,7 @@ def save_keys(path: Path, keys: Keys) -> None:
 
 
 def forget_keys(path: Path) -> bool:
+    """Whether there were any."""
     try:
         path.unlink()
     except FileNotFoundError:

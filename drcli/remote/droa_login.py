@@ -37,7 +37,7 @@ _REFUSALS = {
 
 
 def log_in(site: Site, username: str, password: str, ask: Ask) -> Keys:
-    """Temporary keys; the password goes to Cognito only.
+    """Temporary keys; only Cognito gets the password.
 
     Raises:
         StorageError: Cognito refuses, or is not reached.

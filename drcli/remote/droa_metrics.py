@@ -80,7 +80,7 @@ class ModelReport:
 
 
 def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
-    """The means of a model's training metrics; SettingsError without any."""
+    """Of training; SettingsError without any."""
     import requests
 
     url = model.text("trainingMetricsUrl")
@@ -106,7 +106,7 @@ def metrics_summary(droa: Droa, model: RemoteModel) -> list[PhaseMeans]:
 
 
 def archive_summary(file: Path) -> list[PhaseMeans]:
-    """The means in an archive of logs; SettingsError without any."""
+    """Of logs; SettingsError without any."""
     found, fault = unpack_readable(BytesIO(read_packed(file)), lambda name: name.endswith(".json"))
     if fault is not None:
         raise SettingsError(

@@ -29,6 +29,7 @@ class RemoteModel:
     values: Mapping[str, Any]
 
     def text(self, *path: str) -> str:
+        """Maybe empty."""
         value: Any = self.values
         for key in path:
             value = value.get(key) if isinstance(value, Mapping) else None
@@ -36,16 +37,20 @@ class RemoteModel:
 
     @property
     def import_error(self) -> str:
+        """Maybe empty."""
         return self.text("importErrorMessage")
 
 
 @dataclass(frozen=True)
 class Asset:
+    """May be unfinished."""
+
     url: str
     status: str
 
 
 def read_model(value: Any, place: str) -> RemoteModel:
+    """StorageError without id."""
     if not isinstance(value, dict) or not isinstance(value.get("modelId"), str):
         raise StorageError(
             f"{place} lists a model without an id.",

@@ -61,6 +61,7 @@ def package_problems(files: Mapping[str, bytes]) -> list[Problem]:
 
 
 def problem(file: str, message: str, remedy: str, severity: Severity = "error") -> Problem:
+    """In a file."""
     return Problem(RULE, severity, file, None, message, remedy)
 
 

@@ -18,6 +18,7 @@ from drcli.remote.droa_site import Site
 
 
 def now() -> datetime:
+    """With time zone."""
     return datetime.now(UTC)
 
 
@@ -41,7 +42,7 @@ class DroaSession:
         self._keys: Keys | None = None
 
     def keys(self) -> Keys:
-        """Keys with at least a minute left at first; `renew` gets others.
+        """Valid for a minute at first; `renew` gets others.
 
         Raises:
             StorageError: The sign-in failed.
@@ -51,6 +52,7 @@ class DroaSession:
         return self._keys
 
     def renew(self) -> Keys:
+        """Ignores the cache."""
         self._keys = log_in(self.site, self.username, self.password(), self.ask)
         try:
             save_keys(self._path, self._keys)

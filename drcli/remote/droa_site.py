@@ -21,6 +21,8 @@ _LARGEST_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class SiteOptions:
+    """Of commands."""
+
     url: str | None = None
     region: str | None = None
     user_pool_id: str | None = None
@@ -51,6 +53,7 @@ class Site:
 
     @property
     def place(self) -> str:
+        """For sentences."""
         return self.url or self.api_endpoint
 
 
@@ -66,6 +69,7 @@ _KEYS = {
 
 
 def refuse_no_site(options: SiteOptions, url: str) -> None:
+    """Raises SettingsError."""
     address = _given_address(options, url)
     if not address and len(_own_values(options)) < len(_KEYS):
         raise SettingsError(
@@ -164,7 +168,7 @@ def _read(address: str, web: Web) -> dict[str, str]:
 
 
 def _check(own: dict[str, str], address: str) -> None:
-    """Refuse values that lead elsewhere than to Amazon."""
+    """Only Amazon's."""
     source = f"{address}/env.js or an option" if address else "an option"
     if not _REGION.fullmatch(own["region"]):
         raise SettingsError(

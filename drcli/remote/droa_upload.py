@@ -32,8 +32,8 @@ Watch = Callable[[int], None]
 def upload_files(session: DroaSession, files: Mapping[str, bytes], watch: Watch) -> str:
     """Copy files to a new folder, which is returned.
 
-    The smallest goes first, to prove that writing is allowed. After a failure, what was sent is
-    deleted if possible.
+    The smallest goes first, to prove that writing is allowed. A failure deletes what was sent, if
+    possible.
 
     Raises:
         StorageError: The bucket cannot be written.

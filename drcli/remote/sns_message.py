@@ -15,7 +15,7 @@ _LONGEST_TEXT = 200_000
 def publish(
     topic: str, subject: str, text: str, event: str, *, profile: str | None, timeout_s: float
 ) -> None:
-    """Publish a message; the keys need `sns:Publish`. Subscriptions can filter by `event`.
+    """Publish a message; the keys need `sns:Publish`.
 
     Raises:
         StorageError: The topic does not exist, the keys may not publish, or nobody answers.

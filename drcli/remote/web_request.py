@@ -22,7 +22,7 @@ _PASSING = frozenset({429, 500, 502, 503, 504})
 Pause = Callable[[float], None]
 Trace = Callable[[str], None]
 Make = Callable[[], "requests.Request"]
-"""Anew for each attempt, because a signature holds the time."""
+"""Each time, because a signature holds the time."""
 
 
 def polls(interval_s: float, patience_s: float, pause: Pause) -> Iterator[None]:
@@ -95,6 +95,7 @@ class Web:
 
 
 def explain(error: Exception, url: str, setting: str) -> StorageError:
+    """One sentence."""
     import requests
     from urllib3.exceptions import LocationParseError
 

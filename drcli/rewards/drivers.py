@@ -1,4 +1,4 @@
-"""Scripted drivers: steering and speed from the parameters."""
+"""Scripted drivers: steering and speed."""
 
 import math
 from dataclasses import dataclass

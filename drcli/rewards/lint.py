@@ -1,4 +1,4 @@
-"""Puts what the sandbox finds into words."""
+"""Words for the sandbox's findings."""
 
 from collections.abc import Iterator
 from pathlib import Path

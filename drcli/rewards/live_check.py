@@ -101,6 +101,8 @@ class LiveReport:
 
 
 class LiveCheck:
+    """Keeps drives."""
+
     def __init__(self) -> None:
         self._courses: dict[str, Course] = {}
 

@@ -41,7 +41,7 @@ class PlotReport:
 def plot(
     settings: Settings, file: Path | None, out: Path, directory: Path, *, force: bool = False
 ) -> PlotReport:
-    """Draw a function as a PNG file.
+    """As a PNG file.
 
     Raises:
         SettingsError: The function fails, or track or picture does.

@@ -31,9 +31,11 @@ class Source:
     def problem(
         self, rule: str, line: int | None, message: str, remedy: str, severity: Severity = "error"
     ) -> Problem:
+        """In a line."""
         return Problem(rule, severity, self.name, line, message, remedy)
 
     def is_silenced(self, line: int) -> bool:
+        """By `# noqa`."""
         lines = self.text.splitlines()
         return 0 < line <= len(lines) and _SILENCED.search(lines[line - 1]) is not None
 
@@ -139,6 +141,7 @@ def _unknown_parameters(source: Source, known: Collection[str]) -> Iterator[Prob
 
 
 def likely_parameter(name: str) -> str:
+    """A remedy."""
     likely = closest(name, REWARD_PARAMETERS)
     return f"Did you mean `{likely}`?" if likely else "docs/reward-functions.md lists all of them."
 

@@ -21,6 +21,7 @@ _PLACE = re.compile(rf'File "(.*{re.escape(REWARD_FUNCTION_FILE)})", line (\d+) 
 
 
 def is_stuck(code: int) -> bool:
+    """By exit code."""
     return code < 0 and -code == getattr(signal, "SIGPROF", None)
 
 
@@ -57,6 +58,7 @@ def exit_of_stuck(code: int, log: Path, *, remedy: str = _REMEDY) -> WorkerExit 
 
 
 def source_line(path: Path | None, line: int) -> str:
+    """Maybe empty."""
     try:
         lines = [] if path is None else path.read_text("utf-8", "replace").splitlines()
     except OSError:

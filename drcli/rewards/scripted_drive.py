@@ -42,15 +42,19 @@ class Trip:
 
     @property
     def whole(self) -> bool:
+        """Lap completed."""
         return self.progress >= 100.0
 
     @property
     def seconds(self) -> float:
+        """Its duration."""
         return len(self.calls) / CONTROL_HZ
 
 
 @dataclass(frozen=True)
 class Drive:
+    """Of all drivers."""
+
     track: Track
     world: str
     race: Race
@@ -58,6 +62,7 @@ class Drive:
     trips: list[Trip]
 
     def trip(self, driver: ScriptedDriver) -> Trip:
+        """Of a driver."""
         return next(trip for trip in self.trips if trip.driver == driver)
 
     @property
@@ -73,7 +78,7 @@ class Drive:
 
 
 def each_race(races: Sequence[RaceConfig]) -> list[RaceConfig]:
-    """Distinct races, the first worker's first."""
+    """Distinct, the first worker's first."""
     distinct: dict[tuple[object, ...], RaceConfig] = {}
     for own in races:
         driving = (own.train_start_position_offset, own.train_alternate_driving_direction)

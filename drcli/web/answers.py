@@ -41,6 +41,8 @@ _logger = get_logger(__name__)
 
 
 class BadRequest(Exception):
+    """Not from the page."""
+
     def __init__(self, message: str, status: int = 400) -> None:
         super().__init__(message)
         self.status = status
@@ -79,11 +81,12 @@ def error_of(error: Exception) -> dict[str, Any]:
 
 
 def placed(problem: Problem) -> dict[str, Any]:
-    """A problem with its place in parts, so that the page can lead there."""
+    """With its place in parts, so that the page can lead there."""
     return problem.as_json() | {"file": problem.file, "line": problem.line, "key": problem.key}
 
 
 def status_of(error: Exception) -> int:
+    """HTTP."""
     if isinstance(error, BadRequest):
         return error.status
     found = (status for kind, status in _STATUS.items() if isinstance(error, kind))

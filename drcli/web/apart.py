@@ -27,6 +27,8 @@ Work = Callable[..., Any]
 
 
 class WorkFailed(DrError):
+    """In another process."""
+
     def __init__(self, message: str, *, remedy: str, code: int) -> None:
         super().__init__(message, remedy=remedy)
         self.code = code  # type: ignore[misc]  # that of the first error
@@ -35,8 +37,7 @@ class WorkFailed(DrError):
 def run_apart(progress: Progress, work: Work, *arguments: Any, heavy: bool = True) -> Any:
     """Run a function in another process, and return its plain data or raise its error.
 
-    A `heavy` one gets a low priority and ends with the console; a training that it starts would
-    inherit that.
+    A `heavy` one gets a low priority and ends with the console, as would a training that it starts.
     """
     with _heavy if heavy else nullcontext():
         return _run(progress, work, arguments, heavy=heavy)

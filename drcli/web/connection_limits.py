@@ -8,7 +8,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 MOST_CONNECTIONS = 256
-"""For a further one, the oldest that has asked for nothing yet is ended."""
+"""For another, the oldest that has asked for nothing is ended."""
 
 REQUEST_S = 10.0
 """From the moment of the connection."""
@@ -18,13 +18,14 @@ STALLED_S = 20.0
 
 LOOK_S = 2.0
 WAITING_BYTES = 4 << 20
-"""Answers to pings of a WebSocket that somebody never reads."""
+"""Answers to pings that nobody reads."""
 
 FAREWELL_S = 2.0
-"""For the last bytes of a WebSocket."""
 
 
 class TimedHttp(H11Protocol):
+    """Ends waiting."""
+
     _asked = False
     _written_s: float | None = None
     _read_s = 0.0
@@ -33,6 +34,7 @@ class TimedHttp(H11Protocol):
 
     # uvicorn asks for a narrower transport than asyncio's protocol does.
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Within `MOST_CONNECTIONS`."""
         super().connection_made(transport)
         self._began_s = self._read_s = self.loop.time()
         if len(self.connections) > MOST_CONNECTIONS:
@@ -40,10 +42,12 @@ class TimedHttp(H11Protocol):
         self._look = self.loop.call_later(LOOK_S, self._check)
 
     def connection_lost(self, exc: Exception | None) -> None:
+        """Stop looking."""
         self._stop_looking()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
+        """Progress."""
         self._read_s = self.loop.time()
         if self.timeout_keep_alive_task is not None:  # another request begins
             self._began_s = self._read_s
@@ -51,14 +55,17 @@ class TimedHttp(H11Protocol):
         self._asked = self._asked or self.scope is not None
 
     def pause_writing(self) -> None:
+        """Nobody reads."""
         self._written_s = self.loop.time()
         super().pause_writing()
 
     def resume_writing(self) -> None:
+        """Somebody reads."""
         self._written_s = None
         super().resume_writing()
 
     def handle_websocket_upgrade(self, event: Any) -> None:
+        """Stop looking."""
         self._stop_looking()
         super().handle_websocket_upgrade(event)
 
@@ -90,13 +97,17 @@ def _idle_one(connections: Any, newest: TimedHttp) -> TimedHttp:
 
 
 class TimedWebSocket(WebSocketsSansIOProtocol):
+    """Ends waiting."""
+
     def data_received(self, data: bytes) -> None:
+        """Within `WAITING_BYTES`."""
         if self.transport.get_write_buffer_size() > WAITING_BYTES:
             self.transport.abort()
             return
         super().data_received(data)
 
     def keepalive_timeout(self) -> None:
+        """Ping unanswered."""
         super().keepalive_timeout()
         self.loop.call_later(FAREWELL_S, self._cut)
 

@@ -15,6 +15,8 @@ MOST_KEPT = 12
 
 @dataclass(frozen=True)
 class Download:
+    """Ready."""
+
     url: str
     name: str
     size_bytes: int
@@ -31,6 +33,7 @@ class DownloadFolder:
         self._is_clean = False
 
     def new_folder(self) -> Path:
+        """Per task."""
         with self._lock:
             if not self._is_clean:
                 shutil.rmtree(self._folder, ignore_errors=True)
@@ -40,6 +43,7 @@ class DownloadFolder:
             return path
 
     def offer(self, path: Path, report: object = None) -> Download:
+        """For download."""
         name = path.parent.name
         with self._lock:
             self._known[name] = path

@@ -43,6 +43,8 @@ def _away(run: SeenRun) -> StorageError:
 
 
 class EpisodeRows:
+    """Of a run."""
+
     def __init__(self, topic: str, look: Callable[[], SeenRun]) -> None:
         self._look = look
         self._reader = MetricsReader()
@@ -58,6 +60,8 @@ class EpisodeRows:
 
 
 class LapReader:
+    """After each iteration."""
+
     def __init__(self, topic: str, look: Callable[[], SeenRun], worker: int) -> None:
         self._topic, self._look, self._worker = topic, look, worker
         self._history = HistoryReader()
@@ -82,6 +86,8 @@ class LapReader:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    """Only topics."""
+
     def look_at(run_id: int) -> Callable[[], SeenRun]:
         return lambda: seen_run(folder.settings(), run_id)
 

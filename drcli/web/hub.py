@@ -20,6 +20,8 @@ _UNKNOWN = {
 
 
 class Source(Protocol):
+    """Of a topic."""
+
     def start(self) -> None:
         """Called in the event loop."""
 
@@ -52,6 +54,7 @@ class Client:
     wake: asyncio.Event = field(default_factory=asyncio.Event)
 
     def tell(self, topic: str) -> None:
+        """Note news."""
         self.news.setdefault(topic)
         self.wake.set()
 
@@ -71,10 +74,12 @@ class Hub:
         self._kinds[kind] = open_source
 
     def run_in(self, loop: asyncio.AbstractEventLoop) -> None:
+        """The server's."""
         self._loop = loop
 
     @property
     def watched(self) -> Set[str]:
+        """By anybody."""
         return self._sources.keys()
 
     def publish(self, topic: str, value: Value) -> None:
@@ -84,16 +89,18 @@ class Hub:
             loop.call_soon_threadsafe(self._accept, topic, value)
 
     def connect(self) -> Client:
+        """Watches nothing."""
         client = Client()
         self._clients.add(client)
         return client
 
     def disconnect(self, client: Client) -> None:
+        """Forget it."""
         self.watch(client, set())
         self._clients.discard(client)
 
     def watch(self, client: Client, topics: set[str]) -> None:
-        """Replace what a client watches, and tell it which topics do not exist or are too many."""
+        """Replace what a client watches, and tell it which topics are wrong or too many."""
         refused = []
         wanted = sorted(topics)
         for topic in client.topics - set(wanted[:MOST_TOPICS]):
@@ -133,6 +140,7 @@ class Hub:
             await client.wake.wait()
 
     def close(self) -> None:
+        """End sources."""
         for source in self._sources.values():
             source.stop()
         self._sources.clear()
@@ -169,12 +177,13 @@ class Hub:
 
 
 class Stored:
-    """A source of values that something else publishes."""
+    """For values that something else publishes."""
 
     def __init__(self, publish: Publish, newest: Callable[[], Value]) -> None:
         self._publish, self._newest = publish, newest
 
     def start(self) -> None:
+        """Publish."""
         self._publish(self._newest())
 
     def stop(self) -> None:
@@ -182,7 +191,7 @@ class Stored:
 
 
 class Polled:
-    """A source that reads in a thread, and publishes what it finds, errors as `{"error": …}`."""
+    """Reads in a thread, and publishes what it finds, errors as `{"error": …}`."""
 
     def __init__(
         self, topic: str, publish: Publish, read: Callable[[], Value | None], period_s: float
@@ -192,6 +201,7 @@ class Polled:
         self._task: asyncio.Task[None] | None = None
 
     def start(self) -> None:
+        """Begin reading."""
         self._task = asyncio.get_running_loop().create_task(self._poll())
 
     def stop(self) -> None:

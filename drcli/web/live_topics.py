@@ -1,8 +1,8 @@
 """Topics of what workers show: `workers`, and `live:RUN:WORKER:VIEW`.
 
-RUN is DR_RUN_ID, WORKER a name as in `workers`, VIEW `camera`, `chase` (pictures), `scene` or
-`state` (JSON). A topic may be watched before its worker runs. All pages look at one car of a
-worker: the last `POST /api/live/car` with `run_id`, `worker` and `car` (null: the furthest) counts.
+RUN is DR_RUN_ID, VIEW `camera`, `chase` (pictures), `scene` or `state` (JSON). A topic may be
+watched before its worker runs. All pages look at one car of a worker: the last `POST /api/live/car`
+with `run_id`, `worker` and `car` (null: the furthest) counts.
 """
 
 import json
@@ -32,6 +32,8 @@ _TOPIC = re.compile(rf"live:(\d{{1,2}}):({WORKER_NAME.pattern}):({'|'.join(LIVE_
 
 @dataclass(frozen=True, eq=False)
 class LiveText:
+    """As received."""
+
     text: str
 
     @staticmethod
@@ -46,10 +48,13 @@ class LiveText:
         return LiveText(text)
 
     def message(self, since: Marker | None) -> tuple[Message | None, Marker]:
+        """Whole."""
         return (None if since is self else self.text), self
 
 
 class LiveViews:
+    """Topics `live:…`."""
+
     def __init__(self, shared: SharedFeed) -> None:
         self._shared = shared
         self._part = shared.part(self._take, self._gone)
@@ -64,10 +69,12 @@ class LiveViews:
         return _LiveSource(self, (int(found[1]), found[2], view), topic, publish)
 
     def begin(self, key: tuple[int, str, LiveView], topic: str, publish: Publish) -> None:
+        """Watch."""
         self._open[key] = topic, publish
         self._ask(key[:2])
 
     def end(self, key: tuple[int, str, LiveView]) -> None:
+        """Stop."""
         if self._open.pop(key, None) is not None:
             self._ask(key[:2])
 
@@ -108,6 +115,7 @@ class _LiveSource:
 
 
 def present(folder: ServedFolder) -> dict[str, Any]:
+    """Runs and workers."""
     runs = []
     for path in sorted((folder.directory / "data" / "runs").glob("*/run.json")):
         record = RunRecord.read(path.parent)
@@ -129,6 +137,7 @@ def present(folder: ServedFolder) -> dict[str, Any]:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    """`POST /api/live/car`."""
     views = LiveViews(folder.live)
 
     def open_workers(topic: str, publish: Publish) -> Polled:

@@ -57,6 +57,8 @@ class LogLines:
 
 
 class LogReader:
+    """Of new lines."""
+
     def __init__(self, topic: str) -> None:
         self._topic = topic
         self._path: Path | None = None
@@ -66,6 +68,7 @@ class LogReader:
         self._lines: deque[str] = deque(maxlen=KEPT_LINES)
 
     def read(self, path: Path | None, missing: str) -> LogLines:
+        """So far."""
         note = ""
         try:
             if path is None:
@@ -107,6 +110,8 @@ class LogReader:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    """Only topics."""
+
     def open_log(topic: str, publish: Publish) -> Polled:
         found = _TOPIC.fullmatch(topic)
         if found is None:

@@ -242,7 +242,7 @@ def evaluation_flags(body: dict[str, Any]) -> dict[str, str]:
 
 
 def evaluation_choices(reader: ModelReader, prefix: str) -> dict[str, Any]:
-    """What an evaluation can be, and what the settings say."""
+    """What it can be, and what the settings say."""
     from drcli.config.settings import catalogue
     from drcli.config.track_names import built_in, own
 

@@ -21,10 +21,10 @@ from drcli.web.model_reader import ModelReader, checked
 from drcli.web.tasks import Progress
 
 LARGEST_UPLOAD = 2 << 30
-"""Consoles refuse models of more than 1 GB."""
+"""Consoles refuse more than 1 GB."""
 
 LEAST_FREE = 512 << 20
-"""Bytes for a training."""
+"""For a training."""
 
 MOST_FILES = 8
 KEPT_S = 3600.0

@@ -34,10 +34,12 @@ _GROUPS = {
     "logs/": "",
     "training-simtrace/": "",
 }
-"""Beginnings of names, and the part of the page that shows them; the first counts."""
+"""Beginnings of names; the first counts."""
 
 
 def list_routes(reader: ModelReader) -> Sequence[BaseRoute]:
+    """And topics."""
+
     def open_models(topic: str, publish: Publish) -> Polled:
         return Polled(topic, publish, lambda: Snapshot.of(topic, all_models(reader)), MODELS_S)
 
@@ -62,6 +64,7 @@ def list_routes(reader: ModelReader) -> Sequence[BaseRoute]:
 
 
 def all_models(reader: ModelReader) -> dict[str, Any]:
+    """And trainings."""
     listed, known = reader.models()
     newest: dict[str, TrainingEntry] = {}
     laps: dict[str, int] = {}

@@ -22,14 +22,12 @@ from drcli.web.answers import BadRequest
 from drcli.web.served_folder import ServedFolder
 
 NEW_S, OLD_S = 0.8, 15.0
-"""Age below which a list is not read again, and above which it always is."""
+"""Younger lists are not read again, older ones always."""
 
 LIST_SHARE = 30.0
 """Between them: times as long as reading took."""
 
 KNOWN_SHARE = 100.0
-"""The same for trainings."""
-
 MODEL = "DR_LOCAL_S3_MODEL_PREFIX"
 METRICS = "DR_LOCAL_S3_METRICS_PREFIX"
 PRETRAINED = "DR_LOCAL_S3_PRETRAINED"
@@ -37,6 +35,8 @@ DESCRIPTION = "DR_MODEL_DESCRIPTION"
 
 
 class ModelReader:
+    """Shared."""
+
     def __init__(self, folder: ServedFolder) -> None:
         self.folder = folder
         self._lock = threading.Lock()
@@ -49,6 +49,7 @@ class ModelReader:
         self._known_s, self._known_took_s = -math.inf, 0.0
 
     def bucket(self, settings: Settings) -> Bucket:
+        """For reading."""
         return bucket_to_look_at(settings.transfer, upload=False)
 
     def models(self) -> tuple[ModelList, KnownTrainings]:
@@ -75,6 +76,7 @@ class ModelReader:
             return self._list, self._known
 
     def known(self) -> KnownTrainings:
+        """All trainings."""
         return self.models()[1]
 
     def _read_known(self, bucket: Bucket, listed: Listing) -> None:
@@ -106,6 +108,7 @@ class ModelReader:
         return settings, bucket
 
     def record(self, prefix: str) -> TrainingRecord | None:
+        """Newest training."""
         try:
             return self.known().find(prefix)
         except SettingsError:
@@ -113,6 +116,7 @@ class ModelReader:
 
 
 def settings_for(directory: Path, prefix: str, flags: Mapping[str, str] | None = None) -> Settings:
+    """Like `ModelReader.settings_of`."""
     plain = load_settings(directory)
     changed = dict(flags or {})
     if prefix != plain.model_prefix:
@@ -124,10 +128,12 @@ def settings_for(directory: Path, prefix: str, flags: Mapping[str, str] | None =
 
 
 def no_model(bucket: str, prefix: str) -> BadRequest:
+    """The error."""
     return BadRequest(f"There is no model {prefix:.200} in s3://{bucket}.", 404)
 
 
 def prefix_of(request: Request) -> str:
+    """From `?prefix=`."""
     return checked(request.query_params.get("prefix"))
 
 

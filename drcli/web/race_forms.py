@@ -46,6 +46,7 @@ def wish_of_form(body: dict[str, Any], now_s: float) -> RaceWish:
 
 
 def one_of_texts(body: dict[str, Any], key: str, known: tuple[str, ...], usual: str) -> Any:
+    """Or BadRequest."""
     value = text_of(body, key, usual)
     if value not in known:
         raise BadRequest(f"The {key} is one of {', '.join(known)}.")
@@ -53,6 +54,7 @@ def one_of_texts(body: dict[str, Any], key: str, known: tuple[str, ...], usual: 
 
 
 def number(body: dict[str, Any], key: str) -> float | None:
+    """Null: None."""
     value = body.get(key)
     if value is None:
         return None
@@ -64,6 +66,7 @@ def number(body: dict[str, Any], key: str) -> float | None:
 
 
 def whole_number(body: dict[str, Any], key: str) -> int | None:
+    """Null: None."""
     value = number(body, key)
     if value is not None and value != int(value):
         raise BadRequest(f"The {key} is not a whole number.")
@@ -71,6 +74,7 @@ def whole_number(body: dict[str, Any], key: str) -> int | None:
 
 
 def flag(body: dict[str, Any], key: str) -> bool:
+    """Default: false."""
     value = body.get(key, False)
     if not isinstance(value, bool):
         raise BadRequest(f"The {key} is true or false.")
@@ -78,6 +82,7 @@ def flag(body: dict[str, Any], key: str) -> bool:
 
 
 def texts(body: dict[str, Any], key: str) -> list[str]:
+    """Default: empty."""
     value = body.get(key, [])
     if (
         not isinstance(value, list)

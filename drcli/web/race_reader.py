@@ -30,6 +30,8 @@ T = TypeVar("T")
 
 
 class RaceReader:
+    """Shared."""
+
     def __init__(self, folder: ServedFolder, clock: Callable[[], float]) -> None:
         self.folder = folder
         self.clock = clock
@@ -38,17 +40,19 @@ class RaceReader:
         self._objects = RaceObjects()
 
     def open(self) -> tuple[Settings, Bucket]:
+        """For writing."""
         settings = self.folder.settings()
         return settings, self.folder.bucket(settings)
 
     def to_look_at(self, settings: Settings) -> Bucket | None:
-        """For reading; starts no server. None if there is none yet."""
+        """Starts no server. None if there is none."""
         found = open_running_bucket(settings.storage)
         if found is None and settings.storage.cloud != "local":
             return self.folder.bucket(settings)
         return found
 
     def races(self) -> RaceList:
+        """All."""
         settings = self.folder.settings()
         bucket = self.to_look_at(settings)
         if bucket is None:
@@ -60,6 +64,7 @@ class RaceReader:
         return self._read(race)[0]
 
     def view(self, race: str) -> dict[str, Any]:
+        """With more."""
         report, more = self._read(race)
         return keys_of(report) | more
 
@@ -112,6 +117,7 @@ def words_of(report: RaceReport) -> dict[str, str]:
 
 
 def words_of_rules(rules: RaceRules) -> dict[str, str]:
+    """For people."""
     return {
         "kind": race_words.kind(rules),
         "decides": race_words.decides(rules),

@@ -37,6 +37,7 @@ LOG_BYTES = 20_000
 
 
 def routes(folder: ServedFolder, clock: Callable[[], float] = time.time) -> Sequence[BaseRoute]:
+    """And topics."""
     reader = RaceReader(folder, clock)
 
     def open_races(topic: str, publish: Publish) -> Polled:
@@ -291,6 +292,7 @@ def _bucket_of(reader: RaceReader) -> Any:
 
 
 def race_of(request: Request) -> str:
+    """In a path."""
     race = request.path_params["race"]
     if not is_race_id(race):
         raise BadRequest("This is not the id of a race.", 404)

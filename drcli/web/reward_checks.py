@@ -15,14 +15,12 @@ from drcli.base.installation import installation_error
 from drcli.web.answers import BadRequest
 
 PATIENCE_S = 240.0
-"""Includes compiling the simulation on a busy machine."""
+"""Includes compiling the simulation."""
 
 COOL_DOWN_S = 0.4
 """So that typing does not take a core from a training."""
 
 IDLE_S = 120.0
-"""Then the process ends."""
-
 MOST_WAITING = 8
 MOST_PAGES = 64
 
@@ -86,6 +84,7 @@ class RewardChecks:
                 self._waiting -= 1
 
     def close(self) -> None:
+        """End."""
         if self._idle is not None:
             self._idle.cancel()
         with self._lock:

@@ -36,6 +36,7 @@ class RunReader:
         self._read_s = -math.inf
 
     def report(self) -> RunReport:
+        """Recent."""
         with self._lock:
             if self._report is None or time.monotonic() - self._read_s > NEW_S:
                 settings = self._folder.settings()
@@ -71,6 +72,7 @@ def _run_id(topic: str) -> int | None:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    """`GET /api/folder`."""
     readers: dict[int | None, RunReader] = {}
 
     def reader_of(topic: str) -> RunReader:

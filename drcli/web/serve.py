@@ -20,12 +20,11 @@ from drcli.web.viewer_process import log_path
 LOG_BYTES = 4 << 20
 
 IDLE_S = 15
-"""Then a connection is closed, or a WebSocket pinged."""
-
 GRACE_S = 0.8
 
 
 def main() -> None:
+    """Until SIGTERM."""
     directory = Path(sys.argv[1])
     listen = Listen.of_line(sys.stdin.buffer.readline())
     secret_environment.keep(listen.secrets)

@@ -1,4 +1,4 @@
-"""run.env and system.env for the page, also where they are wrong."""
+"""run.env and system.env for the page."""
 
 import os
 from collections.abc import Mapping
@@ -53,7 +53,7 @@ def _version(directory: Path, name: str) -> str:
 
 
 def form_of(directory: Path) -> dict[str, Any]:
-    """All settings by group, with values, places and what may be written."""
+    """All settings by group."""
     files = FolderFiles.read(directory)
     try:
         settings: Settings | None = load_settings(directory)

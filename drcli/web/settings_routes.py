@@ -69,6 +69,7 @@ def _unseen(title: str, size: int) -> AbstractContextManager[Watch]:
 
 
 def is_folder(directory: Path) -> bool:
+    """Has settings."""
     try:
         FolderFiles.read(directory)
     except Exception:
@@ -77,6 +78,8 @@ def is_folder(directory: Path) -> bool:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    """Below /api/settings."""
+
     def show(_: Request) -> Any:
         return form_of(folder.directory)
 

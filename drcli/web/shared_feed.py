@@ -15,23 +15,25 @@ OnGone = Callable[[int, str], None]
 
 
 class Feed(Protocol):
+    """See `LiveFeed`."""
+
     def watch(
         self, run_id: int, worker: str, views: Iterable[LiveView], car: int | None = None
     ) -> None:
-        """See `LiveFeed`."""
+        """See there."""
 
     def workers(self) -> list[LiveWorker]:
-        """See `LiveFeed`."""
+        """See there."""
 
     def close(self) -> None:
-        """See `LiveFeed`."""
+        """See there."""
 
 
 OpenFeed = Callable[[Path, OnMessage, OnGone], Feed]
 
 
 class SharedFeed:
-    """The live workers of a folder; thread-safe. The feed opens at the first look."""
+    """The live workers of a folder; thread-safe."""
 
     def __init__(self, directory: Path, open_feed: OpenFeed = LiveFeed) -> None:
         self._directory, self._open_feed = directory, open_feed
@@ -55,6 +57,7 @@ class SharedFeed:
         return part
 
     def workers(self) -> list[LiveWorker]:
+        """Sorted."""
         return self._opened().workers()
 
     def car(self, run_id: int, worker: str) -> int | None:
@@ -71,6 +74,7 @@ class SharedFeed:
         self.ask((run_id, worker))
 
     def ask(self, key: WorkerKey) -> None:
+        """For all parts."""
         # In one block: a wish must not overtake a later one. `watch` only sends some bytes.
         feed = self._opened()
         with self._lock:
@@ -78,6 +82,7 @@ class SharedFeed:
             feed.watch(*key, sorted(views), self._cars.get(key))
 
     def remove(self, part: "FeedPart") -> None:
+        """Forget it."""
         with self._lock:
             if part not in self._parts:
                 return
@@ -86,6 +91,7 @@ class SharedFeed:
             self.ask(key)
 
     def close(self) -> None:
+        """End connections."""
         with self._lock:
             feed, self._feed = self._feed, None
             self._parts.clear()
@@ -130,10 +136,13 @@ class FeedPart:
             self._shared.ask(key)
 
     def wanted(self, key: WorkerKey) -> frozenset[LiveView]:
+        """Its views."""
         return self._wanted.get(key, frozenset())
 
     def watched(self) -> list[WorkerKey]:
+        """Its workers."""
         return list(self._wanted)
 
     def close(self) -> None:
+        """Watch nothing."""
         self._shared.remove(self)

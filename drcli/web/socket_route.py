@@ -14,17 +14,17 @@ MOST_CLIENTS = 64
 LONGEST_REQUEST = 16_384
 LONGEST_TOPIC = 200
 SEND_S = 20.0
-"""Then the connection is closed, and the page opens another."""
+"""Then the page opens another connection."""
 
 QUIET_S = 15.0
-"""Then the page is told that the connection lives."""
-
 PAUSE_S = 0.05
 _TRY_LATER, _BAD_DATA = 1013, 1007
 """RFC 6455."""
 
 
 class SocketRoute:
+    """All WebSockets."""
+
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
         self._open = 0

@@ -23,8 +23,6 @@ from drcli.web.listen import STREAM, TOPICS, USUAL_TOPIC
 from drcli.web.served_folder import ServedFolder
 
 MOST_STREAMS = 8
-"""Each may use a core to draw pictures."""
-
 BOUNDARY = "picture"
 
 LIMITS: Mapping[str, tuple[int, int]] = {
@@ -37,13 +35,15 @@ USUAL_QUALITY = 75
 
 
 class Feed(Protocol):
+    """See `LiveFeed`."""
+
     def watch(
         self, run_id: int, worker: str, views: Sequence[LiveView], car: int | None = None
     ) -> None:
-        """See `LiveFeed`."""
+        """See there."""
 
     def close(self) -> None:
-        """See `LiveFeed`."""
+        """See there."""
 
 
 Key = tuple[int, str, LiveView]
@@ -60,6 +60,7 @@ class Wanted:
 
     @staticmethod
     def of(query: Mapping[str, str], run_id: int) -> "Wanted":
+        """Or BadRequest."""
         topic = query.get("topic", USUAL_TOPIC)
         view = TOPICS.get(topic)
         if view is None:
@@ -74,6 +75,7 @@ class Wanted:
         )
 
     def draw(self, message: LiveMessage) -> bytes:
+        """JPEG."""
         size = (self.width or message.width, self.height or message.height)
         if self.quality is None and size == (message.width, message.height):
             return message.data
@@ -127,6 +129,7 @@ class Streams:
         return stream
 
     def close(self, stream: _Stream) -> None:
+        """End one."""
         self._streams.discard(stream)
         if self._feed is None:
             return
@@ -186,6 +189,7 @@ class _Answer(StreamingResponse):
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    """`GET /stream`."""
     streams = Streams(folder.live.part)
 
     async def stream(request: Request) -> Response:

@@ -42,6 +42,7 @@ def _outline(name: str, folder: Path) -> dict[str, Any] | None:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    """`GET /api/track-list`."""
     outlines: dict[tuple[str, str, float], dict[str, Any] | None] = {}
 
     def show(_: Request) -> Any:

@@ -22,6 +22,8 @@ def _line(points: NDArray[np.float64]) -> list[list[float]]:
 
 
 def routes(folder: ServedFolder) -> Sequence[BaseRoute]:
+    """`GET /api/track`."""
+
     def show(request: Request) -> Any:
         from drsim.errors import TrackError
         from drsim.track.worlds import load_track

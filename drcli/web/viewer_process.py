@@ -27,8 +27,6 @@ READY_S = 60.0
 STOPPING_S = 10.0
 
 PORT_S = 2.0
-"""For an earlier console's port; then another is used."""
-
 _LEAST_TOKEN = 16
 
 
@@ -165,6 +163,7 @@ def stop_viewer(directory: Path) -> ViewerRecord | None:
 
 
 def running_viewer(directory: Path) -> ViewerRecord | None:
+    """None: none runs."""
     record = load_record(ViewerRecord, _record_path(directory))
     if record is None or not is_alive(record.pid, record.began_s):
         return None
@@ -172,6 +171,7 @@ def running_viewer(directory: Path) -> ViewerRecord | None:
 
 
 def report_of(record: ViewerRecord, *, started: bool) -> ViewerReport:
+    """For commands."""
     host = record.host if record.host not in ("0.0.0.0", "::") else _own_address()
     shown = f"[{host}]" if ":" in host else host
     path = f"{ENTER}?token={quote(record.token, safe='')}" if record.token else "/"
@@ -189,6 +189,7 @@ def _own_address() -> str:
 
 
 def log_path(directory: Path) -> Path:
+    """The console's."""
     return directory / "data" / "logs" / "viewer.log"
 
 

@@ -58,6 +58,7 @@ def encode_graph(nodes: Sequence[Node]) -> bytes:
 
 
 def graph_message(nodes: Sequence[Node]) -> Any:
+    """Of nodes."""
     graph = GraphMessage()
     graph.versions.producer = _PRODUCER
     for node in nodes:
@@ -100,6 +101,7 @@ def dtype_of(number: int) -> np.dtype[Any] | None:
 
 
 def shape_of(message: Any) -> Shape:
+    """In a message."""
     return Shape(dim.size for dim in message.dim)
 
 

@@ -76,6 +76,7 @@ def write_table(entries: dict[bytes, bytes], *, block_bytes: int = _BLOCK_BYTES)
 
 
 def damaged(origin: str, fault: str) -> SettingsError:
+    """The error."""
     return SettingsError(
         f"{origin} is damaged: {fault}.",
         remedy="Copy the file again from where it was written, or choose another checkpoint.",

@@ -51,12 +51,15 @@ Values = dict[CallIndex, float | None]
 
 
 class Calls(NamedTuple):
+    """Races' samples last."""
+
     sequences: Sequence[Sequence[RewardParams]]
     races: Sequence[str]
     problems: list[Problem]
 
 
 def calls_of(request: SandboxRequest) -> Calls:
+    """With waypoints."""
     waypoints = [[(x, y) for x, y in points] for points in request.waypoints]
     for calls in request.sequences:
         for params in calls:
@@ -315,6 +318,7 @@ def _timing(took_s: Mapping[CallIndex, float]) -> Timing | None:
 
 
 def main(folder: Path, parent_pid: int) -> None:
+    """Write the result."""
     keep_descendants(parent_pid)
     faults = (folder / FAULTS_FILE).open("w", encoding="utf-8", errors="backslashreplace")
     faulthandler.enable(faults)

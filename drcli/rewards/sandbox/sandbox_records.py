@@ -65,10 +65,12 @@ class SandboxRequest:
     load_s: float = 60.0
 
     def write(self, folder: Path) -> None:
+        """For the sandbox."""
         (folder / _REQUEST_FILE).write_text(json.dumps(vars(self), default=json_default), "utf-8")
 
     @staticmethod
     def read(folder: Path) -> "SandboxRequest":
+        """In a folder."""
         return from_json(SandboxRequest, parse_json((folder / _REQUEST_FILE).read_bytes()))
 
 
@@ -105,6 +107,7 @@ class Failure:
 
     @property
     def sentence(self) -> str:
+        """In words."""
         failed = f"The reward function failed {self.state}: {self.reason}."
         text = failed if self.state else self.reason
         if not self.source or self.kind in ("type", "range"):  # not the fault of one line
@@ -114,6 +117,8 @@ class Failure:
 
 @dataclass(frozen=True)
 class Effect:
+    """Of a line."""
+
     kind: EffectKind
     what: str
     line: int
@@ -145,6 +150,8 @@ class SharedState:
 
 @dataclass(frozen=True)
 class Printed:
+    """In counted calls."""
+
     lines: int = 0
     characters: int = 0
     line: int | None = None
@@ -152,6 +159,8 @@ class Printed:
 
 @dataclass(frozen=True)
 class Timing:
+    """Of calls."""
+
     median_s: float
     mean_s: float
     worst_s: float

@@ -29,6 +29,8 @@ _SHARED = (builtins, math, random, time)
 
 
 class Effects:
+    """Of a file."""
+
     def __init__(self, file: str) -> None:
         self.listening = False
         self.file = file
@@ -36,9 +38,11 @@ class Effects:
         _listen_with(self)
 
     def noted(self) -> list[Effect]:
+        """In order."""
         return [Effect(*what, times=times) for what, times in self._seen.items()]
 
     def hear(self, event: str, args: tuple[Any, ...]) -> None:
+        """Audit hook."""
         if not self.listening:
             return
         self.listening = False  # what follows may itself be an event
@@ -69,9 +73,11 @@ class PrintCounter(io.TextIOBase):
         self._first: int | None = None
 
     def writable(self) -> bool:
+        """Always."""
         return True
 
     def write(self, text: str, /) -> int:
+        """Only counts."""
         if self._first is None:
             self._first = line_in(self._file, sys._getframe(1))
         self._lines += text.count("\n")
@@ -79,10 +85,13 @@ class PrintCounter(io.TextIOBase):
         return len(text)
 
     def noted(self) -> Printed:
+        """So far."""
         return Printed(self._lines, self._characters, self._first)
 
 
 class Originals:
+    """Python's own functions."""
+
     def __init__(self) -> None:
         self.replaced: list[str] = []
         self._before = [(module, dict(module.__dict__)) for module in _SHARED]
